@@ -1,0 +1,19 @@
+"""Stochastic ray tracing after Besuievsky (1992), as plugins of Mitsuba 3.
+
+Importing this package registers its plugins, now if a variant is set, and again whenever the variant changes::
+
+    import mitsuba as mi
+    import mitsuba_prosim
+    mi.set_variant("llvm_ad_rgb")
+
+Mitsuba 3.10 and later find the package by themselves through the entry-point group ``mitsuba``.
+"""
+
+import mitsuba as mi
+
+from .registry import register_plugins
+
+__version__ = "0.1.0"
+
+mi.detail.add_variant_callback(register_plugins)
+register_plugins()

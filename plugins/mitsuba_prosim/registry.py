@@ -6,6 +6,7 @@ that hold pure functions look ``mi`` up when they are called and need no second 
 """
 
 import importlib
+import importlib.util
 import sys
 
 import mitsuba as mi
@@ -54,6 +55,8 @@ def register_plugins(*_):
         return
     for name in MODULES:
         name = f"{__package__}.{name}"
+        if importlib.util.find_spec(name) is None:  # not written yet
+            continue
         if name in sys.modules:
             importlib.reload(sys.modules[name])
         else:

@@ -1,0 +1,1 @@
+"""Sampler plugins (thesis, section 5.3.2)."""

@@ -1,0 +1,1 @@
+"""Sampling strategies of section 4.2.1.2 and the N-rook method of section 5.3.2, as pure functions."""

@@ -1,0 +1,97 @@
+"""N-rook samples with rotations (thesis, sections 4.2.1.2 and 5.3.2).
+
+Both axes of a two-dimensional space are cut in N strata. Pass r (r = 0 .. N-1) takes N samples, one in each row and one
+in each column; from pass to pass the columns turn by one, so that after N passes each of the N² cells has been hit
+exactly once. Nothing is drawn from a stream: a sample is a pure function of (seed, pixel, space, pass, index), so it
+does not depend on tiling, on the order of evaluation or on the number of workers.
+"""
+
+import itertools
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .hash import combine, hash32
+
+JITTERS = ("multi", "uniform")
+
+
+def pixel_key(seed, pixel):
+    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit)."""
+    return combine(hash32(seed), pixel)
+
+
+class Permutations:
+    """Random permutations of 0 .. n-1, as a table.
+
+    Up to n = 6 the table holds all n! permutations, above that 1024 of them, and each is turned by a random number of
+    places, so that every element is equally likely to stand in every place. (``mi.permute_kensler`` is five times
+    slower, and its permutations of few elements are far from equally likely.)
+
+    ``n``: number of elements, at least 1.
+    """
+
+    def __init__(self, n):
+        self.n = n
+        if n <= 6:
+            table = np.array(list(itertools.permutations(range(n))))
+        else:
+            table = np.argsort(hash32(np.arange(1024 * n, dtype=np.uint64)).reshape(1024, n), axis=1, kind="stable")
+        self.count = len(table)
+        self.table = table.ravel().tolist()
+        if dr.is_jit_v(mi.UInt32):
+            self.table = mi.UInt32(self.table)
+            dr.make_opaque(self.table)
+
+    def __call__(self, h, i):
+        """Place ``i`` (0 .. n-1) of the permutation that the hash ``h`` (32 bits) chooses."""
+        turned = i + scale(hash32(h), self.n)
+        place = scale(h, self.count) * self.n + dr.select(turned >= self.n, turned - self.n, turned)
+        return dr.gather(mi.UInt32, self.table, place) if dr.is_jit_v(mi.UInt32) else self.table[place]
+
+
+def scale(h, n):
+    """Maps a 32-bit hash ``h`` to 0 .. n-1."""
+    return dr.mul_hi(h, mi.UInt32(n)) if dr.is_jit_v(h) else h * n >> 32
+
+
+def to_unit(h):
+    """Maps a 32-bit hash to [0, 1)."""
+    return mi.Float(h >> 8) * (1 / (1 << 24))
+
+
+class NRook:
+    """The N-rook samples of one pass and index, in every space.
+
+    ``permutations``: :class:`Permutations` of N; ``key``: :func:`pixel_key`; ``r``: pass, ``i``: index in the pass,
+    both 0 .. N-1, integers or Dr.Jit arrays; ``jitter``: ``"uniform"`` places the sample anywhere in its cell, as the
+    thesis does; ``"multi"`` so that the N² samples of all passes also fill all N² strata of each axis (multi-jittered:
+    Chiu, Shirley and Wang 1994).
+    """
+
+    def __init__(self, permutations, key, r, i, jitter="multi"):
+        self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
+
+    def __call__(self, space, active=True):
+        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``integrators/prosim.py``)."""
+        permute, n = self.permutations, self.permutations.n
+        h_space = combine(self.key, space)
+        h_pass = combine(h_space, self.r + 1)
+        # Rows are associated anew in every pass (figure 5.10); the columns belong to the rows, and turn (figure 5.11).
+        row = permute(h_pass, self.i)
+        col = permute(h_space, row) + self.r
+        col = dr.select(col >= n, col - n, col)
+        h = combine(h_pass, self.i + n)
+        u, v = to_unit(h), to_unit(hash32(h))
+        if self.jitter == "multi":
+            u = (permute(combine(h_space, row + 0x10000), col) + u) / n
+            v = (permute(combine(h_space, col + 0x20000), row) + v) / n
+        below_one = 1 - 2.0 ** -24
+        return mi.Point2f(dr.minimum((row + u) / n, below_one), dr.minimum((col + v) / n, below_one))
+
+
+def grid_size(sample_count):
+    """Least N with N² >= ``sample_count``."""
+    return max(1, math.isqrt(max(sample_count, 1) - 1) + 1)

@@ -6,33 +6,27 @@ that hold pure functions look ``mi`` up when they are called and need no second 
 """
 
 import importlib
-import importlib.util
+import pkgutil
 import sys
+from pathlib import Path
 
 import mitsuba as mi
 
-#: One plugin, one module; the order is that of the thesis (5.1 materials, 5.2 sources, textures, 5.3 sampling).
-MODULES = (
-    "bsdfs.conductor",
-    "bsdfs.dielectric",
-    "bsdfs.lambertian",
-    "bsdfs.composite",
-    "bsdfs.phong",
-    "emitters.point",
-    "emitters.area",
-    "textures.brick",
-    "textures.stripes",
-    "textures.fractal",
-    "samplers.nrook",
-    "integrators.prosim",
-)
+from . import llvm
 
-#: Plugin name -> kind ("bsdf", "emitter", ...), filled by the decorator below.
+#: The folders whose modules depend on the variant: one plugin a module, or a base class that its neighbours share
+#: (``common``, which stands before them in the alphabet and so runs first). In the order of the thesis: 5.1 materials,
+#: 5.2 sources, textures, 5.3 sampling, 5.4 rendering.
+FOLDERS = ("bsdfs", "emitters", "textures", "samplers", "integrators")
+
+#: Plugin name -> class, filled by the decorator below for the active variant.
 PLUGINS = {}
+
+_registered_for = None
 
 
 def plugin(kind, name):
-    """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind``.
+    """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
     Mitsuba 3.9 asks for the type of a plugin under ``scalar_rgb``, whatever variant is active (``load_dict`` would
     merge two equal emitters, and writing XML would fail, if the name were unknown there); so the name is made known
@@ -41,23 +35,34 @@ def plugin(kind, name):
     def register(cls):
         for variant in {mi.variant(), "scalar_rgb"}:
             getattr(getattr(mi, variant), "register_" + kind)(name, cls)
-        PLUGINS[name] = kind
+        PLUGINS[name] = cls
         return cls
     return register
 
 
-def register_plugins(*_):
-    """Registers all plugins for the active variant; does nothing while none is set.
+def modules():
+    """Full names of the modules that run anew for every variant."""
+    for folder in FOLDERS:
+        path = Path(__file__).with_name(folder)
+        yield from (f"{__package__}.{folder}.{module.name}" for module in pkgutil.iter_modules([str(path)]))
 
-    Serves as Mitsuba's variant callback, hence the ignored arguments (old variant, new variant).
+
+def register_plugins(*_):
+    """Registers all plugins for the active variant; does nothing while none is set, or when that is done already.
+
+    Serves as Mitsuba's variant callback, hence the ignored arguments (old variant, new variant). Raises RuntimeError
+    where the variant runs on an LLVM that would abort the process (see ``llvm.problem``).
     """
-    if mi.variant() is None:
+    global _registered_for
+    variant = mi.variant()
+    if variant is None or variant == _registered_for:
         return
-    for name in MODULES:
-        name = f"{__package__}.{name}"
-        if importlib.util.find_spec(name) is None:  # not written yet
-            continue
+    if variant.startswith("llvm_") and (problem := llvm.problem()):
+        raise RuntimeError(problem)
+    _registered_for = None
+    for name in modules():
         if name in sys.modules:
             importlib.reload(sys.modules[name])
         else:
             importlib.import_module(name)
+    _registered_for = variant

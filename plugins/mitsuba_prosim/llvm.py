@@ -1,0 +1,44 @@
+"""Which LLVM Dr.Jit has found, and whether it is fit for Mitsuba.
+
+Dr.Jit chooses its LLVM when it is imported: the file that ``DRJIT_LIBLLVM_PATH`` names, else the newest one in the
+system's library folders. So that a good one is found whatever a program imports first, the installation adds the
+start-up file ``mitsuba_prosim_llvm.pth``, which sets that variable if it is unset and the library that came with this
+package is there.
+"""
+
+import os
+import platform
+
+import drjit as dr
+
+#: Dr.Jit 1.5 emits ``llvm.minimum`` and ``llvm.maximum``, which LLVM's x86 back end can compile since version 17.
+OLDEST_ON_X86 = 17
+
+
+def version():
+    """Version of the LLVM that Dr.Jit has loaded, as a tuple, or None."""
+    return dr.detail.llvm_version() if dr.has_backend(dr.JitBackend.LLVM) else None
+
+
+def library():
+    """Path of the LLVM that Dr.Jit has loaded, as far as it can be told (on Linux, or from the variable), or None."""
+    try:
+        with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
+            return next((line.split(maxsplit=5)[5].strip() for line in maps if "/libLLVM" in line), None)
+    except OSError:
+        return os.environ.get("DRJIT_LIBLLVM_PATH")
+
+
+def problem():
+    """Says what is wrong if the LLVM variants would abort the process or can't be had; None if all is well."""
+    advice = ("Install a newer one (on x86-64 Linux: pip install 'karellen-llvm-core==23.1.*'; on Debian and Ubuntu: "
+              "apt install libllvm19 or newer; on macOS: brew install llvm), see that DRJIT_LIBLLVM_PATH is unset or "
+              "names its libLLVM, and start again. The scalar_rgb variant needs no LLVM.")
+    found = version()
+    if found is None:
+        path = os.environ.get("DRJIT_LIBLLVM_PATH")
+        return f"Dr.Jit found no usable LLVM{f' (DRJIT_LIBLLVM_PATH is {path})' if path else ''}. {advice}"
+    if platform.machine() in ("x86_64", "AMD64") and found[0] < OLDEST_ON_X86:
+        return (f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on this "
+                f"processor, it would abort the process. {advice}")
+    return None

@@ -1,0 +1,107 @@
+"""The plugins are there whatever the order of imports, in every variant, with a good LLVM."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+import mitsuba_prosim
+import pytest
+from mitsuba_prosim import llvm, registry
+
+VARIANTS = ("llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral", "scalar_rgb")
+
+SCENE = """{"type": "scene",
+    "integrator": {"type": "direct"},
+    "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 4, "height": 4},
+               "sampler": {"type": "nrook", "sample_count": 4}},
+    "light": {"type": "constant"}}"""
+
+RENDER = f"image = mi.render(mi.load_dict({SCENE}), spp=4); assert abs(image.array[0] - 1) < 1e-5\n"
+
+
+def python(code, **env):
+    """Runs ``code`` in a new interpreter, without the DRJIT_LIBLLVM_PATH of this one."""
+    environment = {k: v for k, v in os.environ.items() if k != "DRJIT_LIBLLVM_PATH"} | env
+    return subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("code", [
+    "import mitsuba as mi; import mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
+    "import mitsuba_prosim; import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
+    "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitsuba_prosim",
+    "import drjit; import mitsuba as mi; mi.set_variant('scalar_rgb'); import mitsuba_prosim",
+], ids=["before", "first", "after", "scalar"])
+def test_any_order_of_imports_renders(code):
+    done = python(f"{code}\n{RENDER}")
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_plugin_follows_the_variant():
+    """Each class derives from the active variant's base class, also after a return to an earlier variant."""
+    for variant in (*VARIANTS, *VARIANTS):
+        mi.set_variant(variant)
+        bases = (mi.BSDF, mi.Emitter, mi.Texture, mi.Sampler, mi.SamplingIntegrator, mi.Integrator)
+        assert registry.PLUGINS and all(issubclass(cls, bases) for cls in registry.PLUGINS.values())
+        sampler = mi.load_dict({"type": "nrook", "sample_count": 9})
+        assert isinstance(sampler, mi.Sampler) and sampler.sample_count() == 9
+
+
+def test_types_are_known_to_scalar_rgb(variant_rgb):
+    """Mitsuba 3.9 asks scalar_rgb for the type of a plugin, whatever the variant."""
+    manager = mi.PluginManager.instance()
+    assert all(manager.plugin_type(name) != mi.ObjectType.Unknown for name in registry.PLUGINS)
+
+
+def test_registering_again_changes_nothing(variant_rgb):
+    """Mitsuba 3.10 reloads the package that its entry point names, beside calling the variant callback."""
+    before = dict(registry.PLUGINS)
+    registry.register_plugins()
+    assert all(registry.PLUGINS[name] is cls for name, cls in before.items())
+
+
+def test_entry_point_names_this_package():
+    from importlib.metadata import entry_points
+    assert any(e.load() is mitsuba_prosim for e in entry_points(group="mitsuba"))
+
+
+def startup_file():
+    """What the start-up file would set DRJIT_LIBLLVM_PATH to, if it were unset: the path, or None."""
+    line = (Path(__file__).parents[2] / "plugins/mitsuba_prosim_llvm.pth").read_text()
+    code = f"import os; os.environ.pop('DRJIT_LIBLLVM_PATH', None)\n{line}\nprint(os.environ.get('DRJIT_LIBLLVM_PATH'))"
+    done = python(code)
+    assert done.stderr == ""
+    return None if done.stdout == "None\n" else done.stdout.strip()
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.uname().machine != "x86_64", reason="no LLVM is installed there")
+def test_the_installed_llvm_is_the_one_in_use():
+    assert Path(startup_file()).is_file()
+    done = python("import mitsuba; from mitsuba_prosim import llvm; print(llvm.problem(), llvm.version()[0])")
+    assert done.stdout == "None 23\n", done.stderr
+    assert python("import os; print(os.environ['DRJIT_LIBLLVM_PATH'])").stdout.strip() == startup_file()
+
+
+def test_startup_file_respects_the_users_choice():
+    assert python("import os; print(os.environ['DRJIT_LIBLLVM_PATH'])", DRJIT_LIBLLVM_PATH="/mine").stdout == "/mine\n"
+
+
+@pytest.mark.parametrize("found, says", [((15, 0, 6), "LLVM 15.0.6"), (None, "no usable LLVM"), ((19, 1, 0), None)])
+def test_unfit_llvm_is_a_message(monkeypatch, found, says):
+    monkeypatch.setattr(llvm, "version", lambda: found)
+    monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
+    problem = llvm.problem()
+    assert problem is None if says is None else says in problem and "karellen-llvm-core" in problem
+
+
+def test_unfit_llvm_stops_an_llvm_variant(monkeypatch):
+    mi.set_variant("scalar_rgb")
+    monkeypatch.setattr(llvm, "version", lambda: (15, 0, 6))
+    monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
+    with pytest.raises(RuntimeError, match="abort the process"):
+        mi.set_variant("llvm_ad_rgb")
+    monkeypatch.undo()
+    mi.set_variant("scalar_rgb")
+    mi.set_variant("llvm_ad_rgb")
+    assert isinstance(mi.load_dict({"type": "nrook"}), mi.Sampler)

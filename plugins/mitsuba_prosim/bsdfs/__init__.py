@@ -1,0 +1,1 @@
+"""The materials of section 5.1."""

@@ -1,0 +1,129 @@
+"""What the five materials share: their parameters and their errors."""
+
+from pathlib import Path
+
+import mitsuba as mi
+
+from ..optics.distribution import DISTRIBUTIONS
+from ..parameters import reject
+
+
+def constant(props, name):
+    """The numbers of a parameter that is a number, a colour or a spectrum; empty for a texture or nothing.
+
+    To be asked before the parameter is turned into a texture.
+    """
+    value = props.get(name)
+    if value is None or isinstance(value, mi.Object):
+        return []
+    return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
+
+
+def shown(values):
+    """One number as such, several as a list."""
+    values = [round(v, 6) for v in values]
+    return values[0] if len(set(values)) == 1 else values
+
+
+def reflectance(props, name, default=None):
+    """The texture of a reflectance, checked to lie in [0, 1] where it is constant; None if absent without default."""
+    values = constant(props, name)
+    if not all(0 <= v <= 1 for v in values):
+        raise reject(props, name, shown(values), "reflectances between 0 and 1")
+    return props.get_texture(name, default) if name in props or default is not None else None
+
+
+def conserve(props, *names):
+    """Raises an error if constant reflectances add up to more than 1 (s + d = 1, section 3.1.1)."""
+    values = [constant(props, name) for name in names]
+    if all(values):
+        sums = [sum(v[i % len(v)] for v in values) for i in range(max(map(len, values)))]
+        if max(sums) > 1 + 1e-6:
+            raise reject(props, " + ".join(names), shown(sums), "a sum <= 1, or energy would be created")
+
+
+def roughness(props, allowed=tuple(DISTRIBUTIONS)):
+    """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
+
+    The texture is None for an ideally smooth surface, i.e. if the roughness is absent or ``alpha`` is 0. An
+    ``exponent`` alone means Phong's distribution, else Beckmann's is the default.
+    """
+    name = props.get("distribution", "phong" if "exponent" in props else allowed[0])
+    if name not in allowed:
+        raise reject(props, "distribution", name, "one of " + ", ".join(allowed))
+    distribution = DISTRIBUTIONS[name]
+    parameter = distribution.parameter
+    for other in ("alpha", "exponent"):
+        if other != parameter and other in props:
+            raise reject(props, other, props[other], f'"{parameter}" with distribution {name}')
+    if parameter not in props:
+        return distribution, None
+    values = constant(props, parameter)
+    low, high, allowed = distribution.range
+    if not all(low <= v <= high for v in values):
+        raise reject(props, parameter, shown(values), allowed)
+    texture = props.get_unbounded_texture(parameter)
+    return distribution, None if parameter == "alpha" and values == [0] else texture
+
+
+def index(props, name, default):
+    """An index of refraction: a number > 0, or a name from Mitsuba's table."""
+    value = props.get(name, default)
+    try:
+        value = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
+    except RuntimeError as error:
+        raise reject(props, name, value, "a number > 0 or " + str(error).split("Valid choices are:")[-1]) from None
+    if not 0 < value < float("inf"):
+        raise reject(props, name, value, "a number > 0 or a name from Mitsuba's table of indices")
+    return value
+
+
+def metal(props):
+    """The textures (eta, k): given, or measured ones of ``material``, or those of a perfect mirror."""
+    material = props.get("material", "none")
+    if material == "none":
+        for name in ("eta", "k"):
+            values = constant(props, name)
+            if not all(v >= 0 for v in values):
+                raise reject(props, name, shown(values), "numbers >= 0")
+        return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
+    for name in ("eta", "k"):
+        if name in props:
+            raise reject(props, name, props[name], f'no "{name}" beside "material", which is {material!r}')
+    try:
+        conductor = mi.load_dict({"type": "conductor", "material": material})
+    except RuntimeError:
+        folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
+        names = sorted(p.name[:-6] for p in folder.glob("*.k.spd"))
+        raise reject(props, "material", material, "none, " + ", ".join(names)) from None
+    found = {}
+
+    class Textures(mi.TraversalCallback):
+        def put(self, name, value, flags):
+            found[name] = value
+
+    conductor.traverse(Textures())
+    return found["eta"], found["k"]
+
+
+def ambient(props, default=None):
+    """The texture of the reflectance of ambient light; ``default`` (a texture or None, i.e. black) if not given."""
+    given = reflectance(props, "ambient")
+    return default if given is None else given
+
+
+def expose(callback, **parameters):
+    """Shows textures and Dr.Jit numbers to ``mi.traverse`` under their names; passes over those that are None.
+
+    A texture called ``ambient`` thereby is the BSDF attribute of that name. The plain numbers of scalar variants are
+    passed over as well, for they cannot be changed in place.
+    """
+    for name, parameter in parameters.items():
+        if parameter is not None and not isinstance(parameter, float):
+            callback.put(name, parameter, mi.ParamFlags.Differentiable)
+
+
+def describe(bsdf, **values):
+    """The text of ``to_string``."""
+    lines = [f"  {name} = {value}".replace("\n", "\n  ") for name, value in values.items() if value is not None]
+    return f"{type(bsdf).__name__}[\n" + ",\n".join(lines) + "\n]"

@@ -1,0 +1,93 @@
+"""Lambertian material: prosim_lambertian."""
+
+import drjit as dr
+import mitsuba as mi
+
+from ..registry import plugin
+from .common import ambient, describe, expose, reflectance
+
+
+@plugin("bsdf", "prosim_lambertian")
+class Lambertian(mi.BSDF):
+    r"""
+    .. _bsdf-prosim_lambertian:
+
+    Lambertian material (:monosp:`prosim_lambertian`)
+    -------------------------------------------------
+
+    .. pluginparameters::
+
+     * - reflectance
+       - |spectrum| or |texture|
+       - Share of the incident light that is reflected, the same in every direction, in [0, 1]. (Default: 0.5)
+       - |exposed|, |differentiable|
+
+     * - ambient
+       - |spectrum| or |texture|
+       - Share of the ambient light that is reflected, for integrators that have one. (Default: ``reflectance``)
+       - |exposed|, |differentiable|
+
+    Reflects all light diffusely, by Lambert's law (thesis, section 5.1; equation :math:`\rho_d = R / \pi` of section
+    2.2.1). Equal to Mitsuba's :ref:`diffuse <bsdf-diffuse>`, but for the attribute ``ambient``. One-sided: black from
+    the back.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <bsdf type="prosim_lambertian">
+                <rgb name="reflectance" value="0.5, 0.3, 0.1"/>
+            </bsdf>
+
+        .. code-tab:: python
+
+            'type': 'prosim_lambertian',
+            'reflectance': {
+                'type': 'rgb',
+                'value': [0.5, 0.3, 0.1]
+            }
+    """
+
+    def __init__(self, props):
+        super().__init__(props)
+        self.reflectance = reflectance(props, "reflectance", 0.5)
+        self.ambient = ambient(props, self.reflectance)
+        self.m_components = [mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide]
+        self.m_flags = self.m_components[0]
+
+    def traverse(self, callback):
+        expose(callback, reflectance=self.reflectance, ambient=self.ambient)
+
+    def sample(self, ctx, si, sample1, sample2, active=True):
+        bs = dr.zeros(mi.BSDFSample3f)
+        if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
+            return bs, mi.Spectrum(0)
+        bs.wo = mi.warp.square_to_cosine_hemisphere(sample2)
+        bs.pdf = mi.warp.square_to_cosine_hemisphere_pdf(bs.wo)
+        bs.eta = 1
+        bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
+        bs.sampled_component = 0
+        active &= (si.wi.z > 0) & (bs.pdf > 0)
+        return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active
+
+    def eval(self, ctx, si, wo, active=True):
+        return self.eval_pdf(ctx, si, wo, active)[0]
+
+    def pdf(self, ctx, si, wo, active=True):
+        if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
+            return mi.Float(0)
+        active &= (si.wi.z > 0) & (wo.z > 0)
+        return dr.select(active, mi.warp.square_to_cosine_hemisphere_pdf(wo), 0)
+
+    def eval_pdf(self, ctx, si, wo, active=True):
+        if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
+            return mi.Spectrum(0), mi.Float(0)
+        active &= (si.wi.z > 0) & (wo.z > 0)
+        pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
+        value = self.reflectance.eval(si, active) * pdf
+        return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
+
+    def eval_diffuse_reflectance(self, si, active=True):
+        return mi.depolarizer(self.reflectance.eval(si, active))
+
+    def to_string(self):
+        return describe(self, reflectance=self.reflectance, ambient=self.ambient)

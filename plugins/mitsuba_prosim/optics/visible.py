@@ -1,0 +1,39 @@
+"""Sampling of the facets that are visible from a direction (Heitz and d'Eon 2014, section 3).
+
+A V-shaped cavity has two facets, m and its mirror image about the macroscopic normal. The visible facets have the
+density D(m) G1(w, m) <w, m> / cos w. As both have the same polar angle, that angle is distributed as D(m) cos m, and
+only the azimuth depends on w: its density is proportional to max(0, min(2, 1 + t cos phi)), t = tan w tan m.
+"""
+
+import drjit as dr
+import mitsuba as mi
+
+
+def azimuth(u, t):
+    """Draws phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), continuous in ``u`` in [0, 1).
+
+    Where the partner facet is turned away (t cos phi > 1) the density is constant, elsewhere its integral leads to
+    Kepler's equation phi + t sin phi = y.
+    """
+    s = 2 * u - 1
+    v = dr.pi * dr.abs(s)
+    c = 1 / dr.maximum(t, 1)
+    edge = dr.acos(c)                         # beyond it both facets are visible
+    y = v - edge + dr.sqrt(dr.maximum(t, 1) ** 2 - 1)
+    phi = dr.clip(v / (1 + t), edge, dr.pi - edge)
+    for _ in range(6):
+        sin, cos = dr.sincos(phi)
+        phi = dr.clip(phi - (phi + t * sin - y) / dr.maximum(1 + t * cos, 1e-3), edge, dr.pi - edge)
+    return dr.mulsign(dr.select(v < 2 * edge, 0.5 * v, phi), s)
+
+
+def sample(wi, u, polar, roughness):
+    """Draws a facet visible from ``wi`` (local, wi.z > 0) from ``u`` in the unit square.
+
+    ``polar`` is a distribution's function of that name. Returns a unit vector in the upper hemisphere.
+    """
+    sin_m, cos_m = polar(u.x, roughness)
+    phi = azimuth(u.y, mi.Frame3f.tan_theta(wi) * sin_m / cos_m)
+    sin, cos = dr.sincos(phi)
+    y, x = mi.Frame3f.sincos_phi(wi)          # azimuth 0 is that of wi
+    return mi.Vector3f(sin_m * (cos * x - sin * y), sin_m * (cos * y + sin * x), cos_m)

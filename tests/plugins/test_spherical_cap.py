@@ -1,0 +1,153 @@
+import itertools
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.sampling.spherical_cap import pdf_projected_cap, projected_cap_area, sample_projected_cap
+from scipy import integrate, stats
+
+SIGNIFICANCE = 0.01
+SINES = (1e-5, 1e-3, 0.05, 0.5, 0.9, 0.9999)  # of the angle that the radius subtends
+
+
+def heights(s):
+    """Cosines of the direction to the centre: set, setting, half set, rising and risen spheres."""
+    return np.unique(np.clip(np.r_[-1, s * np.array([-1, -0.9, -0.5, -0.1, 0, 0.1, 0.5, 0.9, 1]), 0.5, 1], -1, 1))
+
+
+def quadrature(c, s):
+    """Projected solid angle by quadrature over the angle from the sphere's axis, with an exact inner integral.
+
+    On the circle at angle t from the axis, the height is a + b cos(phi), of which the positive part is integrated.
+    """
+    def ring(t):
+        a, b = np.cos(t) * c, np.sin(t) * np.sqrt(1 - c * c)
+        if a >= b:
+            return 2 * np.pi * a * np.sin(t)
+        if a <= -b:
+            return 0.0
+        cut = np.arccos(-a / b)
+        return 2 * (a * cut + b * np.sin(cut)) * np.sin(t)
+    top = np.arcsin(s)
+    kink = abs(np.arcsin(c))  # where a circle begins to be cut
+    points = [0, kink, top] if 0 < kink < top else [0, top]
+    return sum(integrate.quad(ring, low, high, epsabs=0, epsrel=1e-10)[0] for low, high in itertools.pairwise(points))
+
+
+@pytest.mark.parametrize("s", SINES)
+def test_area_against_quadrature(variant, s):
+    for c in heights(s):
+        expected = quadrature(c, s)
+        area = np.array(projected_cap_area(mi.Float(c), mi.Float(s) ** 2)).item()
+        # A sphere of which the last tenth has not set is held to the relative error, the rest to one of the whole.
+        assert area == pytest.approx(expected, rel=1e-4, abs=1e-9 * s**3), (c, s)
+
+
+def test_area_in_closed_form(variant_rgb):
+    assert projected_cap_area(mi.Float(0.6), mi.Float(0.01))[0] == pytest.approx(np.pi * 0.01 * 0.6, rel=1e-6)
+    assert projected_cap_area(mi.Float(-0.5), mi.Float(0.2))[0] == 0
+    # With its centre on the horizon, the upper half of the boundary circle turned into a segment: phi - sin phi cos phi.
+    phi = np.arcsin(0.8)
+    assert projected_cap_area(mi.Float(0), mi.Float(0.64))[0] == pytest.approx(phi - 0.8 * 0.6, rel=1e-5)
+
+
+def test_no_variance_on_a_diffuse_surface(variant_rgb):
+    """cos(theta) / pdf is the same for every direction: the projected solid angle."""
+    sample = mi.PCG32(10_000)
+    sample = mi.Point2f(sample.next_float32(), sample.next_float32())
+    for s in SINES:
+        for c in heights(s):
+            d, pdf = sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, sample)
+            area = projected_cap_area(mi.Float(c), mi.Float(s) ** 2)[0]
+            seen = pdf > 0
+            assert dr.all(dr.isfinite(d.x + d.y + d.z)), (c, s)
+            if area > 1e-9 * s**3:
+                assert dr.all(dr.abs(d.z - pdf * area) <= 1e-5 * d.z), (c, s)
+                assert dr.count(seen)[0] > 9990, (c, s)
+            expected = pdf_projected_cap(mi.Float(c), mi.Float(s) ** 2, d.z)
+            assert dr.allclose(pdf, expected, rtol=1e-5, atol=0), (c, s)
+
+
+def test_directions_lie_in_the_clipped_cap(variant_rgb):
+    rng = mi.PCG32(10_000)
+    sample = mi.Point2f(rng.next_float32(), rng.next_float32())
+    for s in SINES:
+        for c in heights(s):
+            if projected_cap_area(mi.Float(c), mi.Float(s) ** 2)[0] == 0:
+                continue
+            d = np.array(sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, sample)[0], dtype=np.float64)
+            assert d[2].min() >= 0
+            assert np.abs(np.linalg.norm(d, axis=0) - 1).max() < 1e-6
+            centre = np.array([np.sqrt(1 - c * c), 0, c])
+            sine = np.linalg.norm(np.cross(d.T, centre), axis=1)  # precise for small angles
+            assert (d.T @ centre).min() > 0
+            assert sine.max() <= s + 3e-7, (c, s)
+
+
+def parameters_of_area(x, y, c, s):
+    """Coordinates in [0, 1)² in which a direction drawn by projected solid angle is uniform, found by quadrature.
+
+    The first is the share of the region's area below y; the second, the share of the chord at y left of x. Float64.
+    """
+    n, q = np.sqrt(1 - c * c), np.sqrt(1 - s * s)
+
+    def chord(y):
+        half = np.sqrt(np.maximum(s * s - y * y, 0))
+        left, right = q * n - c * half, q * n + c * half
+        cut = (np.abs(y) < np.sqrt(max(s * s - c * c, 0)) / n) if abs(c) < s else np.zeros_like(y, dtype=bool)
+        circle = np.sqrt(np.maximum(1 - y * y, 0))
+        return np.where(cut, left, np.minimum(left, right)), np.where(cut, circle, np.maximum(left, right))
+
+    grid = s * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 40_001))
+    left, right = chord(grid)
+    width = np.where((c > 0) | (np.abs(grid) < np.sqrt(max(s * s - c * c, 0)) / n), np.maximum(right - left, 0), 0)
+    below = integrate.cumulative_trapezoid(width, grid, initial=0)
+    left, right = chord(y)
+    return np.interp(y, grid, below / below[-1]), (x - left) / np.maximum(right - left, 1e-300)
+
+
+@pytest.mark.parametrize("s", (0.05, 0.5, 0.9, 0.9999))
+@pytest.mark.parametrize("height", (-0.8, -0.3, 0.0, 0.02, 0.3, 0.8, 1.0))
+def test_uniform_over_the_projected_region(variant_rgb, s, height):
+    """chi² of a 20 x 20 histogram, over coordinates found without the functions under test."""
+    c, n = height * s, 400_000
+    rng = mi.PCG32(n)
+    d, _ = sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, mi.Point2f(rng.next_float32(), rng.next_float32()))
+    x, y, _ = np.array(d, dtype=np.float64)
+    a, b = parameters_of_area(x, y, c, s)
+    counts, _, _ = np.histogram2d(a, np.clip(b, 0, 1), bins=20, range=((0, 1), (0, 1)))
+    _, p_value = stats.chisquare(counts.ravel(), np.full(400, n / 400))
+    assert p_value > SIGNIFICANCE / 28, (p_value, counts)  # 28 cases (Sidak, to first order)
+
+
+def test_tiny_caps_fill_their_ellipse(variant_rgb):
+    """A source of 0.06 degrees: radial and angular shares in the cap's own frame, chi² with 20 x 20 cells."""
+    s, c, n = 1e-3, 0.7, 400_000
+    rng = mi.PCG32(n)
+    d, _ = sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, mi.Point2f(rng.next_float32(), rng.next_float32()))
+    _, y, z = np.array(d, dtype=np.float64)
+    up = (z - np.sqrt(1 - s * s) * c) / (s * np.sqrt(1 - c * c))  # to first order in s
+    radius2, angle = up**2 + (y / s) ** 2, np.arctan2(y / s, up)
+    counts, _, _ = np.histogram2d(np.clip(radius2, 0, 1), angle, bins=20, range=((0, 1), (-np.pi, np.pi)))
+    assert stats.chisquare(counts.ravel(), np.full(400, n / 400))[1] > SIGNIFICANCE
+
+
+def test_receiver_inside_the_sphere_is_flagged(variant):
+    for sin2 in (1.0, 1.5):
+        assert np.all(np.array(projected_cap_area(mi.Float(0.5), mi.Float(sin2))) == 0)
+        d, pdf = sample_projected_cap(mi.Float(0.5), mi.Float(sin2), mi.Point2f(0.3, 0.6))
+        assert np.all(np.array(pdf) == 0) and np.all(np.isfinite(np.array(d)))
+
+
+def test_scalar_agrees_with_vectorised():
+    rng = np.random.default_rng(1)
+    cases = np.c_[rng.uniform(-1, 1, 50), rng.uniform(0.01, 0.99, 50), rng.random((50, 2))]
+    mi.set_variant("llvm_ad_rgb")
+    d, pdf = sample_projected_cap(mi.Float(cases[:, 0]), mi.Float(cases[:, 1]), mi.Point2f(cases[:, 2:].T))
+    expected = np.c_[np.array(d).T, np.array(pdf)]
+    mi.set_variant("scalar_rgb")
+    for (c, s2, u, v), row in zip(cases.tolist(), expected):
+        d, pdf = sample_projected_cap(c, s2, mi.Point2f(u, v))
+        if pdf > 0:  # below the horizon a direction has no meaning
+            assert np.allclose([*d, pdf], row, rtol=2e-3, atol=1e-3)  # double against single precision

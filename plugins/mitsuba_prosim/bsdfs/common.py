@@ -30,7 +30,9 @@ def reflectance(props, name, default=None):
     values = constant(props, name)
     if not all(0 <= v <= 1 for v in values):
         raise reject(props, name, shown(values), "reflectances between 0 and 1")
-    return props.get_texture(name, default) if name in props or default is not None else None
+    if name in props:
+        return props.get_texture(name)
+    return None if default is None else props.get_texture(name, default)
 
 
 def conserve(props, *names):

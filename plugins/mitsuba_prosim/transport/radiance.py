@@ -1,0 +1,298 @@
+"""Radiance along a ray: Whitted's tree with distributed rays (sections 4.1, 4.2), and Kajiya's paths (section 4.2.3)."""
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+
+from . import lobes
+from .sources import Sources
+
+#: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
+PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
+
+#: Spaces of a node, before those of the sources.
+REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
+
+#: The nodes of a ray tree are numbered as in a heap, in 32 bits.
+DEEPEST_TREE = 24
+
+#: As a ray's ``pdf``: what the ray meets does not count as a source, because the sources were sampled in full.
+SOURCES_DONE = -1
+
+
+@dataclass
+class Ray:
+    """A ray of the tree, with what its node needs. All fields are Dr.Jit arrays of one width."""
+
+    o: object
+    d: object
+    #: ``mi.Spectrum``: factor from the radiance of this ray to that of the camera ray.
+    throughput: object
+    #: Number of the node as in a heap: 1 is the camera's, 2 n and 2 n + 1 the reflected and refracted one of n.
+    node: object
+    #: Number of reflections and refractions before this ray: 0 is the camera's.
+    level: object
+    #: Density of the lobe that drew ``d``; 0 for the camera and for an ideal mirror or interface; or SOURCES_DONE.
+    pdf: object
+    #: Normal of the surface that the ray leaves, on the viewer's side.
+    n: object
+    #: Whether light from both of the sides of that surface was sampled.
+    both_sides: object
+
+
+def mis(pdf, other):
+    """Weight of a sample of density ``pdf`` that ``other`` could have given too: power heuristic (Veach 1997)."""
+    a, b = dr.square(pdf), dr.square(other)
+    return dr.detach(dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0))
+
+
+class Transport:
+    """Estimates radiance in ``scene`` with the settings of ``integrator`` (its attributes ``max_level``, ``shadows``,
+    ``ambient``, ``background``, ``diffuse_bounces``, ``rr_depth``, ``cutoff``, ``hides_emitters``).
+
+    ``attached``: whether derivatives are wanted; directions are then detached and their weights evaluated anew.
+    """
+
+    def __init__(self, integrator, scene, attached=False):
+        self.integrator, self.scene, self.attached = integrator, scene, attached
+        self.sources = Sources(scene)
+        flags = scene_flags(scene)
+        self.reflects = lobes.has_any(flags, "GlossyReflection", "DeltaReflection")
+        self.refracts = lobes.has_any(flags, "GlossyTransmission", "DeltaTransmission", "Null")
+        self.both_sides = lobes.has_any(flags, "GlossyTransmission", "DiffuseTransmission")
+        self.everything = mi.BSDFContext()
+        # Lobes that rays are drawn from and that can meet a source: what the sampling of the sources shares with them.
+        self.partners = []
+        if integrator.diffuse_bounces < 0:
+            self.partners = [self.everything]
+        elif not self.sources.only_points and lobes.has_any(flags, "GlossyReflection", "GlossyTransmission"):
+            if integrator.diffuse_bounces > 0:
+                self.partners = [lobes.specular()]
+            else:
+                self.partners = [lobes.reflected()] * self.reflects + [lobes.refracted()] * self.refracts
+
+    def __call__(self, ray, points, active, extra=None):
+        """Radiance of the camera ray ``ray`` (``mi.Ray3f``): ``(L, hit)``, a ``mi.Spectrum`` and whether the ray met a
+        surface.
+
+        ``points(space, active)`` gives a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern; ``extra`` is
+        the state behind it, if it has one (a sampler), that loops have to carry.
+        """
+        first = Ray(ray.o, ray.d, mi.Spectrum(1), mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(ray.d),
+                    mi.Bool(False))
+        follow = self._tree if self.integrator.diffuse_bounces == 0 else self._path
+        return follow(first, ray, points, mi.Bool(active), extra)
+
+    # ---------------------------------------------------------------- the two ways through the scene
+
+    def _tree(self, first, camera, points, active, extra):
+        """Whitted's tree: both the reflected and the refracted ray are followed, depth first. Refracted rays wait in
+        registers, one for each level; a local array would be slower, and is not reliable in Dr.Jit 1.5."""
+        max_level = self.integrator.max_level
+        waiting = [first] * ((max_level + 1) if self.reflects and self.refracts else 0)
+
+        def step(L, hit, ray, active, count, waiting, extra):
+            dL, si, bsdf, surface = self.shade(ray, camera, points, active)
+            L += dL
+            hit |= (ray.level == 0) & surface
+            surface &= ray.level <= max_level
+            reflected, go_reflected = ray, mi.Bool(False)
+            refracted, go_refracted = ray, mi.Bool(False)
+            if self.reflects:
+                reflected, go_reflected = self.follow(lobes.reflected(), REFLECTED, ray, si, bsdf, points, surface)
+            if self.refracts:
+                refracted, go_refracted = self.follow(lobes.refracted(), REFRACTED, ray, si, bsdf, points, surface)
+            both = go_reflected & go_refracted
+            following = dr.select(go_reflected, reflected, refracted)
+            going = go_reflected | go_refracted
+            if waiting:
+                resume = active & ~going & (count > 0)
+                waiting_next = []
+                for slot, ray_waiting in enumerate(waiting):
+                    following = dr.select(resume & (count == slot + 1), ray_waiting, following)
+                    waiting_next.append(dr.select(both & (count == slot), refracted, ray_waiting))
+                waiting = waiting_next
+                count = dr.select(both, count + 1, dr.select(resume, count - 1, count))
+                going |= resume
+            return L, hit, following, going, count, waiting, extra
+
+        state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), waiting, extra)
+        if not (self.reflects or self.refracts):
+            return step(*state)[:2]
+        L, hit, *_ = dr.while_loop(
+            state, lambda L, hit, ray, active, *_: active, step,
+            labels=("L", "hit", "ray", "active", "count", "waiting", "extra"),
+            max_iterations=2 ** (max_level + 2) if self.refracts else max_level + 2)
+        return L, hit
+
+    def _path(self, first, camera, points, active, extra):
+        """Kajiya's path: at each surface one ray goes on, also from a diffuse component."""
+        it = self.integrator
+        unlimited = it.diffuse_bounces < 0
+
+        def step(L, hit, ray, active, diffuse, extra):
+            dL, si, bsdf, surface = self.shade(ray, camera, points, active)
+            L += dL
+            hit |= (ray.level == 0) & surface
+            if it.max_level >= 0:
+                surface &= ray.level <= it.max_level
+            if unlimited:
+                following, going = self.follow(self.everything, DIFFUSE, ray, si, bsdf, points, surface)
+            else:
+                following, going = self.follow(lobes.specular(), REFLECTED, ray, si, bsdf, points, surface)
+                scattered, scatters = self.follow(lobes.diffuse(), DIFFUSE, ray, si, bsdf, points,
+                                                  surface & (diffuse < it.diffuse_bounces))
+                # The sources were sampled in full for the diffuse component: what this ray meets is no source.
+                scattered.pdf = mi.Float(SOURCES_DONE)
+                a = dr.select(going, dr.max(following.throughput), 0)
+                b = dr.select(scatters, dr.max(scattered.throughput), 0)
+                p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
+                choose = points(self.space(ray.node, CHOICE), surface).y < p
+                following = dr.select(choose, scattered, following)
+                following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
+                going = dr.select(choose, scatters, going)
+                diffuse = dr.select(choose, diffuse + 1, diffuse)
+            following.node = ray.node + 1
+            roulette = dr.detach(dr.minimum(dr.max(following.throughput), 0.95))
+            dies = following.level >= it.rr_depth
+            going &= ~dies | (points(self.space(ray.node, ROULETTE), surface).x < roulette)
+            following.throughput = dr.select(dies, following.throughput / dr.maximum(roulette, 1e-8),
+                                             following.throughput)
+            return L, hit, following, going, diffuse, extra
+
+        state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), extra)
+        L, hit, *_ = dr.while_loop(
+            state, lambda L, hit, ray, active, *_: active, step,
+            labels=("L", "hit", "ray", "active", "diffuse", "extra"),
+            max_iterations=it.max_level + 2 if it.max_level >= 0 else None)
+        return L, hit
+
+    # ---------------------------------------------------------------- one node
+
+    def space(self, node, k):
+        """Number of the ``k``-th space of a node."""
+        return CAMERA_SPACES + node * (NODE_SPACES + self.sources.count) + k
+
+    def shade(self, ray, camera, points, active):
+        """What one node adds to the radiance: emission, background, ambient and direct light.
+
+        Returns ``(L, si, bsdf, surface)``, ``surface`` being the lanes that met one.
+        """
+        it = self.integrator
+        ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
+        si = self.scene.ray_intersect(ray3, active)
+        if it.hides_emitters and not self.sources.only_points:
+            si = self.past_emitters(ray3, si, active & (ray.level == 0))
+        surface = active & si.is_valid()
+        inside = active if it.max_level < 0 else active & (ray.level <= it.max_level)
+        L = mi.Spectrum(0)
+        if not self.sources.only_points:
+            L += self.emission(ray, si, active)
+        if it.background is not None:
+            L += dr.select(inside & ~surface, it.background_radiance(ray3, si, inside & ~surface), 0)
+        surface_inside = surface & inside
+        bsdf = si.bsdf()
+        if it.ambient is not None:
+            has = surface_inside & bsdf.has_attribute("ambient", surface_inside)
+            L += dr.select(has, bsdf.eval_attribute("ambient", si, has) * it.ambient.eval(si, has), 0)
+        L += self.direct(ray, si, bsdf, points, surface_inside)
+        return ray.throughput * L, si, bsdf, surface
+
+    def past_emitters(self, ray, si, active):
+        """The interaction behind all emitters that the camera ray ``ray`` meets first."""
+        hidden = active & si.is_valid()
+        hidden &= si.shape.is_emitter()
+
+        def step(o, blocked):
+            pi = self.scene.ray_intersect_preliminary(mi.Ray3f(o, ray.d, ray.time, ray.wavelengths), active=blocked)
+            blocked = blocked & pi.is_valid()
+            blocked &= pi.shape.is_emitter()
+            front = pi.compute_surface_interaction(mi.Ray3f(o, ray.d), mi.RayFlags.Minimal, blocked)
+            return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
+
+        o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
+        behind = self.scene.ray_intersect(mi.Ray3f(o, ray.d, ray.time, ray.wavelengths), hidden)
+        return dr.select(hidden, behind, si)
+
+    def emission(self, ray, si, active):
+        """Radiance of a source that ``ray`` meets, shared with the sampling of the sources at the ray's origin."""
+        emitter = si.emitter(self.scene)
+        active = active & (ray.pdf != SOURCES_DONE)
+        if self.integrator.hides_emitters:
+            active &= ray.level > 0
+        L = emitter.eval(si, active)
+        shared = active & (ray.pdf > 0)
+        origin = dr.zeros(mi.Interaction3f)
+        origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
+        ds = mi.DirectionSample3f(self.scene, si, origin)
+        pdf = self.sources.pdf(origin, ray.n, ray.both_sides if self.both_sides else False, ds, shared)
+        return dr.select(active, L * dr.select(shared, mis(ray.pdf, pdf), 1), 0)
+
+    def direct(self, ray, si, bsdf, points, active):
+        """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1)."""
+        flags = bsdf.flags()
+        active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
+        n = self.viewer_side(si)
+        both_sides = active & lobes.has_any(flags, "GlossyTransmission", "DiffuseTransmission") \
+            if self.both_sides else False
+        first_space = self.space(ray.node, NODE_SPACES)
+
+        def light(k, emitter, center, radius, L):
+            d, p, pdf, delta, weight = self.sources.sample(emitter, center, radius, si, n, both_sides,
+                                                           points(first_space + k, active), active)
+            lit = active & (pdf > 0)
+            wo = si.to_local(d)
+            if self.partners == [self.everything]:
+                f, pdf_lobe = bsdf.eval_pdf(self.everything, si, wo, lit)
+                f *= dr.select(delta, 1, mis(pdf, pdf_lobe))
+            else:
+                f = bsdf.eval(self.everything, si, wo, lit)
+                for lobe in self.partners:
+                    f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit & ~delta)
+                    f -= dr.select(delta, 0, f_lobe * mis(pdf_lobe, pdf))
+            f = f * weight
+            if self.integrator.shadows:
+                lit &= dr.max(dr.abs(f)) > 0
+                lit &= ~self.scene.ray_test(si.spawn_ray_to(p), lit)
+            return L + dr.select(lit, f, 0)
+
+        return self.sources.for_each(light, mi.Spectrum(0), active)
+
+    def follow(self, lobe, k, ray, si, bsdf, points, active):
+        """Draws the ray that goes on from ``si`` through the lobes of the ``mi.BSDFContext`` ``lobe``.
+
+        Returns the ray and the lanes that follow it. ``k``: its space in the node.
+        """
+        with dr.suspend_grad(when=self.attached):
+            bs, weight = bsdf.sample(lobe, si, points(self.space(ray.node, CHOICE), active).x,
+                                     points(self.space(ray.node, k), active), active)
+            d = si.to_world(bs.wo)
+        ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
+        if self.attached:
+            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), active & ~ideal)
+            _, ideal_weight = bsdf.sample(lobe, si, points(self.space(ray.node, CHOICE), active).x,
+                                          points(self.space(ray.node, k), active), active & ideal)
+            weight = dr.select(ideal, ideal_weight, f / dr.detach(dr.select(pdf > 0, pdf, 1)))
+        throughput = ray.throughput * weight
+        active = active & (bs.pdf > 0) & (dr.max(throughput) > self.integrator.cutoff)
+        following = replace(ray, o=dr.detach(si.spawn_ray(d).o), d=d, throughput=throughput, level=ray.level + 1,
+                            node=ray.node * 2 + (k == REFRACTED), pdf=dr.select(ideal, 0, bs.pdf),
+                            n=self.viewer_side(si))
+        if self.both_sides:
+            following.both_sides = lobes.has_any(bsdf.flags(), "GlossyTransmission", "DiffuseTransmission")
+        return following, active
+
+    @staticmethod
+    def viewer_side(si):
+        """Shading normal, turned to the side that the surface is seen from."""
+        return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
+
+
+def scene_flags(scene):
+    """Union of the ``mi.BSDFFlags`` of all surfaces of ``scene``; all flags where instances hide them."""
+    flags = 0
+    for shape in scene.shapes():
+        bsdf = shape.bsdf()
+        flags |= 0xFFFFFFFF if shape.class_name() == "Instance" else 0 if bsdf is None else int(bsdf.m_flags)
+    return flags

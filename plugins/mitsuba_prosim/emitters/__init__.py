@@ -1,0 +1,1 @@
+"""Light sources: section 5.2."""

@@ -1,0 +1,220 @@
+"""Extended source: prosim_area."""
+
+import drjit as dr
+import mitsuba as mi
+
+from ..parameters import reject
+from ..registry import plugin
+from .distribution import describe, read_distribution, sample_spectrum, sample_towards, towards, traverse_distribution
+
+
+@plugin("emitter", "prosim_area")
+class Area(mi.Emitter):
+    r"""
+    .. _emitter-prosim_area:
+
+    Extended source (:monosp:`prosim_area`)
+    ---------------------------------------
+
+    .. pluginparameters::
+
+     * - radiance
+       - |spectrum| or |texture|
+       - Emitted radiance on the axis, in power per unit area and unit solid angle. (Default: 1)
+       - |exposed|, |differentiable|
+
+     * - distribution
+       - |string|
+       - :monosp:`uniform` (the same in every direction), :monosp:`cone` (the same within ``angle`` of ``direction``,
+         none without) or :monosp:`spot` (:math:`\cos^n \beta` at the angle :math:`\beta` from ``direction``).
+         (Default: :monosp:`uniform`)
+
+     * - direction
+       - |vector|
+       - Axis of a cone or spot, in world coordinates and of any length. (Default: 0, -1, 0)
+       - |exposed|, |differentiable|, |discontinuous|
+
+     * - angle
+       - |float|
+       - Half-opening of a cone in degrees, > 0 and <= 180, which must be given; or the angle at which a spot is cut
+         off, <= 90. (Default for a spot: 90)
+       - |exposed|, |differentiable|, |discontinuous|
+
+     * - exponent
+       - |float|
+       - Concentration n >= 0 of a spot, which must be given.
+       - |exposed|, |differentiable|
+
+     * - unattenuated
+       - |bool|
+       - Whether ``radiance`` is the irradiance E on a surface that faces the source at *any* distance, as renderers had
+         it in 1992. (Default: false)
+
+    The extended sources of section 5.2 of the thesis: attached to a shape, whose outer side then emits. The thesis has
+    spheres; any shape of Mitsuba will do. Each point of the source has the angular distribution about one and the same
+    axis, so that a receiver beyond the edge of a cone sees part of the source. With a radiance alone this is Mitsuba's
+    :ref:`area <emitter-area>`.
+
+    A sphere is sampled over the solid angle that it subtends (section 4.2.2.1); other shapes, as they do it themselves;
+    a textured radiance, in proportion to the texture. For a sphere of radius r at distance d, unoccluded, uniform and
+    wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
+
+    An unattenuated source looks to a receiver at distance d of its centre as if its radiance were
+    :math:`4 E d^2 / A`, with A the area of the shape (:math:`E d^2 / \pi r^2` for a sphere). As that depends on the
+    receiver, such a source has no power: particle tracing (:monosp:`ptracer`) raises an error; and to a ray that has
+    passed through a surface of no effect (a mask, the boundary of a medium) that surface is the receiver.
+
+    The derivatives with respect to ``direction`` and ``angle`` are those inside the beam: its edge is a discontinuity,
+    which Mitsuba's integrators do not differentiate.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <shape type="sphere">
+                <point name="center" x="0" y="5" z="0"/>
+                <float name="radius" value="0.5"/>
+                <emitter type="prosim_area">
+                    <rgb name="radiance" value="20, 18, 15"/>
+                    <string name="distribution" value="cone"/>
+                    <vector name="direction" x="0" y="-1" z="0"/>
+                    <float name="angle" value="30"/>
+                </emitter>
+            </shape>
+
+        .. code-tab:: python
+
+            'type': 'sphere',
+            'center': [0, 5, 0],
+            'radius': 0.5,
+            'emitter': {
+                'type': 'prosim_area',
+                'radiance': {
+                    'type': 'rgb',
+                    'value': [20, 18, 15]
+                },
+                'distribution': 'cone',
+                'direction': [0, -1, 0],
+                'angle': 30
+            }
+    """
+
+    def __init__(self, props):
+        super().__init__(props)
+        if "to_world" in props:
+            raise reject(props, "to_world", "a transform", "that of the shape")
+        self.radiance = props.get_emissive_texture("radiance", 1.0)
+        self.unattenuated = props.get("unattenuated", False)
+        for name, value in read_distribution(props).items():
+            setattr(self, name, value)
+        dr.make_opaque(self.direction, self.angle, self.exponent)
+        self.textured = self.radiance.is_spatially_varying()
+        self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if self.textured else 0)
+
+    def traverse(self, callback):
+        super().traverse(callback)
+        callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
+        traverse_distribution(self, callback)
+
+    def parameters_changed(self, keys):
+        dr.make_opaque(self.direction, self.angle, self.exponent)
+        super().parameters_changed(keys)
+
+    def emitted(self, si, d, receiver, active):
+        """Radiance in the direction ``d``, as ``receiver`` sees it."""
+        value = self.radiance.eval(si, active) * towards(self, d)
+        if self.unattenuated and (shape := self.get_shape()) is not None:
+            value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
+        return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
+
+    def eval(self, si, active=True):
+        active &= (si.wi.z > 0) & si.is_valid()
+        d = si.to_world(si.wi)
+        return self.emitted(si, d, si.p + d * dr.select(active, si.t, 0), active)
+
+    def eval_direction(self, it, ds, active=True):
+        si = mi.SurfaceInteraction3f(ds, it.wavelengths)
+        return self.emitted(si, -ds.d, it.p, active & (dr.dot(ds.d, ds.n) < 0))
+
+    def sample_direction(self, it, sample, active=True):
+        # Dr.Jit traces every emitter that exists, also one that no shape has taken.
+        if self.get_shape() is None:
+            return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
+        if self.textured:
+            ps = self.sample_texture(it.time, sample, active)
+            ds = mi.DirectionSample3f(ps)
+            ds.d = ds.p - it.p
+            ds.dist = dr.norm(ds.d)
+            ds.d /= dr.maximum(ds.dist, 1e-30)
+            ds.pdf = ps.pdf * dr.square(ds.dist) / dr.maximum(-dr.dot(ds.d, ds.n), 1e-30)
+        else:
+            ds = self.get_shape().sample_direction(it, sample, active)
+        active &= (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
+        ds.pdf = dr.select(active, ds.pdf, 0)
+        ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
+        return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
+
+    def pdf_direction(self, it, ds, active=True):
+        if self.get_shape() is None:
+            return mi.Float(0)
+        cos = -dr.dot(ds.d, ds.n)
+        active &= cos > 0
+        if self.textured:
+            pdf = self.pdf_texture(ds.uv, active) * dr.square(ds.dist) / dr.maximum(cos, 1e-30)
+        else:
+            pdf = self.get_shape().pdf_direction(it, ds, active)
+        return dr.select(active, pdf, mi.Float(0))
+
+    def sample_position(self, time, sample, active=True):
+        if self.get_shape() is None:
+            return dr.zeros(mi.PositionSample3f), mi.Float(0)
+        sample_position = self.sample_texture if self.textured else self.get_shape().sample_position
+        ps = sample_position(time, sample, active)
+        return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
+
+    def pdf_position(self, ps, active=True):
+        if self.get_shape() is None:
+            return mi.Float(0)
+        return self.pdf_texture(ps.uv, active) if self.textured else self.get_shape().pdf_position(ps, active)
+
+    def sample_texture(self, time, sample, active):
+        """A point drawn in proportion to the texture, and its density per area."""
+        uv, pdf = self.radiance.sample_position(sample, active)
+        si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active & (pdf > 0))
+        ps = mi.PositionSample3f(si)
+        ps.time = time
+        ps.delta = mi.Bool(False)
+        stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
+        ps.pdf = dr.select(si.is_valid() & (pdf > 0), pdf / dr.maximum(stretch, 1e-30), mi.Float(0))
+        return ps
+
+    def pdf_texture(self, uv, active):
+        si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
+        stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
+        pdf = self.radiance.pdf_position(uv, active) / dr.maximum(stretch, 1e-30)
+        return dr.select(si.is_valid(), pdf, mi.Float(0))
+
+    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+        if self.unattenuated:
+            raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
+        ps, weight = self.sample_position(time, sample2, active)
+        si = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths)
+        si.time = time
+        if self.angle is None:
+            d = si.to_world(mi.warp.square_to_cosine_hemisphere(sample3))
+            weight *= dr.pi
+        else:  # the beam may be much narrower than the hemisphere
+            d, total = sample_towards(self, sample3)
+            weight *= total * dr.maximum(dr.dot(d, ps.n), 0)
+        si.wavelengths, spectrum = sample_spectrum(self.radiance, si, sample1, active)
+        return si.spawn_ray(d), mi.depolarizer(spectrum * weight)
+
+    def sample_wavelengths(self, si, sample, active=True):
+        wavelengths, weight = sample_spectrum(self.radiance, si, sample, active)
+        # The particle tracer, alone to ask for this, gives the direction towards the camera in world coordinates.
+        return wavelengths, weight * towards(self, si.wi)
+
+    def bbox(self):
+        return self.get_shape().bbox()
+
+    def to_string(self):
+        return describe(self, radiance=self.radiance)

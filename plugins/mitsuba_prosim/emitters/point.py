@@ -1,0 +1,188 @@
+"""Point source: prosim_point."""
+
+import drjit as dr
+import mitsuba as mi
+
+from ..parameters import reject
+from ..registry import plugin
+from .distribution import describe, read_distribution, sample_spectrum, sample_towards, towards, traverse_distribution
+
+
+@plugin("emitter", "prosim_point")
+class Point(mi.Emitter):
+    r"""
+    .. _emitter-prosim_point:
+
+    Point source (:monosp:`prosim_point`)
+    -------------------------------------
+
+    .. pluginparameters::
+
+     * - position
+       - |point|
+       - Where the source is. (Default: the origin)
+       - |exposed|
+
+     * - intensity
+       - |spectrum|
+       - Radiant intensity on the axis, in power per unit solid angle. (Default: 1)
+       - |exposed|, |differentiable|
+
+     * - distribution
+       - |string|
+       - :monosp:`uniform` (the same in every direction), :monosp:`cone` (the same within ``angle`` of ``direction``,
+         none without) or :monosp:`spot` (:math:`\cos^n \beta` at the angle :math:`\beta` from ``direction``).
+         (Default: :monosp:`uniform`)
+
+     * - direction
+       - |vector|
+       - Axis of a cone or spot, in world coordinates and of any length. (Default: 0, -1, 0)
+       - |exposed|, |differentiable|, |discontinuous|
+
+     * - angle
+       - |float|
+       - Half-opening of a cone in degrees, > 0 and <= 180, which must be given; or the angle at which a spot is cut
+         off, <= 90. (Default for a spot: 90)
+       - |exposed|, |differentiable|, |discontinuous|
+
+     * - exponent
+       - |float|
+       - Concentration n >= 0 of a spot, which must be given.
+       - |exposed|, |differentiable|
+
+     * - unattenuated
+       - |bool|
+       - Whether ``intensity`` is the irradiance on a surface that faces the source at *any* distance, as renderers had
+         it in 1992. (Default: false)
+
+     * - radius
+       - |float|
+       - Virtual radius r of the source. (Default: 0)
+
+     * - radiance
+       - |spectrum|
+       - In place of ``intensity``: that of a sphere of this radiance L and of the virtual radius, :math:`\pi r^2 L`.
+       - |exposed|, |differentiable|
+
+    The point sources of section 5.2 of the thesis. With an intensity alone this is Mitsuba's
+    :ref:`point <emitter-point>`. The virtual radius matters only to ``radiance``. The derivatives with respect to
+    ``direction`` and ``angle`` are those inside the beam: its edge is a discontinuity, which Mitsuba's integrators do
+    not differentiate. An unattenuated source obeys no conservation of energy and has no power: particle tracing
+    (:monosp:`ptracer`) raises an error.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <emitter type="prosim_point">
+                <point name="position" x="0" y="5" z="0"/>
+                <rgb name="intensity" value="20, 18, 15"/>
+                <string name="distribution" value="spot"/>
+                <vector name="direction" x="0" y="-1" z="0"/>
+                <float name="exponent" value="8"/>
+                <float name="angle" value="30"/>
+            </emitter>
+
+        .. code-tab:: python
+
+            'type': 'prosim_point',
+            'position': [0, 5, 0],
+            'intensity': {
+                'type': 'rgb',
+                'value': [20, 18, 15]
+            },
+            'distribution': 'spot',
+            'direction': [0, -1, 0],
+            'exponent': 8,
+            'angle': 30
+    """
+
+    def __init__(self, props):
+        super().__init__(props)
+        if "to_world" in props:
+            raise reject(props, "to_world", "a transform", '"position" and "direction"')
+        self.position = mi.Point3f(props.get("position", mi.ScalarPoint3f(0)))
+        self.unattenuated = props.get("unattenuated", False)
+        self.radius = props.get("radius", 0.0)
+        if not 0 <= self.radius < float("inf"):
+            raise reject(props, "radius", self.radius, "a number >= 0")
+        self.quantity, self.scale = "intensity", 1.0
+        if "radiance" in props:
+            if "intensity" in props or self.unattenuated:
+                raise reject(props, "radiance", "given", '"intensity" or "radiance", and "intensity" if unattenuated')
+            if self.radius == 0:
+                raise reject(props, "radius", self.radius, 'a number > 0 with "radiance"')
+            self.quantity, self.scale = "radiance", dr.pi * self.radius**2
+        self.intensity = props.get_emissive_texture(self.quantity, 1.0)
+        if self.intensity.is_spatially_varying():
+            raise reject(props, self.quantity, "a texture", "a colour, a spectrum or a number")
+        for name, value in read_distribution(props).items():
+            setattr(self, name, value)
+        dr.make_opaque(self.position, self.direction, self.angle, self.exponent)
+        self.m_flags = mi.EmitterFlags.DeltaPosition
+        self.m_needs_sample_2 = False
+
+    def traverse(self, callback):
+        super().traverse(callback)
+        callback.put("position", self.position, mi.ParamFlags.NonDifferentiable)
+        callback.put(self.quantity, self.intensity, mi.ParamFlags.Differentiable)
+        traverse_distribution(self, callback)
+
+    def parameters_changed(self, keys):
+        dr.make_opaque(self.position, self.direction, self.angle, self.exponent)
+        super().parameters_changed(keys)
+
+    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+        if self.unattenuated:
+            raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
+        d, total = sample_towards(self, sample3)
+        wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
+        return mi.Ray3f(self.position, d, time, wavelengths), mi.depolarizer(weight * total)
+
+    def sample_direction(self, it, sample, active=True):
+        ds = mi.DirectionSample3f()
+        ds.p, ds.n, ds.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
+        ds.time = it.time
+        ds.pdf = mi.Float(1)
+        ds.delta = mi.Bool(True)
+        ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
+        ds.d = ds.p - it.p
+        ds.dist = dr.norm(ds.d)
+        ds.d /= dr.maximum(ds.dist, 1e-30)
+        return ds, self.eval_direction(it, ds, active)
+
+    def pdf_direction(self, it, ds, active=True):
+        return mi.Float(0)
+
+    def eval_direction(self, it, ds, active=True):
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.wavelengths = it.wavelengths
+        value = self.intensity.eval(si, active) * (towards(self, -ds.d) * self.scale)
+        if not self.unattenuated:
+            value /= dr.maximum(dr.squared_norm(ds.p - it.p), 1e-30)
+        return mi.depolarizer(value)
+
+    def sample_position(self, time, sample, active=True):
+        ps = mi.PositionSample3f()
+        ps.p, ps.n, ps.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
+        ps.time = time
+        ps.pdf = mi.Float(1)
+        ps.delta = mi.Bool(True)
+        return ps, mi.Float(1)
+
+    def pdf_position(self, ps, active=True):
+        return mi.Float(0)
+
+    def sample_wavelengths(self, si, sample, active=True):
+        wavelengths, weight = sample_spectrum(self.intensity, si, sample, active)
+        return wavelengths, weight * self.scale
+
+    def eval(self, si, active=True):
+        return mi.Spectrum(0)
+
+    def bbox(self):
+        p = mi.ScalarPoint3f(*(dr.slice(self.position[i], 0) for i in range(3)))
+        return mi.ScalarBoundingBox3f(p)
+
+    def to_string(self):
+        values = {"position": self.position, self.quantity: self.intensity, "radius": self.radius or None}
+        return describe(self, **values)

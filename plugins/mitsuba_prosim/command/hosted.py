@@ -1,0 +1,134 @@
+"""The Python side of the ``mitsuba`` command: the same options, order of steps, messages and exit codes.
+
+A stand-in (``stand_in.c``) starts this when a scene names a plugin that is written in Python. The native command has
+said by then what it is, and has rendered the scenes that come before that one.
+"""
+
+import signal
+import sys
+
+import drjit as dr
+import mitsuba as mi
+
+from . import session
+
+#: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
+OPTIONS = {
+    "-t": ("--threads", True), "-v": ("--verbose", False), "-D": ("--define", True), "-s": ("--sensor", True),
+    "-o": ("--output", True), "-h": ("--help", False), "-m": ("--mode", True), "-a": ("--append", True),
+    "-O": (None, True), "-W": (None, False), "-S": (None, False), "-V": (None, True),
+}
+
+#: The flags that -O0 .. -O5 switch on, one more with each step.
+OPTIMIZATIONS = (dr.JitFlag.MergeFunctions, dr.JitFlag.ConstantPropagation, dr.JitFlag.ValueNumbering,
+                 dr.JitFlag.OptimizeCalls, dr.JitFlag.OptimizeLoops)
+
+
+def parse_arguments(words):
+    """Returns ``(options, scenes)``: option -> list of values (None for each time that a flag is given)."""
+    options, scenes, words = {}, [], list(words)
+    while words:
+        word = words.pop(0)
+        if not word.startswith("-"):
+            scenes.append(word)
+            continue
+        # As in the native command, -t4 is -t 4, -vv is -v -v, and what follows a long option is ignored.
+        option = next((o for o, (long, _) in OPTIONS.items()
+                       if word.startswith(long or o) or not word.startswith("--") and word.startswith(o)), None)
+        if option is None:
+            raise ValueError(f'Argument "{word}" was not recognized!')
+        long, has_value = OPTIONS[option]
+        rest = "" if word.startswith("--") else word[len(option):]
+        value = None
+        if has_value:
+            if rest:
+                words.insert(0, rest)
+            if not words or words[0].startswith("-"):
+                raise ValueError(f'Missing/invalid argument for argument "{long if word.startswith("--") else option}"')
+            value = words.pop(0)
+        elif rest:
+            words.insert(0, "-" + rest)
+        options.setdefault(option, []).append(value)
+    return options, scenes
+
+
+def integer(options, option, default=None):
+    """The whole number that an option gives (the first time), or the default."""
+    if option not in options:
+        return default
+    try:
+        return int(options[option][0])
+    except ValueError:
+        raise ValueError(f'Argument "{option}": value "{options[option][0]}" is not an integer!') from None
+
+
+def set_up(options):
+    """Variant, threads, log and Dr.Jit's flags, as the options say."""
+    verbose = len(options.get("-v", ()))
+    if "-V" in options:
+        raise ValueError("-V: the vector width can't be set for scenes with plugins that are written in Python.")
+    mi.set_log_level([mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace][min(verbose, 2)])
+    dr.set_log_level([dr.LogLevel.Error, dr.LogLevel.Warn, dr.LogLevel.Info, dr.LogLevel.InfoSym, dr.LogLevel.Debug,
+                      dr.LogLevel.Trace][min(verbose, 5)])
+    if "-t" in options:
+        dr.set_thread_count(max(integer(options, "-t"), 1))
+    session.set_variant(options["-m"][0] if "-m" in options else "scalar_rgb" if "-h" in options else None)
+    if mi.variant().startswith("scalar_"):
+        if {"-O", "-W", "-S"} & set(options):
+            raise ValueError("Specified an argument that only makes sense in a JIT (LLVM/CUDA/Metal) mode!")
+        return
+    level = integer(options, "-O", len(OPTIMIZATIONS))
+    for i, flag in enumerate(OPTIMIZATIONS):
+        dr.set_flag(flag, dr.flag(flag) and level > i)
+    if "-W" in options:
+        dr.set_flag(dr.JitFlag.SymbolicLoops, False)
+        dr.set_flag(dr.JitFlag.SymbolicCalls, len(options["-W"]) == 1)
+    if "-S" in options:
+        dr.set_flag(dr.JitFlag.PrintIR, True)
+
+
+def run(words):
+    """Renders the scenes that the native command has not rendered."""
+    options, scenes = parse_arguments(words)
+    set_up(options)
+    parameters = {}
+    for definition in options.get("-D", ()):
+        key, equals, value = definition.partition("=")
+        if not equals:
+            raise ValueError("-D/--define: expect key=value pair!")
+        parameters[key] = value
+    hosted, begun = set(session.stand_ins()), False
+    paths = [path for path in options.get("-a", [""])[0].split(";") if path]
+    for scene_file in scenes:
+        folder = scene_file.rpartition("/")[0]
+        with session.search_paths([*paths, *([folder] if folder else [])]):
+            state = session.parse(scene_file, parameters)
+            # The native command stopped at the first scene that names a plugin of ours.
+            begun = begun or bool(hosted & session.plugin_names(state))
+            if begun:
+                render(session.instantiate(state), integer(options, "-s", 0), options.get("-o", [scene_file])[0])
+
+
+def render(scene, index, path):
+    """Renders to the file that the film makes of ``path``."""
+    sensor = session.pick_sensor(scene, index)
+
+    def write():
+        with session.enough_threads_to_write():
+            sensor.film().write(path)
+
+    signal.signal(signal.SIGHUP, lambda *_: write())
+    session.render(scene, sensor)
+    write()
+
+
+def main(words):
+    """Runs the command; returns its exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        run(words)
+        return 0
+    except Exception as error:  # noqa: BLE001 (the native command does the same)
+        sys.stdout.flush()
+        print(f"\x1b[31m\nCaught a critical exception: {error}\x1b[0m", file=sys.stderr)
+        return 255

@@ -1,0 +1,22 @@
+"""The ``prosim`` command and its parts."""
+
+
+import click
+
+from .doctor import doctor
+from .link import link
+from .render import render
+from .translate import format_scene, translate
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.version_option(None, "-V", "--version", package_name="mitsuba-prosim")
+def main():
+    """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
+
+    Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else.
+    """
+
+
+for command in (render, translate, format_scene, doctor, link):
+    main.add_command(command)

@@ -1,0 +1,205 @@
+"""``prosim render``: a scene file in, an EXR and a PNG image out."""
+
+import os
+import signal
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+import click
+import drjit as dr
+import mitsuba as mi
+from prosim_scene import SceneError
+from prosim_scene import translate as translate_scene
+from tqdm.auto import tqdm
+
+from . import session
+from .options import SCENE, Definition, Size, translation
+
+
+@click.command()
+@click.argument("scene", type=SCENE)
+@click.option("-o", "--output", type=click.Path(path_type=Path),
+              help="Image to write, without or with the suffix .exr or .png: both are written. "
+                   "[default: the scene's name, beside the scene]", show_default=False)
+@click.option("-m", "--mode", metavar="VARIANT",
+              help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb, llvm_ad_rgb or scalar_rgb, the first that "
+                   "this machine can run]", show_default=False)
+@click.option("-D", "--define", "definitions", type=Definition(), multiple=True,
+              help="Constant that replaces $key in the XML scene. May be repeated.")
+@click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
+@click.option("-t", "--threads", type=click.IntRange(min=1), show_default=False,
+              help="Number of threads. [default: all]")
+@click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")
+@click.option("--spp", type=click.IntRange(min=1), help="Samples per pixel, as Mitsuba counts them. "
+              "[default: what the scene says]", show_default=False)
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
+@click.option("--crop", type=Size("X,Y,W,H", ",", 4, least=0), help="Render only this window of the image, in pixels.")
+@translation
+def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed, crop, resolution, samples, **language):
+    """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
+
+    Writes a linear EXR (with how it was made as metadata) and a tone-mapped PNG. Existing files are replaced when the
+    new ones are complete. Ctrl-C ends the render and keeps the image so far.
+    """
+    check_variant(mode)
+    if threads:
+        dr.set_thread_count(threads)
+    try:
+        session.set_variant(mode)
+    except (ImportError, RuntimeError) as error:
+        raise click.ClickException(str(error)) from None
+
+    stem = image_stem(output or scene)
+    with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(verbose):
+        try:
+            loaded = load(scene, folder, dict(definitions), resolution, samples, crop, language)
+            chosen = session.pick_sensor(loaded, sensor)
+        except SceneError as error:
+            raise InputError(str(error)) from None
+        except (RuntimeError, TypeError, ValueError) as error:
+            raise InputError(f"{scene}: {error}") from None
+
+        integrator, start = loaded.integrator(), time.perf_counter()
+        with progress_bar(integrator), interruptible(integrator) as interrupted:
+            session.render(loaded, chosen, seed, spp or 0)
+        seconds = time.perf_counter() - start
+
+    facts = {"prosim.scene": str(scene), "prosim.version": version("mitsuba-prosim"), "prosim.variant": mi.variant(),
+             "prosim.integrator": str(integrator), "prosim.seed": str(seed), "prosim.seconds": f"{seconds:.3f}"}
+    written = write_images(stem, chosen.film().bitmap(), facts)
+    width, height = chosen.film().crop_size()
+    click.echo(f"{' and '.join(map(str, written))}: {width} x {height} pixels, {mi.variant()}, {seconds:.2f} s"
+               + (", interrupted" if interrupted else ""))
+    if interrupted:
+        sys.exit(1)
+
+
+class InputError(click.ClickException):
+    """The scene is wrong; nothing has been written."""
+
+    exit_code = 2
+
+
+def check_variant(mode):
+    """Refuses a variant that this Mitsuba does not have."""
+    if mode and mode not in mi.variants():
+        raise click.BadParameter(f"{mode!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
+
+
+def image_stem(path):
+    """The path without an image's or a scene's suffix."""
+    return path.with_suffix("") if path.suffix.lower() in (".exr", ".png", ".xml", ".scn") else path
+
+
+def load(scene, folder, definitions, resolution, samples, crop, language):
+    """Loads a scene file of either kind; translates it in ``folder`` first if it is in the thesis's language."""
+    xml = scene
+    if scene.suffix.lower() != ".xml":
+        xml = translate_scene(scene, Path(folder), resolution=resolution, samples=samples, **language)
+    with session.search_paths([scene.parent]):
+        state = session.parse(xml, definitions)
+        for node in state.nodes:
+            if node.type == mi.ObjectType.Film:
+                override(node.props, ("width", "height"), resolution)
+                override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
+            elif node.type == mi.ObjectType.Integrator and node.props.plugin_name() == "prosim" and samples:
+                node.props["samples"] = samples
+        return session.instantiate(state)
+
+
+def override(props, names, values):
+    """Sets named properties, if values are given."""
+    for name, value in zip(names, values or ()):
+        props[name] = value
+
+
+class Log(mi.Appender):
+    """Mitsuba's log on standard error, out of the progress bar's way."""
+
+    def append(self, level, text):
+        tqdm.write(text, file=sys.stderr)
+
+    def log_progress(self, *args):
+        """The bar shows it."""
+
+
+@contextmanager
+def log(verbose):
+    """Sends Mitsuba's log to standard error: warnings, or more if ``verbose``."""
+    logger, level = mi.logger(), mi.log_level()
+    before = [logger.appender(i) for i in range(logger.appender_count())]
+    logger.clear_appenders()
+    logger.add_appender(Log())
+    mi.set_log_level([mi.LogLevel.Warn, mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace][min(verbose, 3)])
+    try:
+        yield
+    finally:
+        logger.clear_appenders()
+        for appender in before:
+            logger.add_appender(appender)
+        mi.set_log_level(level)
+
+
+@contextmanager
+def progress_bar(integrator):
+    """Shows how far a render is, with the time left, if the integrator tells and a person watches."""
+    if not hasattr(integrator, "progress"):
+        yield
+        return
+    with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}, {remaining} left", disable=None,
+              file=sys.stderr, leave=False) as bar:
+        def show(done):
+            bar.update(100 * done - bar.n)
+        integrator.progress = show
+        try:
+            yield
+        finally:
+            integrator.progress = None
+
+
+@contextmanager
+def interruptible(integrator):
+    """Lets the first Ctrl-C end the render, so that the film keeps what it has; yields a list, empty until then."""
+    seen = []
+
+    def stop(*_):
+        seen.append(True)
+        integrator.cancel()
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def write_images(stem, bitmap, facts):
+    """Writes STEM.exr and STEM.png, each complete or not at all; returns their paths.
+
+    A film without colours (spectral bins, say) has no PNG.
+    """
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    for name, fact in facts.items():
+        bitmap.metadata()[name] = fact
+    images = {".exr": bitmap}
+    colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
+    if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
+        images[".png"] = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True)
+    finished = {}
+    try:
+        with session.enough_threads_to_write():
+            for suffix, image in images.items():
+                part = stem.with_name(f".{stem.name}.{os.getpid()}{suffix}")
+                finished[part] = stem.with_name(stem.name + suffix)
+                image.write(str(part))
+        for part, path in finished.items():
+            os.replace(part, path)
+    finally:
+        for part in finished:
+            part.unlink(missing_ok=True)
+    return list(finished.values())

@@ -1,0 +1,73 @@
+/* A stand-in for a Mitsuba plugin that is written in Python.
+ *
+ * The native `mitsuba` command has no Python. When a scene names a plugin, it opens mitsuba/plugins/NAME.so and calls
+ * `init_plugin` there. This file, installed under the name of a Python plugin, then replaces the process by a Python
+ * interpreter that renders the same scenes with the same options (hosted.py). It uses no Mitsuba, C++ or Python ABI,
+ * only the name of that function, whose arguments it ignores. In any other program than `mitsuba` it does nothing, and
+ * Mitsuba says that the plugin could not be found.
+ */
+#include <errno.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+/* By these words link.py knows a stand-in from a true plugin. */
+__attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a Python plugin, 1";
+
+/* Not `python -m`, which would look for modules among the scenes, in the current folder. */
+static char program[] =
+    "import sys\n"
+    "sys.path = [p for p in sys.path if p]\n"
+    "from mitsuba_prosim.command.hosted import main\n"
+    "sys.exit(main(sys.argv[1:]))\n";
+
+static char executable[PATH_MAX], prefix[PATH_MAX], candidates[3][PATH_MAX + 32], arguments[1 << 21];
+
+static char *words[sizeof arguments / 2 + 4];
+
+/* The interpreter of the Python that Mitsuba is installed for: PREFIX/lib/python3.X/site-packages/mitsuba/mitsuba. */
+static const char *find_python(void) {
+    char version[16] = "3", *library;
+    strcpy(prefix, executable);
+    if ((library = strstr(prefix, "/lib/python")) || (library = strstr(prefix, "/lib64/python"))) {
+        sscanf(strstr(library, "/python") + 7, "%15[0-9.]", version);
+        *library = 0;
+    }
+    const char *python = getenv("MITSUBA_PYTHON");
+    if (python)
+        return python;
+    snprintf(candidates[0], sizeof candidates[0], "%s/bin/python%s", prefix, version); /* environments, /usr/local */
+    snprintf(candidates[1], sizeof candidates[1], "/usr/bin/python%s", version);       /* dist-packages, ~/.local */
+    snprintf(candidates[2], sizeof candidates[2], "python%s", version);                /* wherever PATH leads */
+    for (int i = 0; i < 2; ++i)
+        if (access(candidates[i], X_OK) == 0)
+            return candidates[i];
+    return candidates[2];
+}
+
+__attribute__((visibility("default"))) void init_plugin(void) {
+    ssize_t length = readlink("/proc/self/exe", executable, sizeof executable - 1);
+    const char *slash = length > 0 ? strrchr(executable, '/') : NULL;
+    if (!slash || strcmp(slash, "/mitsuba"))
+        return;
+
+    FILE *file = fopen("/proc/self/cmdline", "rb");
+    if (!file)
+        return;
+    size_t size = fread(arguments, 1, sizeof arguments - 1, file), count = 0;
+    fclose(file);
+
+    const char *python = find_python();
+    words[count++] = (char *) python;
+    words[count++] = "-c";
+    words[count++] = program;
+    for (char *word = arguments + strlen(arguments) + 1; word < arguments + size; word += strlen(word) + 1)
+        words[count++] = word;
+    words[count] = NULL;
+    fflush(NULL);
+    execvp(python, words);
+    fprintf(stderr, "mitsuba: this scene names a plugin that is written in Python, but \"%s\" could not be started: %s. "
+                    "Set MITSUBA_PYTHON to the interpreter that has the plugin.\n", python, strerror(errno));
+}

@@ -1,0 +1,42 @@
+"""Building stand-ins for plugins (see ``stand_in.c``). Used when the package is built as well: standard library only."""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+SOURCE = Path(__file__).with_name("stand_in.c")
+
+#: What tells a stand-in, of this or another version, from a true plugin.
+MARK = b"mitsuba-prosim stand-in for a Python plugin"
+
+#: The plugins of Mitsuba 3.9 itself that are written in Python, which its command can't run either.
+BUNDLED = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective", "volprim_rf_basic", "flat_sensor")
+
+REGISTERED = re.compile(r'^@plugin\("\w+", "(\w+)"\)', re.MULTILINE)
+
+
+def names_in_source(package):
+    """Names of the plugins that the modules of a package define, by their text alone."""
+    return sorted(name for module in Path(package).glob("*/*.py")
+                  for name in REGISTERED.findall(module.read_text(encoding="utf-8")))
+
+
+def compiler():
+    """The C compiler's command line, as a list, or None."""
+    if named := os.environ.get("CC"):
+        return named.split()
+    found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+    return found and [found]
+
+
+def compile_stand_in(path):
+    """Compiles a stand-in to ``path``. Raises RuntimeError where there is no compiler, or it fails."""
+    command = compiler()
+    if command is None:
+        raise RuntimeError("there is no C compiler (on Debian and Ubuntu: apt install gcc libc6-dev)")
+    done = subprocess.run([*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", "-o", str(path),
+                           str(SOURCE)], check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"the C compiler failed: {done.stderr.strip()}")

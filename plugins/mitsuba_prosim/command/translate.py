@@ -1,0 +1,50 @@
+"""``prosim translate`` and ``prosim format``: the scene language, to Mitsuba's or to its tidy form."""
+
+import os
+import sys
+from pathlib import Path
+
+import click
+import prosim_scene
+
+from .options import SCENE, translation
+from .render import InputError
+
+
+@click.command()
+@click.argument("scene", type=SCENE)
+@click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), show_default=False,
+              help="Folder to write to. [default: the scene's]")
+@click.option("--target", type=click.Choice(["prosim", "stock"]), default="prosim",
+              help="Plugins that the XML names: this package's, or only those that Mitsuba brings.")
+@translation
+def translate(scene, output, **options):
+    """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
+    try:
+        click.echo(prosim_scene.translate(scene, output, **options))
+    except prosim_scene.SceneError as error:
+        raise InputError(str(error)) from None
+
+
+@click.command("format")
+@click.argument("scenes", type=SCENE, nargs=-1, required=True)
+@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
+def format_scene(scenes, check):
+    """Rewrite SCENES in the thesis's scene language in tidy form; what they mean stays the same."""
+    tidy = {}
+    for scene in scenes:
+        try:
+            before = prosim_scene.read(scene)
+            after = prosim_scene.format(before, str(scene))
+        except prosim_scene.SceneError as error:
+            raise InputError(str(error)) from None
+        if before != after:
+            tidy[scene] = after
+    for scene, text in tidy.items():
+        click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
+        if not check:
+            part = scene.with_name(f".{scene.name}.{os.getpid()}")
+            part.write_text(text, encoding="utf-8")
+            os.replace(part, scene)
+    if check and tidy:
+        sys.exit(1)

@@ -148,6 +148,7 @@ class Area(mi.Emitter):
             ds.pdf = ps.pdf * dr.square(ds.dist) / dr.maximum(-dr.dot(ds.d, ds.n), 1e-30)
         else:
             ds = self.get_shape().sample_direction(it, sample, active)
+            ds.pdf = self.pdf_shape(it, ds, ds.pdf)
         active &= (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
         ds.pdf = dr.select(active, ds.pdf, 0)
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
@@ -161,8 +162,20 @@ class Area(mi.Emitter):
         if self.textured:
             pdf = self.pdf_texture(ds.uv, active) * dr.square(ds.dist) / dr.maximum(cos, 1e-30)
         else:
-            pdf = self.get_shape().pdf_direction(it, ds, active)
+            pdf = self.pdf_shape(it, ds, self.get_shape().pdf_direction(it, ds, active))
         return dr.select(active, pdf, mi.Float(0))
+
+    def pdf_shape(self, it, ds, pdf):
+        """The density of `Shape.sample_direction`, from which Mitsuba's sphere strays by 1 % at r/d = 0.001.
+
+        There 1 - cos of the half-angle cancels; here it is sin² / (1 + cos).
+        """
+        shape = self.get_shape()
+        if shape.class_name() != "Sphere" or shape.has_flipped_normals():
+            return pdf
+        r2 = shape.surface_area() / (4 * dr.pi)
+        sin2 = r2 / dr.maximum(dr.squared_norm(ds.p - ds.n * dr.sqrt(r2) - it.p), 1e-30)
+        return dr.select((sin2 < 0.9) & (pdf > 0), (1 + dr.safe_sqrt(1 - sin2)) / (dr.two_pi * dr.maximum(sin2, 1e-30)), pdf)
 
     def sample_position(self, time, sample, active=True):
         if self.get_shape() is None:

@@ -1,0 +1,393 @@
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.emitters import distribution
+from scipy import integrate
+
+SIGNIFICANCE = 0.01
+CENTRE, RADIUS = [1.5, 3.0, 1.0], 0.4
+CONE = {"distribution": "cone", "angle": 25.0, "direction": [-1, -2, 0]}
+SPOT = {"distribution": "spot", "exponent": 6.0, "angle": 60.0, "direction": [-1, -2, 0]}
+UNIFORM = {"distribution": "uniform"}
+NAMES = ("uniform", "cone", "spot")
+DISTRIBUTIONS = dict(zip(NAMES, (UNIFORM, CONE, SPOT)))
+
+
+def rgb(*value):
+    return {"type": "rgb", "value": list(value)}
+
+
+def sphere(emitter, radius=RADIUS):
+    return {"type": "sphere", "center": CENTRE, "radius": radius, "emitter": emitter}
+
+
+def area(**parameters):
+    return {"type": "prosim_area", "radiance": rgb(20, 15, 10), **parameters}
+
+
+def point(**parameters):
+    return {"type": "prosim_point", "position": CENTRE, "intensity": rgb(20, 15, 10), **parameters}
+
+
+def textured(shape, to_world, plugin="prosim_area"):
+    pattern = np.random.default_rng(1).random((4, 8, 3)).astype(np.float32)
+    texture = {"type": "bitmap", "data": mi.TensorXf(pattern), "raw": True}
+    return {"type": shape, "to_world": to_world, "emitter": {"type": plugin, "radiance": texture}}
+
+
+def scene(source, integrator="path", size=16, samples=64, **options):
+    """A ball over a floor; the source may be in view."""
+    mi_T = mi.ScalarTransform4f()
+    return mi.load_dict({
+        "type": "scene",
+        "integrator": {"type": integrator, **options},
+        "sensor": {
+            "type": "perspective", "fov": 45, "to_world": mi_T.look_at([0, 2.5, 6], [0, 1, 0], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+            "sampler": {"type": "independent", "sample_count": samples},
+        },
+        "floor": {"type": "rectangle", "to_world": mi_T.rotate([1, 0, 0], -90).scale(4),
+                  "bsdf": {"type": "diffuse", "reflectance": rgb(0.6, 0.6, 0.5)}},
+        "ball": {"type": "sphere", "center": [0, 0.8, 0], "radius": 0.8,
+                 "bsdf": {"type": "diffuse", "reflectance": rgb(0.2, 0.5, 0.8)}},
+        "source": source,
+    })
+
+
+def image(*args, seed=0, **options):
+    return np.array(mi.render(scene(*args, **options), seed=seed))
+
+
+def emitter_of(source):
+    """The scene (to keep it alive) and its emitter, which is seen by the surface at the origin that faces up."""
+    loaded = mi.load_dict({"type": "scene", "source": source})
+    return loaded, loaded.emitters()[0]
+
+
+def receiver(p=(0, 0, 0), n=1):
+    it = dr.zeros(mi.SurfaceInteraction3f, n)
+    it.p = mi.Point3f(p)
+    return it
+
+
+def grid(n):
+    """Centres of n x n strata of the unit square."""
+    i = dr.arange(mi.UInt32, n * n)
+    return (mi.Point2f(i % n, i // n) + 0.5) / n
+
+
+def first(value):
+    """The colour of the first lane."""
+    return np.array(value).reshape(3, -1)[:, 0]
+
+
+# Against Mitsuba's own sources
+
+
+@pytest.mark.parametrize("integrator", ("path", "direct", "volpath", "ptracer", "prb"))
+def test_equal_to_mitsuba(variant, integrator):
+    if variant == "scalar_rgb" and integrator == "prb":
+        return  # which scalar variants do not have
+    samples = 4 if variant == "scalar_rgb" else 32
+    pairs = (
+        (sphere({"type": "area", "radiance": rgb(20, 15, 10)}), sphere(area())),
+        ({"type": "point", "position": CENTRE, "intensity": rgb(20, 15, 10)}, point()),
+    )
+    for theirs, ours in pairs:
+        expected = image(theirs, integrator, size=8, samples=samples)
+        assert expected.mean() > 0.01
+        assert np.allclose(image(ours, integrator, size=8, samples=samples), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("shape", ("sphere", "rectangle", "cylinder"))
+def test_textured_radiance_equal_to_mitsuba(variant_rgb, shape):
+    to_world = mi.ScalarTransform4f().translate(CENTRE).rotate([1, 0, 0], 90).scale(0.4)
+    for integrator in ("path", "ptracer"):
+        expected = image(textured(shape, to_world, "area"), integrator)
+        assert expected.mean() > 1e-3
+        assert np.allclose(image(textured(shape, to_world), integrator), expected, rtol=1e-4, atol=1e-5)
+
+
+# Physics
+
+
+@pytest.mark.parametrize("distance", (0.6, 3.0, 200.0))
+@pytest.mark.parametrize("tilt", (0, 20, 45))
+def test_irradiance_of_a_sphere(variant_rgb, distance, tilt):
+    """pi L (r/d)² cos to 1e-3, where the sphere is above the horizon."""
+    r, tilt = 0.3, np.deg2rad(tilt)
+    centre = [distance * np.sin(tilt), distance * np.cos(tilt), 0]
+    _scene, emitter = emitter_of({"type": "sphere", "center": centre, "radius": r, "emitter": area()})
+    ds, weight = emitter.sample_direction(receiver(n=128 * 128), grid(128))
+    irradiance = np.array(dr.mean(weight * dr.maximum(ds.d.y, 0), axis=1)).ravel()
+    expected = np.pi * np.array([20, 15, 10]) * (r / distance) ** 2 * np.cos(tilt)
+    assert np.allclose(irradiance, expected, rtol=1e-3)
+
+
+def test_point_source_falls_off(variant):
+    _scene, emitter = emitter_of(point())
+    for y in (2.0, 0.0, -5.0):
+        p = [CENTRE[0], y, CENTRE[2]]
+        ds, weight = emitter.sample_direction(receiver(p), mi.Point2f(0.5))
+        if variant.endswith("rgb"):
+            assert np.allclose(first(weight), np.array([20, 15, 10]) / (CENTRE[1] - y) ** 2, rtol=1e-5)
+        assert np.all(np.array(ds.delta)) and np.allclose(np.array(ds.d).ravel(), [0, 1, 0])
+        assert np.allclose(np.array(ds.dist), CENTRE[1] - y)
+
+
+def around(angle):
+    """A receiver at distance 2 of CENTRE, at an angle in degrees from the axis of CONE and SPOT."""
+    axis = np.array([-1.0, -2.0, 0.0]) / np.sqrt(5)
+    side = np.array([2.0, -1.0, 0.0]) / np.sqrt(5)
+    return CENTRE + 2 * (np.cos(np.deg2rad(angle)) * axis + np.sin(np.deg2rad(angle)) * side)
+
+
+@pytest.mark.parametrize("angle", (0, 10, 24, 26, 59, 61, 90, 91, 180))
+def test_cone_and_spot(variant, angle):
+    """A cone is black outside and constant within; a spot is cos^n up to its cut-off."""
+    expected = {"cone": float(angle < 25), "spot": np.cos(np.deg2rad(angle)) ** 6 if angle < 60 else 0}
+    for name, factor in expected.items():
+        for source, scale in ((point(**DISTRIBUTIONS[name]), 0.25), (sphere(area(**DISTRIBUTIONS[name]), 1e-3), 1)):
+            _scene, emitter = emitter_of(source)
+            it = receiver(around(angle))
+            ds, weight = emitter.sample_direction(it, mi.Point2f(0.25, 0.75))
+            radiance = emitter.eval_direction(it, ds)
+            if variant.endswith("rgb"):
+                assert np.allclose(first(radiance), np.array([20, 15, 10]) * scale * factor, rtol=5e-3, atol=1e-5)
+            assert np.allclose(np.array(weight) * np.array(ds.pdf), np.array(radiance), rtol=1e-4)
+
+
+def test_spot_without_cut_off_ends_at_90_degrees(variant_rgb):
+    _scene, emitter = emitter_of(point(distribution="spot", exponent=0, direction=[-1, -2, 0]))
+    for angle, factor in ((89, 1), (91, 0)):
+        _, weight = emitter.sample_direction(receiver(around(angle)), mi.Point2f(0.5))
+        assert np.allclose(first(weight), np.array([20, 15, 10]) / 4 * factor, rtol=1e-4)
+
+
+def test_point_source_with_virtual_radius(variant_rgb):
+    """I = pi r² L: as bright as a distant sphere of that radius."""
+    p = [1.5, -97.0, 1.0]
+    given = {"type": "prosim_point", "position": CENTRE, "radiance": rgb(20, 15, 10), "radius": RADIUS}
+    _scene, emitter = emitter_of(given)
+    _sphere_scene, other = emitter_of(sphere(area()))
+    _, weight = emitter.sample_direction(receiver(p), mi.Point2f(0.5))
+    _, of_sphere = other.sample_direction(receiver(p), mi.Point2f(0.5))
+    assert np.allclose(first(weight), first(of_sphere), rtol=1e-3)
+
+
+# Sampling
+
+
+def look(shape, it, d):
+    """Direction sample for the direction ``d`` from ``it``, and whether it meets ``shape``."""
+    si = shape.ray_intersect(mi.Ray3f(it.p, d))
+    ds = dr.zeros(mi.DirectionSample3f, dr.width(d))
+    ds.p, ds.n, ds.uv, ds.d, ds.dist = si.p, si.n, si.uv, d, dr.select(si.is_valid(), si.t, 1)
+    return ds, si
+
+
+@pytest.mark.parametrize("case", ("sphere", "near sphere", "cone", "rectangle", "textured"))
+def test_sample_direction_against_pdf(variant_rgb, case):
+    to_world = mi.ScalarTransform4f().translate([0.5, 1, 0.3]).rotate([1, 0, 0], 100)
+    source = {
+        "sphere": sphere(area(), 1.5),
+        "near sphere": {"type": "sphere", "center": [0.3, 1, 0], "radius": 0.95, "emitter": area()},
+        "cone": sphere(area(**CONE), 1.5),
+        "rectangle": {"type": "rectangle", "to_world": to_world, "emitter": area()},
+        "textured": textured("rectangle", to_world),
+    }[case]
+    loaded, emitter = emitter_of(source)
+    shape = loaded.shapes()[0]
+
+    def pdf(d):
+        it = receiver(n=dr.width(d))
+        ds, si = look(shape, it, d)
+        return emitter.pdf_direction(it, ds, si.is_valid())
+
+    test = mi.chi2.ChiSquareTest(
+        domain=mi.chi2.SphericalDomain(), sample_func=lambda u: emitter.sample_direction(receiver(n=dr.width(u)), u)[0].d,
+        pdf_func=pdf, sample_dim=2, sample_count=200_000, res=101, ires=32,
+    )
+    assert test.run(significance_level=SIGNIFICANCE, test_count=5), test.messages
+
+
+@pytest.mark.parametrize("unattenuated", (False, True))
+@pytest.mark.parametrize("name", NAMES)
+def test_sampling_and_evaluation_agree(variant_rgb, name, unattenuated):
+    """Weight times density is the radiance that `eval_direction` states and that a ray finds with `eval`."""
+    loaded, emitter = emitter_of(sphere(area(unattenuated=unattenuated, **DISTRIBUTIONS[name])))
+    shape = loaded.shapes()[0]
+    it = receiver(around(20), 32 * 32)
+    ds, weight = emitter.sample_direction(it, grid(32))
+    found, si = look(shape, it, ds.d)
+    hit = np.array(si.is_valid())
+    assert hit.mean() > 0.99
+    stated = np.array(emitter.eval_direction(it, ds))
+    assert stated.max() > 0
+    assert np.allclose(np.array(weight * ds.pdf), stated, rtol=1e-4)
+    assert np.allclose(np.array(emitter.eval(si))[:, hit], stated[:, hit], rtol=2e-3)
+    assert np.allclose(np.array(emitter.pdf_direction(it, found))[hit], np.array(ds.pdf)[hit], rtol=1e-4)
+
+
+@pytest.mark.parametrize("cos_angle, exponent", ((0.9, None), (-0.5, None), (0.0, 0.0), (0.0, 7.0), (0.8, 30.0)))
+def test_falloff_is_what_is_sampled(variant_rgb, cos_angle, exponent):
+    whole = distribution.total(mi.Float(cos_angle), exponent)[0]
+    expected = 2 * np.pi * integrate.quad(lambda c: c ** (exponent or 0), cos_angle, 1)[0]
+    assert whole == pytest.approx(expected, rel=1e-5)
+    test = mi.chi2.ChiSquareTest(
+        domain=mi.chi2.SphericalDomain(), sample_count=200_000, res=101, ires=32, sample_dim=2,
+        sample_func=lambda u: distribution.sample_falloff(u, mi.Float(cos_angle), exponent),
+        pdf_func=lambda d: distribution.falloff(d.z, cos_angle, exponent) / whole,
+    )
+    assert test.run(significance_level=SIGNIFICANCE, test_count=5), test.messages
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("make", (area, point))
+def test_particle_tracing_agrees_with_path_tracing(variant_rgb, make, name):
+    """Means of 4 x 4 pixels, which the two methods estimate independently; also where the source itself is in view."""
+    source = make(**DISTRIBUTIONS[name])
+    source = sphere(source) if make is area else source
+    options = {"size": 4, "max_depth": 2}
+    images = {}
+    for integrator, samples in (("path", 4096), ("ptracer", 1 << 16)):
+        images[integrator] = np.array([image(source, integrator, samples=samples, seed=s, **options) for s in range(8)])
+    means = {k: v.mean(axis=0) for k, v in images.items()}
+    variance = sum(v.var(axis=0, ddof=1) / len(v) for v in images.values())
+    z = (means["path"] - means["ptracer"]) / np.sqrt(variance + 1e-10)
+    # 48 values of Student's t with at least 7 degrees of freedom: 1 % that any exceeds 6.9.
+    assert means["path"].max() > 0.05
+    assert np.abs(z).max() < 6.9, z
+
+
+# The mode of 1992
+
+
+@pytest.mark.parametrize("distance", (0.5, 2.0, 50.0))
+def test_unattenuated_irradiance(variant_rgb, distance):
+    """The same at any distance, for a sphere up to its finite size, and exactly for a point."""
+    for source in (
+        {"type": "sphere", "center": [0, distance, 0], "radius": 0.1, "emitter": area(unattenuated=True)},
+        point(unattenuated=True) | {"position": [0, distance, 0]},
+    ):
+        _scene, emitter = emitter_of(source)
+        ds, weight = emitter.sample_direction(receiver(n=64 * 64), grid(64))
+        irradiance = np.array(dr.mean(weight * ds.d.y, axis=1)).ravel()
+        assert np.allclose(irradiance, [20, 15, 10], rtol=1e-3)
+
+
+def test_unattenuated_is_the_same_by_every_technique(variant_rgb):
+    """Sampling the source, sampling the material, and both combined; Z-test of the mean over 8 independent images."""
+    results = {}
+    for name, counts in (("source", (1, 0)), ("material", (0, 1)), ("both", (1, 1))):
+        options = {"emitter_samples": counts[0] * 64, "bsdf_samples": counts[1] * 64}
+        source = sphere(area(unattenuated=True, radiance=rgb(1, 1, 1)), 0.8)
+        results[name] = np.array([
+            image(source, "direct", size=8, samples=64, seed=s, hide_emitters=True, **options).mean() for s in range(8)
+        ])
+    for name in ("material", "both"):
+        error = np.sqrt(sum(results[k].var(ddof=1) / 8 for k in ("source", name)))
+        assert abs(results["source"].mean() - results[name].mean()) < 4.5 * error + 1e-4  # t, 7 degrees: under 1 %
+    both = np.array([image(source, "path", size=8, samples=256, seed=s, max_depth=2, hide_emitters=True).mean()
+                     for s in range(8)])
+    error = np.sqrt((both.var(ddof=1) + results["both"].var(ddof=1)) / 8)
+    assert abs(both.mean() - results["both"].mean()) < 4.5 * error + 1e-4
+
+
+@pytest.mark.parametrize("make", (area, point))
+def test_unattenuated_has_no_particles(variant_rgb, make):
+    source = make(unattenuated=True)
+    _scene, emitter = emitter_of(sphere(source) if make is area else source)
+    with pytest.raises(RuntimeError, match="unattenuated"):
+        emitter.sample_ray(0, 0.5, [0.5, 0.5], [0.5, 0.5])
+
+
+# Derivatives and parameters
+
+
+@pytest.mark.parametrize("make, name, step", (
+    (area, "radiance.value", 1.0), (area, "exponent", 0.2), (area, "direction", 0.02),
+    (point, "intensity.value", 1.0), (point, "exponent", 0.2), (point, "direction", 0.02),
+))
+def test_derivatives(variant_rgb, make, name, step):
+    """Through prb, against central differences with the same samples."""
+    source = make(distribution="spot", exponent=6.0, direction=[0, -1, 0])
+    loaded = scene(sphere(source) if make is area else source, "prb", size=8, samples=256, max_depth=2)
+    key = ("source.emitter." if make is area else "source.") + name
+    params = mi.traverse(loaded)
+
+    def mean(shift):
+        params[key] = start + shift
+        params.update()
+        return dr.mean(mi.render(loaded, params, seed=3, seed_grad=4).array)
+
+    start = type(params[key])(params[key])
+    shift = dr.zeros(type(start))
+    if name == "direction":
+        shift.x = step
+    else:
+        shift = shift + step
+    low, high = mean(-shift)[0], mean(shift)[0]
+    x = mi.Float(0)
+    dr.enable_grad(x)
+    result = mean(shift * x)
+    dr.backward(result)
+    assert abs(high - low) > 1e-4
+    assert dr.grad(x)[0] == pytest.approx((high - low) / 2, rel=0.02)
+
+
+def test_parameters_can_be_changed(variant_rgb):
+    loaded, emitter = emitter_of(point(**CONE))
+    params = mi.traverse(loaded)
+    it = receiver(around(30))
+    assert first(emitter.sample_direction(it, mi.Point2f(0.5))[1])[0] == 0
+    params["source.angle"] = 35.0
+    params["source.position"] = mi.Point3f(np.array(CENTRE) + [0, 0.1, 0])
+    params.update()
+    ds, weight = emitter.sample_direction(it, mi.Point2f(0.5))
+    assert first(weight)[0] > 0 and ds.p.y[0] == pytest.approx(3.1)
+
+
+def test_equal_sources_stay_two(variant_rgb):
+    loaded = mi.load_dict({"type": "scene", "a": point(), "b": point()})
+    assert len(loaded.emitters()) == 2
+
+
+def test_text(variant):
+    assert "exponent" in str(emitter_of(point(**SPOT))[1]) and "radiance" in str(emitter_of(sphere(area()))[1])
+
+
+@pytest.mark.parametrize("parameter, parameters", (
+    ("distribution", {"distribution": "laser"}),
+    ("direction", {**CONE, "direction": [0, 0, 0]}),
+    ("direction", {"direction": [0, 0, 1]}),
+    ("angle", {"distribution": "cone"}),
+    ("angle", {**CONE, "angle": 0.0}),
+    ("angle", {**CONE, "angle": 181.0}),
+    ("angle", {**SPOT, "angle": 91.0}),
+    ("angle", {"angle": 20.0}),
+    ("exponent", {"distribution": "spot"}),
+    ("exponent", {**SPOT, "exponent": -1.0}),
+    ("exponent", {**CONE, "exponent": 3.0}),
+    ("to_world", {"to_world": None}),
+))
+@pytest.mark.parametrize("make", (area, point))
+def test_errors(variant_rgb, make, parameter, parameters):
+    source = make(**parameters)
+    if "to_world" in source:
+        source["to_world"] = mi.ScalarTransform4f()
+    with pytest.raises(Exception, match=f'{source["type"]}.*parameter "{parameter}" is .*; allowed: '):
+        mi.load_dict(sphere(source) if make is area else source)
+
+
+@pytest.mark.parametrize("parameter, parameters", (
+    ("radius", {"radius": -1.0, "intensity": 1.0}),
+    ("radius", {"radiance": 1.0}),
+    ("radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
+    ("radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),
+    ("intensity", {"intensity": {"type": "checkerboard"}}),
+))
+def test_errors_of_the_point_source(variant_rgb, parameter, parameters):
+    with pytest.raises(Exception, match=f'prosim_point.*parameter "{parameter}" is .*; allowed: '):
+        mi.load_dict({"type": "prosim_point", **parameters})

@@ -45,8 +45,9 @@ def phong(m, exponent):
 
 
 def phong_polar(u, exponent):
-    cos = dr.power(1 - u, 1 / (exponent + 2))
-    return dr.safe_sqrt(1 - cos * cos), cos
+    h = -dr.log(1 - u) / (exponent + 2)
+    cos = dr.exp(-h)
+    return dr.sqrt(2 * cos * dr.sinh(h)), cos     # 1 - cos², without its cancellation
 
 
 #: Coefficients of sin(2a) / 2a in powers of a², times k!; exact to 1e-8 for a <= pi/2.

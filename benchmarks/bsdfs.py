@@ -1,0 +1,100 @@
+"""Time and variance per sample of each material beside the nearest one of Mitsuba's own.
+
+    python benchmarks/bsdfs.py [--variant llvm_ad_rgb] [--size 192] [--spp 32] [--rounds 9]
+
+One scene (a ball and a floor of the material, a spherical light, a dim sky), one integrator (``path``), one sampler;
+both are rendered warm and by turns, so that a machine that is busy or slows down does the same to both. Printed are
+the quotients ours / theirs: of the median times, and of the variances (that of a pixel among renderings, averaged
+over the image and divided by the squared mean, for the two models are not equally bright).
+"""
+
+import argparse
+import time
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+PAIRS = {
+    "lambertian": ({"type": "prosim_lambertian"}, {"type": "diffuse"}),
+    "conductor, smooth": ({"type": "prosim_conductor", "material": "Cu"}, {"type": "conductor", "material": "Cu"}),
+    "conductor, 0.1": ({"type": "prosim_conductor", "material": "Cu", "alpha": 0.1},
+                       {"type": "roughconductor", "material": "Cu", "alpha": 0.1}),
+    "conductor, 0.4": ({"type": "prosim_conductor", "material": "Cu", "alpha": 0.4},
+                       {"type": "roughconductor", "material": "Cu", "alpha": 0.4}),
+    "conductor, exponent 50": ({"type": "prosim_conductor", "material": "Cu", "exponent": 50.0},
+                               {"type": "roughconductor", "material": "Cu", "alpha": 0.196}),
+    "conductor, gaussian 0.1": ({"type": "prosim_conductor", "material": "Cu", "alpha": 0.1,
+                                 "distribution": "gaussian"},
+                                {"type": "roughconductor", "material": "Cu", "alpha": 0.1}),
+    "dielectric, smooth": ({"type": "prosim_dielectric"}, {"type": "dielectric"}),
+    "dielectric, 0.1": ({"type": "prosim_dielectric", "alpha": 0.1}, {"type": "roughdielectric", "alpha": 0.1}),
+    "composite, smooth": ({"type": "prosim_composite", "diffuse_reflectance": 0.4}, {"type": "plastic",
+                          "diffuse_reflectance": 0.4}),
+    "composite, 0.1": ({"type": "prosim_composite", "diffuse_reflectance": 0.4, "alpha": 0.1},
+                       {"type": "roughplastic", "diffuse_reflectance": 0.4, "alpha": 0.1}),
+    "phong, exponent 50": ({"type": "prosim_phong", "exponent": 50.0},
+                           {"type": "roughplastic", "alpha": 0.1}),
+}
+
+
+def scene(bsdf, size, spp):
+    place = mi.ScalarTransform4f
+    return mi.load_dict({
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 6},
+        "sensor": {"type": "perspective", "fov": 35, "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
+                   "sampler": {"type": "independent", "sample_count": spp},
+                   "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}},
+        "material": bsdf | {"id": "material"},
+        "ball": {"type": "sphere", "center": [0, 1, 0], "bsdf": {"type": "ref", "id": "material"}},
+        "floor": {"type": "rectangle", "to_world": place().rotate([1, 0, 0], -90).scale(4),
+                  "bsdf": {"type": "ref", "id": "material"}},
+        "lamp": {"type": "sphere", "center": [2, 4, 2], "radius": 0.5,
+                 "emitter": {"type": "area", "radiance": 20.0}},
+        "sky": {"type": "constant", "radiance": 0.3},
+    })
+
+
+def render(scene, seed):
+    start = time.perf_counter()
+    image = mi.render(scene, seed=seed)
+    dr.eval(image)
+    dr.sync_thread()
+    return time.perf_counter() - start, np.array(image)
+
+
+def compare(ours, theirs, size, spp, rounds):
+    """(time quotient, variance quotient), ours / theirs."""
+    scenes = [scene(b, size, spp) for b in (ours, theirs)]
+    for s in scenes:
+        render(s, 0)
+    runs = [[render(s, seed) for s in scenes] for seed in range(1, rounds + 1)]
+    times, variances = [], []
+    for i in range(2):
+        images = np.array([run[i][1] for run in runs])
+        times.append(np.median([run[i][0] for run in runs]))
+        variances.append(images.var(axis=0, ddof=1).mean() / images.mean() ** 2)
+    return times[0], times[0] / times[1], variances[0] / variances[1]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--size", type=int, default=192)
+    parser.add_argument("--spp", type=int, default=32)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--only", default="", help="part of a row's name")
+    options = parser.parse_args()
+    mi.set_variant(options.variant)
+    import mitsuba_prosim  # noqa: F401
+
+    print(f"{'material':26}{'time ms':>9}{'time ratio':>12}{'variance ratio':>16}   beside")
+    for name, (ours, theirs) in PAIRS.items():
+        if options.only in name:
+            seconds, speed, variance = compare(ours, theirs, options.size, options.spp, options.rounds)
+            print(f"{name:26}{1e3 * seconds:9.0f}{speed:12.2f}{variance:16.2f}   {theirs['type']}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""The equations of chapters 2 and 3 against quadrature, and the curves of the figures."""
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.optics import attenuation, curves, fresnel, visible
+from mitsuba_prosim.optics.distribution import DISTRIBUTIONS
+
+WIDTHS = (0.02, 0.1, 0.3, 0.6, 1.0)
+
+
+def roughness(distribution, alpha):
+    """The parameter that makes a lobe about as wide as a Beckmann one of ``alpha`` (Walter et al. 2007)."""
+    return 2 / alpha**2 - 2 if distribution.name == "phong" else alpha
+
+
+def polar_grid(alpha, n=20000):
+    """Angles with their weights sin dtheta, dense where a distribution of width ``alpha`` is."""
+    x = (np.arange(n) + 0.5) / n
+    theta = np.pi / 2 * x**3                               # dense about the pole
+    return theta, np.sin(theta) * np.pi / 2 * 3 * x**2 / n
+
+
+def facet(theta):
+    theta = mi.Float(theta)
+    return mi.Vector3f(dr.sin(theta), 0, dr.cos(theta))
+
+
+@pytest.mark.parametrize("alpha", WIDTHS)
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_distribution_is_normalised(variant_rgb, name, alpha):
+    d = DISTRIBUTIONS[name]
+    theta, weight = polar_grid(alpha)
+    density = np.array(d.D(facet(theta), mi.Float(roughness(d, alpha))))
+    assert 2 * np.pi * (density * np.cos(theta) * weight).sum() == pytest.approx(1, abs=1e-4)
+
+
+def test_distributions_follow_their_formulas(variant_rgb):
+    theta = np.linspace(0, 1.5, 50)
+    cos, tan = np.cos(theta), np.tan(theta)
+    m = 0.6
+    beckmann = np.exp(-(tan / m) ** 2) / (np.pi * m**2 * cos**4)
+    np.testing.assert_allclose(DISTRIBUTIONS["beckmann"].D(facet(theta), m), beckmann, rtol=1e-4, atol=1e-7)
+    phong = 52 / (2 * np.pi) * cos**50
+    np.testing.assert_allclose(DISTRIBUTIONS["phong"].D(facet(theta), 50), phong, rtol=1e-4, atol=1e-7)
+    gaussian = np.array(DISTRIBUTIONS["gaussian"].D(facet(theta), m))
+    np.testing.assert_allclose(gaussian / gaussian[0], np.exp(-((theta / m) ** 2)), rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("name, alpha", [(n, a) for n in DISTRIBUTIONS for a in WIDTHS] + [("gaussian", 2.0)])
+def test_polar_angle_inverts_the_distribution(variant_rgb, name, alpha):
+    """The share of the facets up to the angle drawn from u is u."""
+    d = DISTRIBUTIONS[name]
+    width = roughness(d, alpha)
+    theta, weight = polar_grid(alpha, 100000)
+    density = np.array(d.D(facet(theta), mi.Float(width)), dtype=float) * np.cos(theta) * weight
+    share = np.concatenate([[0], np.cumsum(density)]) * 2 * np.pi
+    x = np.arange(len(theta) + 1) / len(theta)
+    u = np.linspace(0.001, 0.999, 400)
+    sin, cos = (np.array(v, dtype=float) for v in d.polar(mi.Float(u), mi.Float(width)))
+    np.testing.assert_allclose(sin**2 + cos**2, 1, atol=1e-5)
+    found = np.interp(np.cbrt(np.arctan2(sin, cos) / (np.pi / 2)), x, share)
+    np.testing.assert_allclose(found, u, atol=1e-4)
+
+
+def test_azimuth_inverts_its_density(variant_rgb):
+    """The share of max(0, min(2, 1 + t cos phi)) up to the azimuth drawn from u is u; and the map is monotonous."""
+    u = (np.arange(1000) + 0.5) / 1000
+    phi = np.linspace(-np.pi, np.pi, 20001)
+    mid = 0.5 * (phi[1:] + phi[:-1])
+    errors = []
+    for t in (0, 1e-3, 0.3, 0.9, 0.99, 1, 1.01, 1.5, 5, 100, 1e5):
+        density = np.clip(1 + t * np.cos(mid), 0, 2)
+        share = np.concatenate([[0], np.cumsum(density)]) / density.sum()
+        drawn = np.array(visible.azimuth(mi.Float(u), mi.Float(t)), dtype=float)
+        assert (np.diff(drawn) >= -1e-6).all()
+        errors.append(np.abs(np.interp(drawn, phi, share) - u))
+    assert np.max(errors) < 2e-4
+    assert np.mean(errors) < 1e-5
+
+
+@pytest.mark.parametrize("angle", (0, 30, 60, 85))
+@pytest.mark.parametrize("alpha", WIDTHS)
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_visible_facets_fill_the_projected_area(variant_rgb, name, alpha, angle):
+    """The integral of G1(w) <w, m> D(m) over the facets is cos w: seen together, they are the surface."""
+    d = DISTRIBUTIONS[name]
+    m, area = curves.facets(alpha, 512)
+    w = curves.direction(angle)
+    w_m = dr.dot(w, m)
+    seen = dr.select(w_m > 0, attenuation.g1(w.z, m.z, w_m) * w_m * d.D(m, mi.Float(roughness(d, alpha))), 0)
+    assert dr.sum(seen * area)[0] == pytest.approx(math.cos(math.radians(angle)), rel=2e-3)
+
+
+def test_attenuation_is_torrance_and_sparrows(variant_rgb):
+    rng = np.random.default_rng(1)
+    v, w = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in np.abs(rng.normal(size=(2, 1000, 3))))
+    h = v + w
+    h /= np.linalg.norm(h, axis=1, keepdims=True)
+    vh = (v * h).sum(1)
+    expected = np.minimum(1, np.minimum(2 * h[:, 2] * v[:, 2] / vh, 2 * h[:, 2] * w[:, 2] / vh))
+    g = attenuation.g(*(mi.Float(x) for x in (v[:, 2], w[:, 2], h[:, 2], vh)))
+    np.testing.assert_allclose(g, expected, rtol=1e-5)
+
+
+def test_fresnel_matches_the_amplitudes(variant_rgb):
+    """Reflectances from complex amplitudes in double precision, to 1e-6."""
+    angles = np.linspace(0, 89.9, 500)
+    cos = np.cos(np.radians(angles))
+
+    def exact(index):
+        t = np.sqrt(1 - (1 - cos**2) / index**2 + 0j)
+        s, p = (cos - index * t) / (cos + index * t), (index * cos - t) / (index * cos + t)
+        return 0.5 * (abs(s) ** 2 + abs(p) ** 2)
+
+    for eta in (1.1, 1.5, 2.419):
+        np.testing.assert_allclose(fresnel.dielectric(mi.Float(cos), mi.Float(eta)), exact(eta), atol=1e-6)
+        np.testing.assert_allclose(fresnel.dielectric(mi.Float(-cos), mi.Float(eta)), exact(1 / eta), atol=1e-5)
+    eta, k = (0.2, 0.92, 1.1), (3.9, 2.45, 2.14)
+    metal = np.array(fresnel.conductor(mi.Float(cos), mi.Color3f(eta), mi.Color3f(k)))
+    for channel in range(3):
+        np.testing.assert_allclose(metal[channel], exact(eta[channel] + 1j * k[channel]), atol=1e-6)
+
+
+def test_thesis_approximation_needs_a_large_index(variant_rgb):
+    cos = mi.Float(np.cos(np.radians(np.linspace(0, 89, 90))))
+
+    def difference(eta, k):
+        args = cos, mi.Color3f(eta), mi.Color3f(k)
+        return dr.max(dr.abs(fresnel.conductor(*args) - fresnel.conductor_thesis(*args)), axis=None)
+
+    assert difference(1.5, 7.5) < 5e-3                     # aluminium: good
+    assert difference(0.2, 3.9) < 1e-2
+    assert difference(0.5, 0.5) > 5e-2                     # n² + k² is not large: bad
+
+
+def test_dielectric_curves(variant_rgb):
+    """Figures 2.4 and 2.5: glancing reflectance 1; from inside, total reflection from asin(1 / n) on."""
+    for n in (1.33, 1.5, 2.4):
+        glass = mi.load_dict({"type": "prosim_dielectric", "int_ior": n, "ext_ior": 1.0})
+        outside = np.array(curves.reflectance(glass, [0, 89.9999]))[0]
+        np.testing.assert_allclose(outside, [((n - 1) / (n + 1)) ** 2, 1], rtol=1e-4)
+        critical = math.degrees(math.asin(1 / n))
+        below, above = np.array(curves.reflectance(glass, [180 - critical + 0.1, 180 - critical - 0.1]))[0]
+        assert below < 0.9 and above == 1
+
+
+def test_copper_is_red_and_white_at_glancing_incidence(variant_rgb):
+    """Figure 2.6."""
+    copper = mi.load_dict({"type": "prosim_conductor", "material": "Cu_palik"})
+    red, green, blue = np.array(curves.reflectance(copper, [0, 60, 89.999]))
+    assert (red[:2] > green[:2]).all() and (green[:2] > blue[:2]).all()
+    np.testing.assert_allclose([red[2], green[2], blue[2]], 1, atol=1e-3)
+
+
+def test_off_specular_peak(variant_rgb):
+    """Figures 3.6 and 3.7: beyond the mirror direction for Torrance and Sparrow at 70 degrees, never for Phong."""
+    angles = np.arange(0, 89.5, 0.5)
+    rough = mi.load_dict({"type": "prosim_conductor", "alpha": 0.2})
+    phong = mi.load_dict({"type": "prosim_phong", "exponent": 50.0, "diffuse_reflectance": 0.3})
+
+    def peak(bsdf, incidence):
+        return angles[np.argmax(np.array(curves.radiance(bsdf, incidence, angles))[0])]
+
+    assert 30 <= peak(rough, 30) <= 35
+    assert 75 <= peak(rough, 70) < 89
+    assert peak(phong, 30) == 30 and peak(phong, 70) == 70

@@ -4,8 +4,10 @@ A stand-in (``stand_in.c``) starts this when a scene names a plugin that is writ
 said by then what it is, and has rendered the scenes that come before that one.
 """
 
+import os
 import signal
 import sys
+from contextlib import contextmanager
 
 import drjit as dr
 import mitsuba as mi
@@ -100,13 +102,24 @@ def run(words):
     hosted, begun = set(session.stand_ins()), False
     paths = [path for path in options.get("-a", [""])[0].split(";") if path]
     for scene_file in scenes:
-        folder = scene_file.rpartition("/")[0]
-        with session.search_paths([*paths, *([folder] if folder else [])]):
-            state = session.parse(scene_file, parameters)
-            # The native command stopped at the first scene that names a plugin of ours.
+        with session.search_paths(last=[*paths, os.path.dirname(scene_file) or "."]):
+            # The native command has rendered the scenes before the first one that names a hosted plugin.
+            with quiet(not begun):
+                state = session.parse(scene_file, parameters)
             begun = begun or bool(hosted & session.plugin_names(state))
             if begun:
                 render(session.instantiate(state), integer(options, "-s", 0), options.get("-o", [scene_file])[0])
+
+
+@contextmanager
+def quiet(wanted):
+    """Logs warnings only, if wanted: the native command has said the rest."""
+    level = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Warn if wanted else level)
+    try:
+        yield
+    finally:
+        mi.set_log_level(level)
 
 
 def render(scene, index, path):
@@ -130,5 +143,5 @@ def main(words):
         return 0
     except Exception as error:  # noqa: BLE001 (the native command does the same)
         sys.stdout.flush()
-        print(f"\x1b[31m\nCaught a critical exception: {error}\x1b[0m", file=sys.stderr)
+        print(f"\x1b[31m\nCaught a critical exception: {session.message(error)}\x1b[0m", file=sys.stderr)
         return 255

@@ -61,7 +61,7 @@ def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed
         except SceneError as error:
             raise InputError(str(error)) from None
         except (RuntimeError, TypeError, ValueError) as error:
-            raise InputError(f"{scene}: {error}") from None
+            raise InputError(session.message(error)) from None
 
         integrator, start = loaded.integrator(), time.perf_counter()
         with progress_bar(integrator), interruptible(integrator) as interrupted:
@@ -100,7 +100,7 @@ def load(scene, folder, definitions, resolution, samples, crop, language):
     xml = scene
     if scene.suffix.lower() != ".xml":
         xml = translate_scene(scene, Path(folder), resolution=resolution, samples=samples, **language)
-    with session.search_paths([scene.parent]):
+    with session.search_paths(first=[xml.parent, scene.parent]):
         state = session.parse(xml, definitions)
         for node in state.nodes:
             if node.type == mi.ObjectType.Film:

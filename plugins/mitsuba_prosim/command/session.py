@@ -1,5 +1,6 @@
 """What ``prosim render`` and the ``mitsuba`` command share: a variant, the plugins of all packages, a scene, a film."""
 
+import re
 import warnings
 from contextlib import contextmanager
 from importlib.metadata import entry_points
@@ -63,14 +64,20 @@ def instantiate(state):
     return mi.parser.instantiate(config, state)
 
 
+def message(error):
+    """What an error says, without the Python traceback that Mitsuba puts in the midst of its own words."""
+    return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error))
+
+
 @contextmanager
-def search_paths(paths):
-    """Adds folders at the end of Mitsuba's search path, for a while."""
+def search_paths(first=(), last=()):
+    """Adds folders to both ends of Mitsuba's search path, for a while."""
     before = mi.file_resolver()
     resolver = mi.FileResolver(before)
-    for path in paths:
-        if str(path) not in [str(known) for known in resolver]:
-            resolver.append(str(path))
+    for path in reversed(list(first)):
+        resolver.prepend(str(path))
+    for path in last:
+        resolver.append(str(path))
     mi.set_file_resolver(resolver)
     try:
         yield

@@ -1,0 +1,182 @@
+"""The native ``mitsuba`` command renders scenes that name our plugins, and its Python side is like it."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim import registry
+from mitsuba_prosim.command import hosted, session, stand_in
+
+SCENE = """<scene version="3.0.0">
+    <default name="spp" value="4"/>
+    <integrator type="direct"/>
+    <sensor type="perspective">
+        <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/></film>
+        <sampler type="{sampler}"><integer name="sample_count" value="$spp"/></sampler>
+    </sensor>
+    <sensor type="perspective">
+        <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>
+        <sampler type="{sampler}"><integer name="sample_count" value="$spp"/></sampler>
+    </sensor>
+    <emitter type="constant"/>
+    <shape type="sphere">
+        <transform name="to_world"><translate z="4"/></transform>
+        <bsdf type="{bsdf}">{inside}</bsdf>
+    </shape>
+</scene>
+"""
+BITMAP = '<texture name="reflectance" type="bitmap"><string name="filename" value="wood.png"/></texture>'
+
+
+def write(folder, name, sampler="nrook", bsdf="prosim_lambertian", inside=""):
+    path = folder / name
+    path.write_text(SCENE.format(sampler=sampler, bsdf=bsdf, inside=inside))
+    return path
+
+
+def mitsuba(folder, *arguments, **env):
+    command = shutil.which("mitsuba", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    return subprocess.run([command, *map(str, arguments)], check=False, cwd=folder, capture_output=True, text=True,
+                          timeout=120, env=os.environ | env)
+
+
+linked = pytest.mark.skipif(not session.stand_ins(), reason="installed without a C compiler")
+
+
+@linked
+def test_every_plugin_has_its_stand_in(variant_rgb):
+    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(session.stand_ins())
+
+
+def test_names_by_text_alone(variant_rgb):
+    package = Path(registry.__file__).parent
+    assert stand_in.names_in_source(package) == sorted(registry.PLUGINS)
+
+
+def test_bundled_names_are_mitsubas(variant_rgb):
+    folder = Path(mi.__file__).parent / "python" / "ad"
+    text = "".join(path.read_text() for path in folder.rglob("*.py"))
+    registered = {line.split('"')[1] for line in text.splitlines() if line.startswith("mi.register_")}
+    assert set(stand_in.BUNDLED) == registered
+
+
+@linked
+def test_image_equals_render(tmp_path, variant_rgb):
+    """Two of our plugins and a bitmap in a folder of their own: the same pixels as mi.render, to the half."""
+    mi.Bitmap(np.tile(np.linspace(0, 1, 8, dtype=np.float32)[:, None, None], (1, 8, 3))).convert(
+        component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(str(tmp_path / "wood.png"))
+    scene = write(tmp_path, "wood.xml", inside=BITMAP)
+    done = mitsuba("/", "-m", "llvm_ad_rgb", "-D", "spp=9", scene)
+    assert done.returncode == 0, done.stderr
+    image = np.array(mi.Bitmap(str(tmp_path / "wood.exr")))
+    reference = np.array(mi.render(mi.load_file(str(scene), spp="9")))
+    assert image.dtype == np.float16 and np.ptp(image) > 0.1
+    assert np.array_equal(image, reference.astype(np.float16))
+
+
+@linked
+def test_several_scenes_none_twice(tmp_path):
+    """A stock scene that the native command has rendered before it met ours is not rendered again."""
+    stock = write(tmp_path, "stock.xml", "independent", "diffuse")
+    ours, other = write(tmp_path, "ours.xml"), write(tmp_path, "other.xml", "multijitter", "diffuse")
+    done = mitsuba(tmp_path, "-m", "llvm_ad_mono", "-s1", stock, ours, other)
+    assert done.returncode == 0, done.stderr
+    for name in ("stock", "ours", "other"):
+        assert done.stdout.count(f'{name}.exr" ..') == 1
+        assert tuple(mi.Bitmap(str(tmp_path / f"{name}.exr")).size()) == (8, 8)
+
+
+@linked
+def test_one_thread_and_output(tmp_path):
+    """Mitsuba 3.9.1 alone hangs when it writes an EXR with -t 1."""
+    scene = write(tmp_path, "scene.xml")
+    done = mitsuba(tmp_path, "-t", "1", "-o", "out.png", scene)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.exr", "scene.xml"]
+
+
+@linked
+def test_wrong_parameter(tmp_path):
+    scene = write(tmp_path, "scene.xml", bsdf="prosim_conductor",
+                  inside='<string name="distribution" value="ggx"/>')
+    done = mitsuba(tmp_path, scene)
+    assert done.returncode == 255
+    assert "Caught a critical exception" in done.stderr and "scene.xml (line 15, col 10)" in done.stderr
+    assert "'ggx'; allowed: one of" in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "scene.exr").exists()
+
+
+@linked
+def test_stock_scenes_do_not_start_python(tmp_path):
+    scene = write(tmp_path, "scene.xml", "independent", "diffuse")
+    assert mitsuba(tmp_path, scene, MITSUBA_PYTHON="/nowhere").returncode == 0
+
+
+@linked
+def test_missing_interpreter_is_said(tmp_path):
+    done = mitsuba(tmp_path, write(tmp_path, "scene.xml"), MITSUBA_PYTHON="/nowhere")
+    assert done.returncode == 255 and "MITSUBA_PYTHON" in done.stderr
+
+
+@linked
+def test_modules_beside_the_scene_are_not_imported(tmp_path):
+    (tmp_path / "numpy.py").write_text("raise SystemExit(7)")
+    assert mitsuba(tmp_path, write(tmp_path, "scene.xml")).returncode == 0
+
+
+@linked
+def test_stand_ins_do_nothing_in_python(tmp_path):
+    """Loading one of them by Mitsuba's plugin manager, in a Python without our package, is an error like any other."""
+    code = ("import mitsuba as mi; mi.set_variant('scalar_rgb')\n"
+            "try: mi.load_dict({'type': 'prosim_conductor'})\n"
+            "except RuntimeError as error: print(error)")
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert "could not be found" in done.stdout
+
+
+@linked
+def test_ctrl_c_ends_at_once(tmp_path):
+    scene = write(tmp_path, "scene.xml")
+    scene.write_text(scene.read_text().replace('"24"', '"512"').replace('"16"', '"512"'))
+    program = Path(mi.__file__).with_name("mitsuba")
+    with subprocess.Popen([program, "-m", "scalar_rgb", "-D", "spp=4096", scene], stdout=subprocess.PIPE) as process:
+        for line in process.stdout:
+            if b"Starting render job" in line:
+                break
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == -signal.SIGINT
+    assert not (tmp_path / "scene.exr").exists()
+
+
+@pytest.mark.parametrize("words, options, scenes", [
+    (["-vvt4", "a.xml"], {"-v": [None, None], "-t": ["4"]}, ["a.xml"]),
+    (["--mode", "x", "-Da=1", "-D", "b=2", "a.xml", "b.xml"], {"-m": ["x"], "-D": ["a=1", "b=2"]}, ["a.xml", "b.xml"]),
+    (["-WW", "-O0", "-o", "y.exr", "-ap;q"], {"-W": [None] * 2, "-O": ["0"], "-o": ["y.exr"], "-a": ["p;q"]}, []),
+    (["--append", "p", "--verbose", "--define", "k=v"], {"-a": ["p"], "-v": [None], "-D": ["k=v"]}, []),
+])
+def test_arguments(words, options, scenes):
+    assert hosted.parse_arguments(words) == (options, scenes)
+
+
+@pytest.mark.parametrize("words, message", [
+    (["-x"], 'Argument "-x" was not recognized!'),
+    (["--wrong"], 'Argument "--wrong" was not recognized!'),
+    (["-t"], 'Missing/invalid argument for argument "-t"'),
+    (["--sensor", "-1"], 'Missing/invalid argument for argument "--sensor"'),
+    (["-t", "many"], 'Argument "-t": value "many" is not an integer!'),
+    (["-V", "8"], "-V: the vector width can't be set"),
+    (["-D", "key"], "-D/--define: expect key=value pair!"),
+    (["-m", "scalar_rgb", "-W"], "only makes sense in a JIT"),
+    (["-m", "llvm_wrong"], "unsupported variant"),
+])
+def test_wrong_use(words, message, capsys):
+    assert hosted.main(words) == 255
+    assert message in capsys.readouterr().err

@@ -1,1 +1,16 @@
-"""The thesis's scene language, translated to Mitsuba XML and PLY meshes. Never imports Mitsuba."""
+"""The thesis's scene language, translated to Mitsuba XML and PLY meshes. Never imports Mitsuba.
+
+    >>> import prosim_scene
+    >>> prosim_scene.translate("examples/palito.scn", "build")
+
+Wrong input raises :class:`SceneError`, whose text shows the place; what is only doubtful, or approximated, is a
+:class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
+"""
+
+from .errors import SceneError, SceneWarning
+from .formatter import format
+from .model import Scene
+from .reader import parse, read
+from .translator import check, load, translate
+
+__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "translate"]

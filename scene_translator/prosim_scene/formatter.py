@@ -1,0 +1,122 @@
+"""A scene in canonical layout, remarks kept."""
+
+import warnings
+
+from .errors import Source
+from .reader import STATEMENTS, parse, tokens_and_tree
+from .words import FALSE, WORDS, fold
+
+INDENT = "    "
+#: Statements with parameters on lines of their own.
+HEADINGS = {"LIGHTS", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
+#: Words that stand on the line of the keyword before them; any other begins a line.
+VALUES = {"NUMBER", "WORD", "STRING", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "CONDUCTOR", "DIELECTRIC", "LAMBERTIAN",
+          "COMPOSITE", "LPAR", "RPAR"}
+OPERATORS = {"PLUS", "MINUS", "TIMES"}
+
+
+def format(text, filename="<string>"):
+    """The text of a scene in canonical layout: one statement or parameter a line, canonical spellings, remarks kept.
+
+    ``parse(format(x)) == parse(x)``, and what is formatted stays as it is. Raises :class:`SceneError` where ``parse``
+    would.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        parse(text, filename)
+        pieces, _ = tokens_and_tree(Source(text, filename))
+    layout = _Layout()
+    end = 0
+    for piece in pieces:
+        layout.add(piece, same_line="\n" not in text[end:piece.start_pos])
+        end = piece.end_pos
+    return layout.text()
+
+
+class _Line:
+    def __init__(self, indent, *words):
+        self.indent, self.words, self.remarks = indent, list(words), []
+
+    def __str__(self):
+        # A remark with # ends its line, so it comes last.
+        remarks = sorted(self.remarks, key=lambda remark: remark.startswith("#"))
+        return self.indent + " ".join([*self.words, *remarks]) if self.words or remarks else ""
+
+
+class _Layout:
+    def __init__(self):
+        self.lines = []
+        self.line = None  # the last one that has words
+        self.heading = self.previous = None  # the statement, and the token before
+        self.rest = ""  # what follows END
+
+    def text(self):
+        return "\n".join([*map(str, self.lines), *([self.rest] if self.rest else []), ""])
+
+    def begin(self, depth, *words):
+        self.line = _Line(INDENT * depth, *words)
+        self.lines.append(self.line)
+
+    def add(self, piece, same_line):
+        if piece.type == "REST":
+            self.rest = piece.value.rstrip()
+        elif piece.type == "REMARK":
+            if not (self.lines and same_line):
+                self.lines.append(_Line(INDENT if self.heading in HEADINGS else ""))
+            self.lines[-1].remarks.append("\n".join(line.rstrip() for line in piece.value.split("\n")))
+        else:
+            self.token(piece)
+            self.previous = piece
+
+    def token(self, piece):
+        kind, previous = piece.type, self.previous
+        if kind in STATEMENTS:
+            if kind in HEADINGS or self.heading in HEADINGS:
+                self.blank_line()
+            self.heading = kind
+            self.begin(0, WORDS[kind][0] + ("" if kind in HEADINGS or kind == "END" else ":"))
+        elif kind in VALUES:
+            self.value(piece)
+        elif kind == "MINUS" and self.heading == "VIEW":
+            pass  # the stray dash of the listing
+        elif kind in OPERATORS:
+            if previous.type in OPERATORS and self.lines[-1] is self.line and not self.line.remarks:
+                self.line.words.append(str(piece))
+            else:
+                self.begin(1, str(piece))
+        else:
+            # A light's parameters stand below its kind.
+            self.begin(2 if self.heading == "LIGHTS" and kind not in ("AREA", "POINT") else 1, WORDS[kind][0])
+
+    def value(self, piece):
+        kind, words = piece.type, self.line.words
+        if kind == "LPAR" or kind == "RPAR":
+            return  # set around the numbers of any step
+        if kind == "NUMBER":
+            text = str(piece) if self.heading == "NAME" else _number(piece)
+        elif kind == "STRING":
+            text = f'"{piece}"'
+        elif kind == "BOOL":
+            text = "FALSE" if fold(piece) in FALSE else "TRUE"
+        else:
+            text = WORDS[kind][0] if kind in WORDS else str(piece)
+        if self.heading == "TRANSFORM" and self.line.indent:
+            words[-1:] = [words[-1], f"({text})"] if len(words) == 1 else [f"{words[-1][:-1]} {text})"]
+            return
+        if self.heading in ("SURFACE", "TEXTURE") and self.line.indent and len(words) == 1 and words[0] != "material":
+            words.append("=")
+        words.append(text)
+
+    def blank_line(self):
+        """A blank line before what begins now, and before the remarks that stand directly above it."""
+        at = len(self.lines)
+        while at and not self.lines[at - 1].words:
+            at -= 1
+            self.lines[at].indent = ""
+        if at:
+            self.lines.insert(at, _Line(""))
+
+
+def _number(text):
+    value = float(text)
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)

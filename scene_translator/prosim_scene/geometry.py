@@ -1,0 +1,252 @@
+"""Primitives, their transforms and tessellation, and the triangles of the whole scene with exact normals.
+
+Canonical solids: CUBE [0,1]^3; SPHERE the unit ball; CYLINDER x^2 + y^2 <= 1, 0 <= z <= 1; CONE x^2 + y^2 <= z^2,
+0 <= z <= 1 with its apex at the origin.
+"""
+
+import math
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from manifold3d import Manifold
+
+from . import csg, model
+
+TOLERANCE = 0.05  # chord error in pixels
+MIN_SEGMENTS, MAX_SEGMENTS = 16, 1024  # around a circle
+SPHERE_FACTOR = 1.64  # an octahedral sphere needs so many times the segments of a circle for the same chord error
+ON_FACE = 1e-6  # distance in a primitive's own space within which a vertex lies on a flat face
+CHUNK = 1 << 18  # triangles at a time
+
+
+def matrix(transform):
+    """The 4x4 matrix of a TRANSFORM: its steps in the order in which they are applied."""
+    result = np.eye(4)
+    for step in transform.steps:
+        m = np.eye(4)
+        if step.kind == "scale":
+            m[[0, 1, 2], [0, 1, 2]] = step.values
+        elif step.kind == "translate":
+            m[:3, 3] = step.values
+        else:
+            quarters, rest = divmod(step.values[0], 90)  # a right angle is exact
+            sine, cosine = math.sin(math.radians(rest)), math.cos(math.radians(rest))
+            for _ in range(int(quarters % 4)):
+                sine, cosine = cosine, -sine
+            i, j = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}[step.kind]
+            m[i, i] = m[j, j] = cosine
+            m[j, i], m[i, j] = sine, -sine
+        result = m @ result
+    return result
+
+
+@lru_cache(maxsize=256)
+def unit_mesh(shape, segments):
+    """Vertices and outward triangles of a canonical solid; the vertices of curved faces lie on the quadric."""
+    if shape == "sphere":
+        mesh = Manifold.sphere(1.0, segments).to_mesh64()
+        vertices = np.array(mesh.vert_properties)[:, :3]
+        return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), np.array(mesh.tri_verts, dtype=np.int64)
+    if shape == "cube":
+        mesh = Manifold.cube((1.0, 1.0, 1.0)).to_mesh64()
+        return np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64)
+    i = np.arange(segments)
+    angle = 2 * math.pi * i / segments
+    ring = np.stack([np.cos(angle), np.sin(angle), np.ones(segments)], axis=1)
+    following = (i + 1) % segments
+    fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise seen from above
+    if shape == "cylinder":  # ring at z = 1, then at z = 0
+        low = segments
+        return (np.concatenate([ring, ring * [1, 1, 0]]),
+                np.concatenate([fan, fan[:, ::-1] + low, np.stack([i, i + low, following], axis=1),
+                                np.stack([following, i + low, following + low], axis=1)]))
+    return (np.concatenate([ring, np.zeros((1, 3))]),
+            np.concatenate([fan, np.stack([i, np.full(segments, segments), following], axis=1)]))
+
+
+def segments(shape, to_world, camera, tolerance):
+    """Segments around a circle, so that the chord error stays below ``tolerance`` pixels in the image."""
+    if shape == "cube":
+        return 4
+    columns = to_world[:3, :3] if shape == "sphere" else to_world[:3, :2]
+    size = np.linalg.norm(columns, 2)  # the longest semi-axis
+    center = to_world[:3, 3] if shape == "sphere" else to_world[:3, :3] @ [0, 0, 0.5] + to_world[:3, 3]
+    reach = size if shape == "sphere" else np.linalg.norm(to_world[:3, :3] @ [0, 0, 0.5]) + size
+    error = tolerance * camera.footprint(center, reach) / size
+    n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else MAX_SEGMENTS
+    n = min(max(n * (SPHERE_FACTOR if shape == "sphere" else 1), MIN_SEGMENTS), MAX_SEGMENTS)
+    return 4 * math.ceil(n / 4)
+
+
+@dataclass
+class Triangles:
+    """Triangles of one material, corner by corner: positions (n, 3, 3), unit normals (n, 3, 3), uv (n, 3, 2), and a key
+    (n, 3) that is equal for equal corners."""
+
+    positions: np.ndarray
+    normals: np.ndarray
+    uv: np.ndarray
+    keys: np.ndarray
+
+
+def triangles(scene, camera, tolerance, medium, material):
+    """The surfaces of the scene: {material: Triangles}.
+
+    ``medium(leaf)`` is a dielectric's medium or None, ``material(leaf)`` a hashable key: leaves with the same key
+    share a mesh.
+    """
+    leaves = [n for n in scene.csg if isinstance(n, model.Leaf)]
+    if not leaves:
+        return {}
+    matrices = {i: matrix(scene.transforms[i]) for i in {leaf.index for leaf in leaves}}
+    inverses = {}
+    for i, m in matrices.items():
+        if not np.isfinite(m).all() or np.linalg.cond(m[:3, :3]) > 1e12:
+            raise scene.source.error(scene.transforms[i].at, "this transform is singular or beyond double precision")
+        inverses[i] = np.linalg.inv(m)
+    base = csg.reserve_ids(len(leaves))
+    numbers = iter(range(len(leaves) - 1, -1, -1))  # evaluate() asks for the leaves from the last to the first
+
+    def leaf_value(leaf):
+        m = matrices[leaf.index]
+        vertices, faces = unit_mesh(leaf.shape, segments(leaf.shape, m, camera, tolerance))
+        if np.linalg.det(m[:3, :3]) < 0:  # a mirrored solid is inside out
+            faces = faces[:, ::-1]
+        return {medium(leaf): csg.solid(vertices @ m[:3, :3].T + m[:3, 3], faces, base + next(numbers))}
+
+    shells = csg.shells(csg.evaluate([n.symbol if isinstance(n, model.Operator) else n for n in scene.csg], leaf_value))
+
+    materials = {}
+    material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
+    table = _LeafTable(leaves, inverses, _signs(scene.csg))
+    seen = np.zeros(len(leaves), bool)
+    collected = {}
+    offset = 0
+    for vertices, faces, ids in shells:
+        leaf = ids - base
+        seen[leaf] = True
+        for start in range(0, len(faces), CHUNK):
+            part = slice(start, start + CHUNK)
+            corners = table.corners(vertices[faces[part]], faces[part] + offset, leaf[part])
+            group = material_of[leaf[part]]
+            for m in np.unique(group):
+                chosen = group == m
+                collected.setdefault(m, []).append([a[chosen] for a in corners])
+        offset += len(vertices)
+    _report_vanished(scene, leaves, seen)
+    keys = list(materials)
+    return {keys[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in sorted(collected)}
+
+
+def _signs(nodes):
+    """+1 for each leaf whose outside is the outside of the result, -1 for one that is subtracted."""
+    signs, stack = [], [1]
+    for node in nodes:
+        sign = stack.pop()
+        if isinstance(node, model.Operator):
+            stack += [-sign if node.symbol == "-" else sign, sign]
+        else:
+            signs.append(sign)
+    return np.array(signs, dtype=float)
+
+
+def _report_vanished(scene, leaves, seen):
+    gone = [leaf for leaf, s in zip(leaves, seen) if not s]
+    if len(gone) == len(leaves):
+        warnings.warn(scene.source.warning(scene.places["CSG_TREE"], "the tree's result is empty: nothing is left to see"),
+                      stacklevel=2)
+    elif gone:
+        names = [f"{leaf.shape.upper()} {leaf.index} (line {scene.source.line(leaf.at)})" for leaf in gone[:10]]
+        more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
+        warnings.warn(scene.source.warning(
+            gone[0].at, f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result"), stacklevel=2)
+
+
+class _LeafTable:
+    """Normals and surface parameters of all leaves at once."""
+
+    SHAPES = ("cube", "sphere", "cylinder", "cone")
+
+    def __init__(self, leaves, inverses, signs):
+        self.shape = np.array([self.SHAPES.index(leaf.shape) for leaf in leaves])
+        self.inverse = np.array([inverses[leaf.index][:3] for leaf in leaves])
+        self.sign = signs
+        self.unshared = 0  # corners so far that are shared with no other triangle
+
+    def corners(self, positions, vertex, leaf):
+        """Positions, normals, uv and keys of the corners of triangles, for their vertex numbers and leaves."""
+        inverse = self.inverse[leaf]
+        local = np.einsum("tij,tcj->tci", inverse[:, :, :3], positions) + inverse[:, None, :, 3]
+        normal, uv = np.zeros_like(local), np.zeros(local.shape[:2] + (2,))
+        face = np.zeros(len(leaf), int)
+        unique = np.zeros(local.shape[:2], bool)  # corners that are shared with no other triangle
+        for number, name in enumerate(self.SHAPES):
+            chosen = self.shape[leaf] == number
+            if chosen.any():
+                normal[chosen], uv[chosen], face[chosen], unique[chosen] = getattr(self, "_" + name)(local[chosen])
+        world = np.einsum("tij,tci->tcj", inverse[:, :, :3], normal)  # the inverse's transpose
+        length = np.linalg.norm(world, axis=2, keepdims=True)
+        world *= self.sign[leaf, None, None] / np.where(length > 0, length, 1)
+        wrapped = (np.floor(uv[..., 0]) > 0).astype(int)
+        keys = ((vertex * len(self.shape) + leaf[:, None]) * 8 + face[:, None]) * 2 + wrapped
+        count = int(unique.sum())
+        keys[unique] = -1 - np.arange(self.unshared, self.unshared + count)
+        self.unshared += count
+        return positions, world, uv, keys
+
+    def _cube(self, p):
+        center = p.mean(axis=1)
+        face = np.argmin(np.concatenate([np.abs(center), np.abs(1 - center)], axis=1), axis=1)
+        normal = np.zeros_like(p)
+        axis = face % 3
+        normal[np.arange(len(p)), :, axis] = np.where(face < 3, -1, 1)[:, None]
+        across = np.array([[1, 2], [0, 2], [0, 1]])[axis]  # (y, z), (x, z), (x, y)
+        return normal, np.take_along_axis(p, np.repeat(across[:, None], 3, axis=1), axis=2), face, np.zeros(p.shape[:2], bool)
+
+    def _sphere(self, p):
+        radius = np.linalg.norm(p, axis=2)
+        u, pole = _azimuth(p)
+        v = np.arccos(np.clip(p[..., 2] / radius, -1, 1)) / math.pi
+        return p, np.stack([u, v], axis=2), np.zeros(len(p), int), pole
+
+    def _cylinder(self, p):
+        return self._round(p, {1: 1.0, 2: 0.0}, lambda p: p * [1, 1, 0])
+
+    def _cone(self, p):
+        normal, uv, face, unique = self._round(p, {1: 1.0}, lambda p: p * [1, 1, -1])
+        apex = (np.linalg.norm(p, axis=2) < ON_FACE) & (face == 0)[:, None]
+        tips = apex.any(axis=1)
+        # The apex has no normal: each triangle takes that of the generator through the middle of its other corners.
+        middle = np.where(apex[..., None], 0, p)[tips].sum(axis=1) * [1, 1, 0]
+        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
+        middle[:, 2] = -1
+        normal[tips] = np.where(apex[tips][..., None], middle[:, None], normal[tips])
+        return normal, uv, face, unique | apex
+
+    def _round(self, p, caps, gradient):
+        """Lateral face 0 with (azimuth, z), and flat faces {code: z} with (x, y) in the unit square."""
+        normal = gradient(p)
+        u, pole = _azimuth(p)
+        uv = np.stack([u, p[..., 2]], axis=2)
+        face = np.zeros(len(p), int)
+        for code, z in caps.items():
+            flat = np.all(np.abs(p[..., 2] - z) < ON_FACE, axis=1)
+            face[flat] = code
+            normal[flat] = [0, 0, 1 if z else -1]
+            uv[flat] = p[flat][..., :2] / 2 + 0.5
+        return normal, uv, face, pole & (face == 0)[:, None]
+
+
+def _azimuth(p):
+    """Azimuth of the corners in [0, 1], or up to 2 in triangles across the seam, and which corners lie on the axis.
+
+    A corner on the axis has no azimuth of its own and takes the mean of the others.
+    """
+    pole = np.hypot(p[..., 0], p[..., 1]) < ON_FACE
+    u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
+    spread = np.where(pole, -np.inf, u).max(axis=1) - np.where(pole, np.inf, u).min(axis=1)
+    u = np.where((spread > 0.5)[:, None] & (u < 0.5), u + 1, u)
+    others = np.where(pole, 0, u).sum(axis=1) / np.maximum((~pole).sum(axis=1), 1)
+    return np.where(pole, others[:, None], u), pole

@@ -1,0 +1,64 @@
+"""LIGHTS, AMBIENT and BACKGROUND: 65535 is 1.0.
+
+``light_units`` says what Intensity means; E is Intensity/65535, d the distance from the source to VRP, r its radius:
+
+``calibrated``
+    E is the irradiance on a surface that faces the source at VRP: L = E d^2/(pi r^2), and I = E d^2 for a point.
+``radiance``
+    E is the radiance itself; I = pi r^2 E for a point, whose radius is virtual (5.2).
+``unattenuated``
+    E is the irradiance at any distance.
+"""
+
+import math
+
+from .textures import rgb
+
+FULL_SCALE = 65535
+UNITS = ("calibrated", "radiance", "unattenuated")
+
+
+def radiometric(color):
+    return tuple(c / FULL_SCALE for c in color)
+
+
+def quantity(scene, light, units):
+    """Radiance of an area light, intensity of a point light."""
+    e = radiometric(light.intensity)
+    disc = math.pi * light.radius**2
+    if units == "calibrated":
+        d = math.dist(light.position, scene.view.vrp)
+        if d == 0:
+            raise scene.source.error(light.at, "this light stands at VRP, where light units 'calibrated' measure its "
+                                               "irradiance; expected another place, or other light units")
+        factor = d * d / (disc if light.kind == "area" else 1)
+    else:
+        factor = disc if light.kind == "point" and units == "radiance" else 1
+    return tuple(factor * c for c in e)
+
+
+def emitter(scene, light, units):
+    """An emitter, or for an area light the sphere that bears it."""
+    node = {"type": "prosim_" + light.kind}
+    if light.kind == "point":
+        node["position"] = point(light.position)
+    node["radiance" if light.kind == "area" else "intensity"] = rgb(quantity(scene, light, units))
+    if light.distribution != "uniform":
+        node |= {"distribution": light.distribution, "direction": list(light.direction)}
+        if light.angle is not None:
+            node["angle"] = light.angle
+        if light.distribution == "spot":
+            node["exponent"] = light.exponent
+    if units == "unattenuated":
+        node["unattenuated"] = True
+    return sphere(light, node) if light.kind == "area" else node
+
+
+def sphere(light, emitter):
+    """The body of an area light: it emits, and reflects nothing."""
+    return {"type": "sphere", "center": point(light.position), "radius": light.radius,
+            "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))}, "emitter": emitter}
+
+
+class point(list):
+    """Three coordinates that the XML writes as a point, where a plain list is a vector."""

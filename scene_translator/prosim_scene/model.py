@@ -1,0 +1,145 @@
+"""The scene as typed, immutable values.
+
+Equality compares what a scene means; the places in the text (``at``) and the text itself do not take part in it.
+"""
+
+from dataclasses import dataclass, field
+
+from .errors import Place, Source
+
+Vector = tuple[float, float, float]
+
+
+def _place():
+    return field(default=Place(0, 0), compare=False, repr=False, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Light:
+    """A source (5.2): a sphere, or a point whose ``radius`` is virtual."""
+
+    kind: str  # "area" or "point"
+    position: Vector = (0.0, 0.0, 0.0)
+    intensity: Vector = (65535.0, 65535.0, 65535.0)  # 65535 is 1.0
+    radius: float = 1.0
+    distribution: str = "uniform"  # or "cone", "spot"
+    direction: Vector = (0.0, -1.0, 0.0)
+    angle: float | None = None  # degrees: half-opening of a cone, cut-off of a spot
+    exponent: float = 1.0  # of a spot
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Background:
+    """Radiance of a ray that leaves the scene: 65535 is 1.0; or an image, latitude by longitude."""
+
+    color: Vector = (0.0, 0.0, 0.0)
+    image: str | None = None
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class View:
+    """The camera. ``vpn`` 0 0 0 means eye - vrp; ``window`` is umin, vmin, umax, vmax on the plane, relative to vrp."""
+
+    resolution: tuple[int, int] = (500, 500)
+    window: tuple[float, float, float, float] = (-10.0, -10.0, 10.0, 10.0)
+    eye: Vector = (0.0, 0.0, 20.0)
+    vpn: Vector = (0.0, 0.0, 0.0)
+    vrp: Vector = (0.0, 0.0, 0.0)
+    vup: Vector = (0.0, 1.0, 0.0)
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Operator:
+    """``+``, ``-`` or ``*``, before its two operands."""
+
+    symbol: str
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Texture:
+    """What stands in one of a primitive's two texture slots: a name (t-...) or an image file."""
+
+    name: str | None = None
+    image: str | None = None
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A primitive in the tree: its shape, its index, and its textures (surface, solid)."""
+
+    shape: str  # "cube", "sphere", "cylinder" or "cone"
+    index: int
+    textures: tuple[Texture | None, Texture | None] = (None, None)
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Optics of a primitive. What the text does not give is None; the defaults depend on the material."""
+
+    index: int
+    material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
+    metal: str | None = None  # one of Mitsuba's tables
+    ka: Vector | None = None
+    kd: Vector | None = None
+    ks: Vector | None = None
+    eta: Vector | None = None
+    k: Vector | None = None
+    exponent: float | None = None  # roughness as a Phong exponent ...
+    slope: float | None = None  # ... or as the RMS slope of Beckmann's distribution; neither: ideally smooth
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a transform: "scale", "translate" (three values) or "rotate-x|y|z" (degrees)."""
+
+    kind: str
+    values: tuple[float, ...]
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Transform:
+    """Steps in the order in which they are applied."""
+
+    index: int
+    steps: tuple[Step, ...] = ()
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A TEXTURE statement: the kind of a pattern and the parameters that it gives."""
+
+    name: str
+    kind: str  # "brick", "stripes" or "fractal"
+    parameters: tuple[tuple[str, float | Vector], ...] = ()
+    at: Place = _place()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A whole scene. ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion."""
+
+    name: str
+    channels: tuple[bool, bool, bool] = (True, True, True)
+    max_level: int = 3
+    samples: int = 5
+    shadows: bool = True
+    air_index: float = 1.0
+    ambient: Vector = (0.0, 0.0, 0.0)
+    lights: tuple[Light, ...] = ()
+    background: Background = Background()
+    view: View = View()
+    csg: tuple[Operator | Leaf, ...] = ()
+    surfaces: dict[int, Surface] = field(default_factory=dict)
+    transforms: dict[int, Transform] = field(default_factory=dict)
+    patterns: dict[str, Pattern] = field(default_factory=dict)
+    places: dict[str, Place] = field(default_factory=dict, compare=False, repr=False)
+    source: Source | None = field(default=None, compare=False, repr=False)

@@ -249,6 +249,29 @@ class Prosim(mi.SamplingIntegrator):
             dr.sync_thread()
         return image
 
+    def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
+        frame, _ = self._differentiable_frame(scene, sensor, seed, spp)
+        image = frame.develop(frame.attached_storage())
+        dr.forward_to(image)
+        return mi.TensorXf(dr.grad(image))
+
+    def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
+        frame, storage = self._differentiable_frame(scene, sensor, seed, spp)
+        dr.enable_grad(storage)
+        dr.backward(dr.sum(frame.develop(storage) * grad_in, axis=None))
+        frame.backward(dr.grad(storage))
+
+    def _differentiable_frame(self, scene, sensor, seed, spp):
+        """A frame whose samples are counted, and the values of its film, without derivatives."""
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        self.cancelled = False
+        with dr.suspend_grad():
+            frame = Frame(self, scene, sensor, seed, spp)
+            storage = frame.render(keep_counts=True)
+        frame.transport = Transport(self, scene, attached=True)
+        return frame, storage
+
 
 class Frame:
     """One image being rendered: the film's window, the grid of samples and the steps from pass to pass."""
@@ -357,7 +380,7 @@ class Frame:
         film = self.film
         others = self.integrator.mitsuba_aovs.aov_names() if self.integrator.mitsuba_aovs is not None else []
         if mi.has_flag(film.flags(), mi.FilmFlags.Special):
-            return [f"special {k}" for k in range(film.base_channels_count() + 1)] + list(others)
+            return [str(k) for k in range(film.base_channels_count())] + ["W"] + list(others)
         return list("RGB") + ["A"] * mi.has_flag(film.flags(), mi.FilmFlags.Alpha) + ["W"] + list(others)
 
     def spread(self, values, position):
@@ -371,8 +394,11 @@ class Frame:
 
     # ------------------------------------------------------------ the image
 
-    def render(self):
-        """The film's window as a tensor of shape (height, width, channels), channels weighted as a film stores them."""
+    def render(self, keep_counts=False):
+        """The film's window as a tensor of shape (height, width, channels), channels weighted as a film stores them.
+
+        ``keep_counts``: store the number of samples of each pixel in ``self.counts``, for the derivatives.
+        """
         x0, y0 = (int(v) for v in self.film.crop_offset())
         width, height = (int(v) for v in self.film.crop_size())
         left, top = max(x0 - self.reach, self.domain[0]), max(y0 - self.reach, self.domain[1])
@@ -380,22 +406,28 @@ class Frame:
         bottom = min(y0 + height + self.reach, self.domain[3])
         rows = max(1, self.integrator.band // (right - left))
         window = (x0, y0, x0 + width, y0 + height)
-        per_sample = len(self.film_channels())
-        image = Image(window, per_sample, len(self.integrator.own_aovs))
+        channels = self.film_channels()
+        own_aovs = ["samples"] if keep_counts else self.integrator.own_aovs
+        image = Image(window, channels, len(own_aovs))
         with uncropped(self.sensor):
             for begin in range(top, bottom, rows):
                 if self.integrator.cancelled:
                     break
                 end = min(begin + rows, bottom)
-                image.add(*self.render_band((left, begin, right, end)), self.reach)
+                image.add(*self.render_band((left, begin, right, end), own_aovs), self.reach)
                 if self.integrator.progress is not None or end < bottom:
                     image.wait()  # bounds the memory, and lets progress be true
                 if self.integrator.progress is not None:
                     self.integrator.progress((end - top) / (bottom - top))
+        if keep_counts:
+            self.counts = image.values.pop()
         return image.tensor()
 
-    def render_band(self, band):
-        """Renders the pixels of ``band`` (left, top, right, bottom): ``(band, sums / count, aovs)``."""
+    def render_band(self, band, own_aovs):
+        """Renders the pixels of ``band`` (left, top, right, bottom).
+
+        Returns ``(outer, band, sums / count, aovs)``, the arrays being laid out over the rectangle ``outer``.
+        """
         it = self.integrator
         if it.adaptive == "neighbours" and self.first_passes < self.most_passes:
             # The neighbours around the band are taken too: samples are pure, so they are the same as in their own band.
@@ -421,7 +453,7 @@ class Frame:
             dr.eval(sums, statistics, count)
         inverse = dr.rcp(mi.Float(count))
         own = {"samples": mi.Float(count), "error": self.error(statistics, count)}
-        return outer, band, [s * inverse for s in sums], [own[name] for name in it.own_aovs]
+        return outer, band, [s * inverse for s in sums], [own[name] for name in own_aovs]
 
     def error(self, statistics, count):
         """Standard error of the luminance of each pixel: between passes where there are two or more."""
@@ -430,6 +462,61 @@ class Frame:
         passes = count / self.n
         between = adaptive.error_between_passes(total / self.n, pass_squares, passes)
         return dr.select(passes > 1, between, adaptive.standard_error(total, squares, count))
+
+    # ------------------------------------------------------------ derivatives, by the same samples
+
+    def develop(self, storage):
+        """The developed image of film values ``storage``, differentiably."""
+        self.film.prepare(self.integrator.aov_names()[:storage.shape[2] - self.film_channels().index("W") - 1])
+        self.film.put_block(mi.ImageBlock(storage, mi.ScalarPoint2i(self.film.crop_offset()), border=False))
+        return self.film.develop()
+
+    def samples_with_gradients(self):
+        """Yields ``(values, weights, pixel)`` for each pass: the film's values of one sample a lane, with derivatives;
+        and for each pixel of the window within the filter's reach the weight of the sample and the pixel's index."""
+        x0, y0 = (int(v) for v in self.film.crop_offset())
+        width, height = (int(v) for v in self.film.crop_size())
+        x, y, *_ = pixels((x0, y0, x0 + width, y0 + height))
+        with uncropped(self.sensor):
+            for r in range(self.most_passes):
+                taken = dr.compress(self.counts > r * self.n + 0.5)
+                if dr.width(taken) == 0:
+                    break
+                lane = dr.arange(mi.UInt32, dr.width(taken) * self.n)
+                pixel = dr.gather(mi.UInt32, taken, lane // self.n)
+                px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
+                values, _, position = self.sample(px, py, dr.opaque(mi.UInt32, r), lane % self.n)
+                share = dr.rcp(dr.gather(mi.Float, self.counts, pixel))
+                spread = []
+                for k, (weight, _) in enumerate(self.spread([mi.Float(1)], position)):
+                    tx = px - x0 + k % (2 * self.reach + 1) - self.reach
+                    ty = py - y0 + k // (2 * self.reach + 1) - self.reach
+                    there = (tx >= 0) & (tx < width) & (ty >= 0) & (ty < height)
+                    spread.append((dr.select(there, weight * share, 0), mi.UInt32(dr.select(there, ty * width + tx, 0))))
+                yield values, spread
+
+    def backward(self, gradient):
+        """Propagates the derivative with respect to the film's values to the scene's parameters."""
+        channels = gradient.shape[2]
+        gradient = gradient.array
+        for values, spread in self.samples_with_gradients():
+            loss = mi.Float(0)
+            for c, value in enumerate(values):
+                if dr.grad_enabled(value):
+                    loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
+            # The passes share the graph behind the scene's parameters: its edges must stay.
+            dr.backward(dr.sum(loss), flags=dr.ADFlag.ClearVertices)
+
+    def attached_storage(self):
+        """The film's values as a tensor that depends on the scene's parameters."""
+        width, height = (int(v) for v in self.film.crop_size())
+        channels = len(self.film_channels())
+        total = dr.zeros(mi.Float, width * height * channels)
+        for values, spread in self.samples_with_gradients():
+            for c, value in enumerate(values):
+                for w, p in spread:
+                    dr.scatter_add(total, w * value, p * channels + c)
+        return mi.TensorXf(total, (height, width, channels))
 
 
 class Image:
@@ -440,9 +527,9 @@ class Image:
     """
 
     def __init__(self, window, channels, aovs):
-        self.window, self.channels, self.aovs = window, channels, aovs
+        self.window, self.channels, self.weight = window, len(channels), channels.index("W")
         self.width, self.height = window[2] - window[0], window[3] - window[1]
-        self.values = [dr.zeros(mi.Float, self.width * self.height) for _ in range(channels + aovs)]
+        self.values = [dr.zeros(mi.Float, self.width * self.height) for _ in range(self.channels + aovs)]
         dr.make_opaque(self.values)
 
     def add(self, outer, band, sums, aovs, reach):
@@ -481,8 +568,7 @@ class Image:
     def tensor(self):
         """Shape (height, width, channels), the integrator's own channels multiplied by the weight, as films expect."""
         channels = self.values[:self.channels]
-        weight = self.values[3 + 1 if self.channels >= 5 else 3]
-        channels = channels + [v * weight for v in self.values[self.channels:]]
+        channels = channels + [v * self.values[self.weight] for v in self.values[self.channels:]]
         flat = dr.zeros(mi.Float, self.width * self.height * len(channels))
         index = dr.arange(mi.UInt32, self.width * self.height) * len(channels)
         for c, values in enumerate(channels):

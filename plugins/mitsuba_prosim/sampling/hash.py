@@ -14,4 +14,4 @@ def hash32(x):
 
 def combine(key, x):
     """Hashes integer ``x`` under ``key``; different ``x`` give unrelated results. The factor is 2^32 over the golden ratio."""
-    return hash32((key + x * 0x9E3779B9) & 0xFFFFFFFF)
+    return hash32((key + (x * 0x9E3779B9 & 0xFFFFFFFF)) & 0xFFFFFFFF)

@@ -56,6 +56,9 @@ class Transport:
 
     def __init__(self, integrator, scene, attached=False):
         self.integrator, self.scene, self.attached = integrator, scene, attached
+        # A symbolic loop cannot be differentiated backwards, unless it is told how far it may go; Dr.Jit 1.5 then
+        # generates wrong code for masks. Mitsuba's own integrators unroll theirs for the same reason.
+        self.loop_mode = "evaluated" if attached else None
         self.sources = Sources(scene)
         flags = scene_flags(scene)
         self.reflects = lobes.has_any(flags, "GlossyReflection", "DeltaReflection")
@@ -122,8 +125,7 @@ class Transport:
             return step(*state)[:2]
         L, hit, *_ = dr.while_loop(
             state, lambda L, hit, ray, active, *_: active, step,
-            labels=("L", "hit", "ray", "active", "count", "waiting", "extra"),
-            max_iterations=2 ** (max_level + 2) if self.refracts else max_level + 2)
+            labels=("L", "hit", "ray", "active", "count", "waiting", "extra"), mode=self.loop_mode)
         return L, hit
 
     def _path(self, first, camera, points, active, extra):
@@ -164,8 +166,7 @@ class Transport:
         state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), extra)
         L, hit, *_ = dr.while_loop(
             state, lambda L, hit, ray, active, *_: active, step,
-            labels=("L", "hit", "ray", "active", "diffuse", "extra"),
-            max_iterations=it.max_level + 2 if it.max_level >= 0 else None)
+            labels=("L", "hit", "ray", "active", "diffuse", "extra"), mode=self.loop_mode)
         return L, hit
 
     # ---------------------------------------------------------------- one node

@@ -5,7 +5,7 @@ import mitsuba as mi
 
 from ..registry import plugin
 from . import pigment
-from .common import ambient, conserve, describe, expose, reflectance, roughness
+from .common import ambient, describe, expose, reflectance, roughness
 
 
 @plugin("bsdf", "prosim_phong")
@@ -19,7 +19,7 @@ class Phong(mi.BSDF):
 
     def __init__(self, props):
         super().__init__(props)
-        conserve(props, "diffuse_reflectance", "specular_reflectance")
+        # The sum may exceed 1: an empirical model, and the thesis's own listing has kd + ks = 1.2 and 1.4 (appendix A).
         self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
         self.specular_reflectance = reflectance(props, "specular_reflectance", 0.2)
         self.ambient = ambient(props)

@@ -1,0 +1,1 @@
+"""Procedural textures of the palito scene: brick, stripes, fractal."""

@@ -1,0 +1,78 @@
+"""Product of two textures: prosim_product."""
+
+import mitsuba as mi
+
+from ..registry import plugin
+
+
+@plugin("texture", "prosim_product")
+class Product(mi.Texture):
+    r"""
+    .. _texture-prosim_product:
+
+    Product of textures (:monosp:`prosim_product`)
+    ----------------------------------------------
+
+    .. pluginparameters::
+
+     * - a, b
+       - |spectrum| or |texture|
+       - The factors. (Default: 1)
+       - |exposed|, |differentiable|
+
+    Multiplies two textures: an image on the surface with the colour of the material, for instance. Its ``mean`` is
+    the product of the means, which is exact only where the two do not vary together.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <texture type="prosim_product">
+                <rgb name="a" value="0.5, 0.4, 0.2"/>
+                <texture name="b" type="checkerboard"/>
+            </texture>
+
+        .. code-tab:: python
+
+            'type': 'prosim_product',
+            'a': {
+                'type': 'rgb',
+                'value': [0.5, 0.4, 0.2]
+            },
+            'b': {
+                'type': 'checkerboard'
+            }
+    """
+
+    def __init__(self, props):
+        super().__init__(props)
+        self.a = props.get_texture("a", 1.0)
+        self.b = props.get_texture("b", 1.0)
+
+    def traverse(self, callback):
+        for name in "ab":
+            callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
+
+    def eval(self, si, active=True):
+        return self.a.eval(si, active) * self.b.eval(si, active)
+
+    def eval_1(self, si, active=True):
+        return self.a.eval_1(si, active) * self.b.eval_1(si, active)
+
+    def eval_3(self, si, active=True):
+        return self.a.eval_3(si, active) * self.b.eval_3(si, active)
+
+    def eval_1_grad(self, si, active=True):
+        a, b = self.a.eval_1(si, active), self.b.eval_1(si, active)
+        return self.a.eval_1_grad(si, active) * b + self.b.eval_1_grad(si, active) * a
+
+    def mean(self):
+        return self.a.mean() * self.b.mean()
+
+    def max(self):
+        return self.a.max() * self.b.max()
+
+    def is_spatially_varying(self):
+        return self.a.is_spatially_varying() or self.b.is_spatially_varying()
+
+    def to_string(self):
+        return f"Product[\n  a = {self.a},\n  b = {self.b}\n]".replace("\n", "\n  ")

@@ -142,6 +142,24 @@ def test_stand_ins_do_nothing_in_python(tmp_path):
 
 
 @linked
+def test_plugins_of_another_package(tmp_path):
+    """Any package with an entry point in the group ``mitsuba`` is hosted by the same stand-in, here in ./plugins."""
+    site = tmp_path / "site"
+    (site / "other-1.dist-info").mkdir(parents=True)
+    (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
+    (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
+    (site / "other.py").write_text("import mitsuba as mi\n"
+                                   "mi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n")
+    (tmp_path / "plugins").mkdir()
+    shutil.copy(session.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
+    scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
+    assert mitsuba(tmp_path, scene).returncode == 255
+    done = mitsuba(tmp_path, scene, PYTHONPATH=str(site))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "scene.exr").exists()
+
+
+@linked
 def test_ctrl_c_ends_at_once(tmp_path):
     scene = write(tmp_path, "scene.xml")
     scene.write_text(scene.read_text().replace('"24"', '"512"').replace('"16"', '"512"'))
@@ -178,5 +196,5 @@ def test_arguments(words, options, scenes):
     (["-m", "llvm_wrong"], "unsupported variant"),
 ])
 def test_wrong_use(words, message, capsys):
-    assert hosted.main(words) == 255
+    assert hosted.main("nrook", *words) == 255
     assert message in capsys.readouterr().err

@@ -89,8 +89,8 @@ def set_up(options):
         dr.set_flag(dr.JitFlag.PrintIR, True)
 
 
-def run(words):
-    """Renders the scenes that the native command has not rendered."""
+def run(plugin, words):
+    """Renders the scenes from the first that names ``plugin``: the native command has rendered those before it."""
     options, scenes = parse_arguments(words)
     set_up(options)
     parameters = {}
@@ -99,16 +99,17 @@ def run(words):
         if not equals:
             raise ValueError("-D/--define: expect key=value pair!")
         parameters[key] = value
-    hosted, begun = set(session.stand_ins()), False
+    begun = False
     paths = [path for path in options.get("-a", [""])[0].split(";") if path]
     for scene_file in scenes:
         with session.search_paths(last=[*paths, os.path.dirname(scene_file) or "."]):
-            # The native command has rendered the scenes before the first one that names a hosted plugin.
             with quiet(not begun):
                 state = session.parse(scene_file, parameters)
-            begun = begun or bool(hosted & session.plugin_names(state))
+            begun = begun or plugin in session.plugin_names(state)
             if begun:
                 render(session.instantiate(state), integer(options, "-s", 0), options.get("-o", [scene_file])[0])
+    if scenes and not begun:
+        raise RuntimeError(f'Plugin "{plugin}" is named by none of the scenes!')
 
 
 @contextmanager
@@ -135,11 +136,11 @@ def render(scene, index, path):
     write()
 
 
-def main(words):
-    """Runs the command; returns its exit code."""
+def main(plugin, *words):
+    """Runs the command ``mitsuba WORDS...``, which has met ``plugin``; returns its exit code."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
-        run(words)
+        run(plugin, words)
         return 0
     except Exception as error:  # noqa: BLE001 (the native command does the same)
         sys.stdout.flush()

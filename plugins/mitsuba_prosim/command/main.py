@@ -1,7 +1,10 @@
 """The ``prosim`` command and its parts."""
 
 
+import warnings
+
 import click
+import prosim_scene
 
 from .doctor import doctor
 from .link import link
@@ -16,6 +19,8 @@ def main():
 
     Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else.
     """
+    warnings.simplefilter("always", prosim_scene.SceneWarning)
+    warnings.showwarning = lambda message, *_: click.echo(f"warning: {message}", err=True)
 
 
 for command in (render, translate, format_scene, doctor, link):

@@ -7,7 +7,7 @@ import click
 SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 
 
-class Size(click.ParamType):
+class Numbers(click.ParamType):
     """Whole numbers with a separator, such as 640x480: ``count`` of them, each at least ``least``."""
 
     def __init__(self, name, separator, count, least=1):
@@ -36,16 +36,16 @@ class Definition(click.ParamType):
 
 
 def translation(command):
-    """Decorator: the options of the scene language's translator."""
+    """Decorator: the options for scenes in the thesis's language."""
     for option in reversed([
         click.option("--light-units", type=click.Choice(["calibrated", "radiance", "unattenuated"]),
-                     default="calibrated", help="What a light's intensity means (scene language only)."),
-        click.option("--tolerance", type=click.FloatRange(min=0, min_open=True), metavar="LENGTH", show_default=False,
-                     help="How far a mesh may be from the exact surface, in scene units (scene language only). "
-                          "[default: a fraction of a pixel]"),
-        click.option("--resolution", type=Size("WxH", "x", 2), help="Size of the image in pixels, such as 640x480."),
+                     default="calibrated", help="What a light's intensity means."),
+        click.option("--tolerance", type=click.FloatRange(min=0, min_open=True), metavar="PIXELS", show_default=False,
+                     help="How far a mesh may be from the curved face that it stands for. [default: 0.05]"),
+        click.option("--resolution", type=Numbers("WxH", "x", 2), help="Size of the image in pixels, such as 640x480."),
         click.option("--samples", type=click.IntRange(min=1), metavar="N",
                      help="N of the N-rook sampling: N samples a pass, at most N*N a pixel."),
+        click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
     ]):
         command = option(command)
     return command

@@ -12,12 +12,11 @@ from pathlib import Path
 import click
 import drjit as dr
 import mitsuba as mi
-from prosim_scene import SceneError
-from prosim_scene import translate as translate_scene
+import prosim_scene
 from tqdm.auto import tqdm
 
 from . import session
-from .options import SCENE, Definition, Size, translation
+from .options import SCENE, Definition, Numbers, translation
 
 
 @click.command()
@@ -37,7 +36,7 @@ from .options import SCENE, Definition, Size, translation
 @click.option("--spp", type=click.IntRange(min=1), help="Samples per pixel, as Mitsuba counts them. "
               "[default: what the scene says]", show_default=False)
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
-@click.option("--crop", type=Size("X,Y,W,H", ",", 4, least=0), help="Render only this window of the image, in pixels.")
+@click.option("--crop", type=Numbers("X,Y,W,H", ",", 4, least=0), help="Render only this window of the image, in pixels.")
 @translation
 def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed, crop, resolution, samples, **language):
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
@@ -58,7 +57,7 @@ def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed
         try:
             loaded = load(scene, folder, dict(definitions), resolution, samples, crop, language)
             chosen = session.pick_sensor(loaded, sensor)
-        except SceneError as error:
+        except prosim_scene.SceneError as error:
             raise InputError(str(error)) from None
         except (RuntimeError, TypeError, ValueError) as error:
             raise InputError(session.message(error)) from None
@@ -99,7 +98,7 @@ def load(scene, folder, definitions, resolution, samples, crop, language):
     """Loads a scene file of either kind; translates it in ``folder`` first if it is in the thesis's language."""
     xml = scene
     if scene.suffix.lower() != ".xml":
-        xml = translate_scene(scene, Path(folder), resolution=resolution, samples=samples, **language)
+        xml = prosim_scene.translate(scene, Path(folder), resolution=resolution, samples=samples, **language)
     with session.search_paths(first=[xml.parent, scene.parent]):
         state = session.parse(xml, definitions)
         for node in state.nodes:

@@ -6,6 +6,8 @@
  * only the name of that function, whose arguments it ignores. In any other program than `mitsuba` it does nothing, and
  * Mitsuba says that the plugin could not be found.
  */
+#define _GNU_SOURCE
+#include <dlfcn.h>
 #include <errno.h>
 #include <limits.h>
 #include <stdio.h>
@@ -21,11 +23,11 @@ static char program[] =
     "import sys\n"
     "sys.path = [p for p in sys.path if p]\n"
     "from mitsuba_prosim.command.hosted import main\n"
-    "sys.exit(main(sys.argv[1:]))\n";
+    "sys.exit(main(*sys.argv[1:]))\n";
 
 static char executable[PATH_MAX], prefix[PATH_MAX], candidates[3][PATH_MAX + 32], arguments[1 << 21];
 
-static char *words[sizeof arguments / 2 + 4];
+static char *words[sizeof arguments / 2 + 5];
 
 /* The interpreter of the Python that Mitsuba is installed for: PREFIX/lib/python3.X/site-packages/mitsuba/mitsuba. */
 static const char *find_python(void) {
@@ -53,6 +55,13 @@ __attribute__((visibility("default"))) void init_plugin(void) {
     if (!slash || strcmp(slash, "/mitsuba"))
         return;
 
+    /* The name of the plugin is that of this file. */
+    static char name[PATH_MAX];
+    Dl_info self;
+    if (!dladdr((void *) (size_t) init_plugin, &self) || !(slash = strrchr(self.dli_fname, '/')))
+        return;
+    sscanf(slash, "/%4000[^.]", name);
+
     FILE *file = fopen("/proc/self/cmdline", "rb");
     if (!file)
         return;
@@ -63,6 +72,7 @@ __attribute__((visibility("default"))) void init_plugin(void) {
     words[count++] = (char *) python;
     words[count++] = "-c";
     words[count++] = program;
+    words[count++] = name;
     for (char *word = arguments + strlen(arguments) + 1; word < arguments + size; word += strlen(word) + 1)
         words[count++] = word;
     words[count] = NULL;

@@ -17,11 +17,15 @@ from .render import InputError
               help="Folder to write to. [default: the scene's]")
 @click.option("--target", type=click.Choice(["prosim", "stock"]), default="prosim",
               help="Plugins that the XML names: this package's, or only those that Mitsuba brings.")
+@click.option("--check", is_flag=True, help="Write nothing; only say what is wrong or doubtful.")
 @translation
-def translate(scene, output, **options):
+def translate(scene, output, check, **options):
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
     try:
-        click.echo(prosim_scene.translate(scene, output, **options))
+        if check:
+            prosim_scene.check(scene, **options)
+        else:
+            click.echo(prosim_scene.translate(scene, output, **options))
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
 

@@ -1,0 +1,233 @@
+"""Reciprocity, conservation of energy, bounded weights, and equality with Mitsuba's own where the physics is equal."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.optics import attenuation, curves, fresnel
+
+COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
+LOBES = [{"alpha": 0.05}, {"alpha": 0.3}, {"alpha": 1.0}, {"exponent": 3.0}, {"exponent": 300.0},
+         {"alpha": 0.3, "distribution": "gaussian"}, {"alpha": 1.0, "distribution": "gaussian"}]
+ROUGH = [{"type": "prosim_conductor", **COPPER, **lobe} for lobe in LOBES] \
+    + [{"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.0, **lobe} for lobe in LOBES] \
+    + [{"type": "prosim_composite", "diffuse_reflectance": 0.4, **lobe} for lobe in LOBES] \
+    + [{"type": "prosim_phong", "diffuse_reflectance": 0.6, "specular_reflectance": 0.4, "exponent": n}
+       for n in (0.0, 5.0, 100.0)] \
+    + [{"type": "prosim_lambertian", "reflectance": {"type": "rgb", "value": [0.9, 0.5, 0.1]}}]
+SMOOTH = [{"type": "prosim_conductor", **COPPER}, {"type": "prosim_dielectric"},
+          {"type": "prosim_composite", "diffuse_reflectance": 0.4}, {"type": "prosim_phong"}]
+FEW = [ROUGH[1], ROUGH[8], ROUGH[19], ROUGH[22], ROUGH[24], *SMOOTH]
+SPECULAR = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.DeltaReflection
+TRANSMITTED = mi.BSDFFlags.GlossyTransmission | mi.BSDFFlags.DeltaTransmission
+
+
+def label(d):
+    return "-".join(str(v) for v in d.values() if isinstance(v, (str, float))) if isinstance(d, dict) else None
+
+
+def each(bsdfs):
+    return pytest.mark.parametrize("bsdf", bsdfs, ids=label)
+
+
+def directions(n, seed, sides=False):
+    v = np.random.default_rng(seed).normal(size=(3, n))
+    v /= np.linalg.norm(v, axis=0)
+    if not sides:
+        v[2] = np.abs(v[2])
+    return mi.Vector3f(v)
+
+
+def only(flags):
+    context = mi.BSDFContext()
+    context.type_mask = +flags
+    return context
+
+
+def spectrum(value):
+    return np.array(mi.unpolarized_spectrum(value))
+
+
+def uniform(n, seed):
+    u = np.random.default_rng(seed).random((3, n))
+    return mi.Float(u[0]), mi.Point2f(u[1:])
+
+
+@each(ROUGH)
+def test_reciprocity(variant_rgb, bsdf):
+    """f(i, o) = f(o, i); through an interface, the radiance one way is the importance the other way."""
+    bsdf = mi.load_dict(bsdf)
+    wi, wo = directions(20000, 1, True), directions(20000, 2, True)
+    there = bsdf.eval(mi.BSDFContext(), curves.interaction(wi), wo) / dr.abs(wo.z)
+    back = bsdf.eval(mi.BSDFContext(mi.TransportMode.Importance), curves.interaction(wo), wi) / dr.abs(wi.z)
+    there, back = spectrum(there), spectrum(back)
+    assert (there > 1e-3).any()
+    off = ~np.isclose(there, back, rtol=1e-4, atol=1e-4 * there.mean())
+    assert off.mean() < 1e-3                               # floats are coarse at the critical angle
+    np.testing.assert_allclose(there, back, rtol=2e-2, atol=1e-4 * there.mean())
+
+
+@pytest.mark.parametrize("lobe", LOBES, ids=label)
+def test_furnace_of_facets(variant_rgb, lobe):
+    """No more light leaves than arrives, at any incidence; without Fresnel's losses what is missing is G's."""
+    alpha = lobe.get("alpha") or (2 / (lobe["exponent"] + 2)) ** 0.5
+    mirror = mi.load_dict({"type": "prosim_conductor", **lobe})
+    glass = mi.load_dict({"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.0, **lobe})
+    for angle in (0, 15, 30, 45, 60, 75, 85, 89):
+        assert 0.3 < curves.albedo(mirror, angle, alpha)[0][0] <= 1 + 1e-3
+        for side in (angle, 180 - angle):
+            back, on = curves.albedo(glass, side, alpha, 1.5)
+            assert 0.3 < (back + on)[0] <= 1 + 1e-3
+
+
+@each([b for b in ROUGH if b["type"] in ("prosim_composite", "prosim_phong", "prosim_lambertian")] + SMOOTH)
+def test_furnace_by_sampling(variant_rgb, bsdf):
+    """The mean weight of samples is the reflected share of the light."""
+    bsdf = mi.load_dict(bsdf)
+    context = mi.BSDFContext(mi.TransportMode.Importance)
+    for angle in (0, 30, 60, 85):
+        wi = curves.direction(angle) + dr.zeros(mi.Vector3f, 50000)
+        weight = spectrum(bsdf.sample(context, curves.interaction(wi), *uniform(50000, angle))[1])
+        error = 3 * weight.std(axis=1) / weight.shape[1] ** 0.5
+        assert (weight.mean(axis=1) <= 1 + 1e-3 + error).all()
+
+
+@each([b for b in ROUGH + SMOOTH if b["type"] != "prosim_phong"])
+def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
+    """With one specular component enabled, a sample weighs at most F (or 1 - F) of its facet."""
+    kind = bsdf["type"]
+    bsdf = mi.load_dict(bsdf)
+    wi = directions(50000, 3, kind == "prosim_dielectric")
+    si = curves.interaction(wi)
+    bs, weight = bsdf.sample(only(SPECULAR), si, *uniform(50000, 4))
+    cos = dr.dot(wi, dr.normalize(wi + bs.wo))
+    if kind == "prosim_lambertian":
+        bound = mi.Color3f(0)
+    elif kind == "prosim_conductor":
+        bound = fresnel.conductor(cos, mi.Color3f(COPPER["eta"]["value"]), mi.Color3f(COPPER["k"]["value"]))
+    else:
+        eta = mi.traverse(bsdf)["eta"]
+        bound = mi.Color3f(fresnel.dielectric(dr.mulsign(cos, wi.z), eta)) * \
+            (0.6 if kind == "prosim_composite" else 1)
+    assert dr.all(weight <= bound * (1 + 1e-4) + 1e-5, axis=None)
+    if kind == "prosim_dielectric":
+        bs, weight = bsdf.sample(only(TRANSMITTED), si, *uniform(50000, 4))
+        assert dr.all(weight <= 1 / dr.square(bs.eta) * (1 + 1e-4), axis=None)
+
+
+CONTEXTS = (None, SPECULAR, TRANSMITTED, mi.BSDFFlags.DiffuseReflection)
+
+
+def outcome(bsdf, flags, wi, u):
+    """(weight, value, pdf drawn, pdf, type, wo): what sample and eval_pdf say of one another."""
+    context = mi.BSDFContext() if flags is None else only(flags)
+    si = curves.interaction(mi.Vector3f(wi))
+    bs, weight = bsdf.sample(context, si, mi.Float(u[0]), mi.Point2f(u[1:]))
+    value, pdf = bsdf.eval_pdf(context, si, bs.wo)
+    assert dr.all(value == bsdf.eval(context, si, bs.wo), axis=None)
+    assert dr.all(pdf == bsdf.pdf(context, si, bs.wo))
+    return weight, value, bs.pdf, pdf, bs.sampled_type, bs.wo
+
+
+def inputs(n):
+    rng = np.random.default_rng(12)
+    wi = rng.normal(size=(3, n))
+    return wi / np.linalg.norm(wi, axis=0), rng.random((3, n))
+
+
+def rows(value, n):
+    """A number or a colour of a JIT variant as rows of n numbers."""
+    value = np.atleast_2d(np.array(value, dtype=float))
+    return np.broadcast_to(value, (len(value), n))
+
+
+@pytest.mark.parametrize("variant, bsdf", [("llvm_ad_rgb", b) for b in ROUGH + SMOOTH] +
+                         [(v, b) for v in ("llvm_ad_mono", "llvm_ad_spectral") for b in FEW], ids=label)
+def test_samples_agree_with_eval_and_pdf(variant, bsdf):
+    """pdf, eval and eval_pdf return what sample stated, whatever components are enabled."""
+    mi.set_variant(variant)
+    bsdf = mi.load_dict(bsdf)
+    wi, u = inputs(2000)
+    for flags in CONTEXTS:
+        weight, value, drawn, pdf, kind, _ = (rows(r, 2000) for r in outcome(bsdf, flags, wi, u))
+        drawn, pdf, kind = drawn[0], pdf[0], kind[0].astype(int)
+        seen = weight.any(axis=0)
+        if flags is not None:
+            assert (kind[seen] & +flags).all()
+        smooth = seen & (kind & +mi.BSDFFlags.Delta == 0)
+        np.testing.assert_allclose(drawn[smooth], pdf[smooth], rtol=2e-2)
+        np.testing.assert_allclose((weight * drawn)[:, smooth], value[:, smooth], rtol=2e-2)
+
+
+@each(FEW)
+def test_scalar_variant_agrees(bsdf):
+    """scalar_rgb and llvm_ad_rgb say the same."""
+    wi, u = inputs(12)
+    mi.set_variant("llvm_ad_rgb")
+    loaded = mi.load_dict(bsdf)
+    expected = [np.vstack([rows(r, 12) for r in outcome(loaded, flags, wi, u)]).T for flags in CONTEXTS]
+    mi.set_variant("scalar_rgb")
+    loaded = mi.load_dict(bsdf)
+    for flags, vectorised in zip(CONTEXTS, expected, strict=True):
+        for i, row in enumerate(vectorised):
+            results = outcome(loaded, flags, wi[:, i].tolist(), u[:, i].tolist())
+            scalar = np.concatenate([np.array(r, dtype=float).ravel() for r in results])
+            if row[:3].any() or scalar[:3].any():
+                np.testing.assert_allclose(scalar, row, rtol=1e-2, atol=1e-3)
+
+
+@each([b for b in ROUGH if b["type"] in ("prosim_composite", "prosim_phong", "prosim_dielectric")])
+def test_components_add_up(variant_rgb, bsdf):
+    bsdf = mi.load_dict(bsdf)
+    wi, wo = directions(5000, 5, True), directions(5000, 6, True)
+    si = curves.interaction(wi)
+    parts = sum(spectrum(bsdf.eval(only(f), si, wo)) for f in (SPECULAR, TRANSMITTED, mi.BSDFFlags.DiffuseReflection))
+    np.testing.assert_allclose(parts, spectrum(bsdf.eval(mi.BSDFContext(), si, wo)), rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", (mi.TransportMode.Radiance, mi.TransportMode.Importance))
+@pytest.mark.parametrize("ours, theirs", (
+    ({"type": "prosim_lambertian", "reflectance": 0.7}, {"type": "diffuse", "reflectance": 0.7}),
+    ({"type": "prosim_conductor", "material": "Au"}, {"type": "conductor", "material": "Au"}),
+    ({"type": "prosim_conductor", **COPPER, "specular_reflectance": 0.9},
+     {"type": "conductor", **COPPER, "specular_reflectance": 0.9}),
+    ({"type": "prosim_dielectric"}, {"type": "dielectric"}),
+    ({"type": "prosim_dielectric", "int_ior": "water", "ext_ior": "bk7", "specular_transmittance": 0.5},
+     {"type": "dielectric", "int_ior": "water", "ext_ior": "bk7", "specular_transmittance": 0.5}),
+), ids=label)
+def test_equal_to_mitsubas(variant_rgb, ours, theirs, mode):
+    ours, theirs = mi.load_dict(ours), mi.load_dict(theirs)
+    context = mi.BSDFContext(mode)
+    wi, wo = directions(5000, 7, True), directions(5000, 8, True)
+    si = curves.interaction(wi)
+    a, b = (bsdf.sample(context, si, *uniform(5000, 9)) for bsdf in (ours, theirs))
+    seen = dr.any(mi.unpolarized_spectrum(b[1]) > 0)
+    np.testing.assert_allclose(spectrum(a[1]), spectrum(b[1]), rtol=1e-5, atol=1e-6)
+    for field in ("wo", "pdf", "eta", "sampled_type", "sampled_component"):
+        x, y = (np.array(dr.select(seen, getattr(s, field), 0)) for s in (a[0], b[0]))
+        np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-6, err_msg=field)
+    np.testing.assert_allclose(spectrum(ours.eval(context, si, wo)), spectrum(theirs.eval(context, si, wo)), rtol=1e-5)
+    np.testing.assert_allclose(ours.pdf(context, si, wo), theirs.pdf(context, si, wo), rtol=1e-5)
+    assert +ours.flags() == +theirs.flags()
+
+
+@pytest.mark.parametrize("alpha", (0.1, 0.4, 1.0))
+def test_beckmann_equals_mitsubas_but_for_g(variant_rgb, alpha):
+    """Values of rough metal and glass, each divided by its own G: V-cavities here, Smith's there."""
+    wi, wo = directions(20000, 10), directions(20000, 11, True)
+    si = curves.interaction(wi)
+    smith = mi.MicrofacetDistribution(mi.MicrofacetType.Beckmann, alpha)
+    for kind, mitsubas, eta in (("prosim_conductor", "roughconductor", 1), ("prosim_dielectric", "roughdielectric",
+                                                                           1.5046 / 1.000277)):
+        m = dr.normalize(wi + wo * dr.select(wo.z > 0, 1, eta))
+        m = dr.mulsign(m, m.z)
+        i_m, o_m = dr.dot(wi, m), dr.dot(wo, m)
+        gi, go = attenuation.g1(wi.z, m.z, dr.abs(i_m)), attenuation.g1(dr.abs(wo.z), m.z, dr.abs(o_m))
+        g = dr.select(wo.z > 0, dr.minimum(gi, go), gi * go)
+        ours = mi.load_dict({"type": kind, "alpha": alpha}).eval(mi.BSDFContext(), si, wo)
+        theirs = mi.load_dict({"type": mitsubas, "alpha": alpha}).eval(mi.BSDFContext(), si, wo)
+        g_smith = smith.G(wi, wo, m)
+        some = (g > 1e-3) & (g_smith > 1e-3) & (theirs.x > 1e-6)
+        ratio = np.array(ours.x / g / (theirs.x / g_smith))[np.array(some)]
+        assert len(ratio) > 1000
+        np.testing.assert_allclose(ratio, 1, atol=1e-4)

@@ -151,7 +151,7 @@ def test_metal_in_spectral(variant_spectral):
     theirs = mi.load_dict({"type": "conductor", "material": "Cu"})
     found = np.array(curves.reflectance(ours, [0, 70]))
     np.testing.assert_array_equal(found, curves.reflectance(theirs, [0, 70]))
-    assert found[0, 0] < 0.7 < 0.9 < found[3, 0]           # blue, red
+    assert found[0, 0] < 0.7 and found[3, 0] > 0.9         # blue, red
 
 
 def test_metal_in_another_medium(variant_rgb):
@@ -215,7 +215,7 @@ def test_gradients_are_finite_everywhere(variant_rgb, material):
         material = material | {"eta": 1.1, "k": 2.5}
     world = scene(material, size=32, integrator="prb")
     parameters = mi.traverse(world)
-    keys = [k for k in parameters.keys() if k.startswith("ball.bsdf.")]
+    keys = [k for k, _ in parameters.items() if k.startswith("ball.bsdf.")]
     for key in keys:
         dr.enable_grad(parameters[key])
     parameters.update()

@@ -14,8 +14,78 @@ class Composite(mi.BSDF):
     r"""
     .. _bsdf-prosim_composite:
 
-    Composite material (:monosp:`prosim_composite`)
-    -----------------------------------------------
+    Painted and enamelled surfaces (:monosp:`prosim_composite`)
+    -----------------------------------------------------------
+
+    .. pluginparameters::
+
+     * - diffuse_reflectance
+       - |spectrum| or |texture|
+       - Share of the light that the pigment reflects, :math:`k_d`. (Default: 0.5)
+       - |exposed|, |differentiable|
+
+     * - specular_reflectance
+       - |spectrum| or |texture|
+       - Weight of the specular lobe, :math:`k_s`; the sum of the two is at most 1. (Default:
+         ``1 - diffuse_reflectance``)
+       - |exposed|, |differentiable|
+
+     * - int_ior, ext_ior
+       - |float| or |string|
+       - Indices of refraction of the varnish and of the medium outside, > 0, or names such as ``water``. (Default:
+         ``polypropylene``, ``air``)
+
+     * - eta
+       - |float|
+       - Their quotient, inside over outside: not a parameter, but what is exposed of the two.
+       - |exposed|, |differentiable|
+
+     * - distribution
+       - |string|
+       - Distribution of the microfacets' normals: ``beckmann``, ``phong`` or ``gaussian``. (Default: ``phong`` if
+         ``exponent`` is given, else ``beckmann``)
+
+     * - alpha
+       - |float| or |texture|
+       - Roughness of ``beckmann`` (RMS slope, the thesis's :math:`m`) and of ``gaussian`` (radians, at most 2). 0 or
+         none: ideally smooth. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - exponent
+       - |float| or |texture|
+       - Roughness of ``phong``, :math:`n = 2/m^2 - 2`, between 0 and 1e6. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - ambient
+       - |spectrum| or |texture|
+       - Share of the ambient light that is reflected, for integrators that have one. (Default: ``diffuse_reflectance``)
+       - |exposed|, |differentiable|
+
+    A dielectric over a pigment (thesis, sections 3.1.1 and 5.1): :math:`\rho = k_s \rho_s + k_d / \pi`, a white
+    highlight on a coloured body. :math:`\rho_s` is the lobe of :ref:`prosim_conductor <bsdf-prosim_conductor>` with the
+    reflectance of a dielectric. As in the thesis, the pigment is lit by all of the light and not by what the
+    varnish lets through; that :math:`k_s + k_d \le 1` bounds the energy. One-sided. Components: specular, diffuse.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <bsdf type="prosim_composite">
+                <rgb name="diffuse_reflectance" value="0.5, 0.1, 0.1"/>
+                <float name="specular_reflectance" value="0.4"/>
+                <float name="int_ior" value="1.5"/>
+                <float name="exponent" value="50"/>
+            </bsdf>
+
+        .. code-tab:: python
+
+            'type': 'prosim_composite',
+            'diffuse_reflectance': {
+                'type': 'rgb',
+                'value': [0.5, 0.1, 0.1]
+            },
+            'specular_reflectance': 0.4,
+            'int_ior': 1.5,
+            'exponent': 50.0
     """
 
     def __init__(self, props):
@@ -25,6 +95,7 @@ class Composite(mi.BSDF):
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.ambient = ambient(props, self.diffuse_reflectance)
         self.eta = mi.Float(index(props, "int_ior", "polypropylene") / index(props, "ext_ior", "air"))
+        dr.make_opaque(self.eta)
         self.distribution, self.roughness = roughness(props)
         self.specular_type = mi.BSDFFlags.GlossyReflection if self.roughness else mi.BSDFFlags.DeltaReflection
         pigment.set_components(self)
@@ -35,8 +106,10 @@ class Composite(mi.BSDF):
 
     def reflected(self, si, cos, active):
         """Fresnel's reflectance times ks."""
-        ks = 1 - self.diffuse_reflectance.eval(si, active) if self.specular_reflectance is None \
-            else self.specular_reflectance.eval(si, active)
+        if self.specular_reflectance is None:
+            ks = 1 - self.diffuse_reflectance.eval(si, active)
+        else:
+            ks = self.specular_reflectance.eval(si, active)
         return ks * fresnel.dielectric(cos, self.eta)
 
     def specular_weight(self, si, active):

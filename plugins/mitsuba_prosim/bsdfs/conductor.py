@@ -8,6 +8,9 @@ from ..parameters import reject
 from ..registry import plugin
 from .common import ambient, describe, expose, index, metal, reflectance, roughness
 
+#: Values of the parameter ``fresnel``.
+FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
+
 
 @plugin("bsdf", "prosim_conductor")
 class Conductor(mi.BSDF):
@@ -16,6 +19,73 @@ class Conductor(mi.BSDF):
 
     Metal (:monosp:`prosim_conductor`)
     ----------------------------------
+
+    .. pluginparameters::
+
+     * - material
+       - |string|
+       - Name of a measured metal, any that Mitsuba's :ref:`conductor <bsdf-conductor>` knows: ``Cu``, ``Au``,
+         ``Al``, ``Cu_palik`` (the tables that the thesis cites), ... Not together with ``eta`` or ``k``. (Default:
+         none)
+
+     * - eta, k
+       - |spectrum| or |texture|
+       - Index of refraction and extinction coefficient, >= 0. (Default: 0 and 1, a mirror that loses nothing)
+       - |exposed|, |differentiable|
+
+     * - ext_ior
+       - |float| or |string|
+       - Index of the medium outside, a number or a name such as ``water``. (Default: 1)
+
+     * - fresnel
+       - |string|
+       - ``exact``, or ``thesis``: its approximation for :math:`\eta^2 + k^2 \gg 1`. (Default: ``exact``)
+
+     * - distribution
+       - |string|
+       - Distribution of the microfacets' normals: ``beckmann``, ``phong`` or ``gaussian``. (Default: ``phong`` if
+         ``exponent`` is given, else ``beckmann``)
+
+     * - alpha
+       - |float| or |texture|
+       - Roughness of ``beckmann`` (RMS slope, the thesis's :math:`m`) and of ``gaussian`` (radians, at most 2). 0 or
+         none: ideally smooth. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - exponent
+       - |float| or |texture|
+       - Roughness of ``phong``, :math:`n = 2/m^2 - 2`, between 0 and 1e6. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - specular_reflectance
+       - |spectrum| or |texture|
+       - Factor on what is reflected, in [0, 1]; physically 1. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - ambient
+       - |spectrum| or |texture|
+       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - |exposed|, |differentiable|
+
+    The model of Torrance and Sparrow (thesis, section 3.1.1; equation 3.1): facets of a distribution :math:`D`, each a
+    mirror that reflects by Fresnel's equations, arranged in V-shaped cavities that shadow and mask one another
+    (:math:`G`). Facets are sampled in proportion to their visible area (Heitz and d'Eon 2014), so that no sample
+    weighs more than :math:`F`. Light reflected by two facets in turn is lost: ``docs/optics.md`` has a table.
+    One-sided: black from the back; put it into :ref:`twosided <bsdf-twosided>` otherwise.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <bsdf type="prosim_conductor">
+                <string name="material" value="Cu_palik"/>
+                <float name="alpha" value="0.2"/>
+            </bsdf>
+
+        .. code-tab:: python
+
+            'type': 'prosim_conductor',
+            'material': 'Cu_palik',
+            'alpha': 0.2
     """
 
     def __init__(self, props):
@@ -28,9 +98,8 @@ class Conductor(mi.BSDF):
         self.fresnel = props.get("fresnel", "exact")
         if self.fresnel not in FRESNEL:
             raise reject(props, "fresnel", self.fresnel, "one of " + ", ".join(FRESNEL))
-        flags = mi.BSDFFlags.DeltaReflection if self.roughness is None else mi.BSDFFlags.GlossyReflection
-        self.lobe = flags
-        self.m_components = [flags | mi.BSDFFlags.FrontSide]
+        self.specular_type = mi.BSDFFlags.GlossyReflection if self.roughness else mi.BSDFFlags.DeltaReflection
+        self.m_components = [self.specular_type | mi.BSDFFlags.FrontSide]
         self.m_flags = self.m_components[0]
 
     def traverse(self, callback):
@@ -46,10 +115,10 @@ class Conductor(mi.BSDF):
     def sample(self, ctx, si, sample1, sample2, active=True):
         bs = dr.zeros(mi.BSDFSample3f)
         active &= si.wi.z > 0
-        if active is False or not ctx.is_enabled(self.lobe, 0):
+        if active is False or not ctx.is_enabled(self.specular_type, 0):
             return bs, mi.Spectrum(0)
         bs.eta = 1
-        bs.sampled_type = mi.UInt32(+self.lobe)
+        bs.sampled_type = mi.UInt32(+self.specular_type)
         bs.sampled_component = 0
         if self.roughness is None:
             bs.wo = mi.reflect(si.wi)
@@ -75,7 +144,7 @@ class Conductor(mi.BSDF):
 
     def eval_pdf(self, ctx, si, wo, active=True):
         active &= (si.wi.z > 0) & (wo.z > 0)
-        if active is False or self.roughness is None or not ctx.is_enabled(self.lobe, 0):
+        if active is False or self.roughness is None or not ctx.is_enabled(self.specular_type, 0):
             return mi.Spectrum(0), mi.Float(0)
         m = dr.normalize(si.wi + wo)
         i_m = dr.dot(si.wi, m)
@@ -88,7 +157,3 @@ class Conductor(mi.BSDF):
         return describe(self, eta=self.eta, k=self.k, ext_ior=self.ext_ior, fresnel=self.fresnel,
                         distribution=self.distribution.name, specular_reflectance=self.specular_reflectance,
                         ambient=self.ambient, **{self.distribution.parameter: self.roughness})
-
-
-#: Values of the parameter ``fresnel``.
-FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}

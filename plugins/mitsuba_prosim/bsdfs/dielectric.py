@@ -14,8 +14,65 @@ class Dielectric(mi.BSDF):
     r"""
     .. _bsdf-prosim_dielectric:
 
-    Dielectric (:monosp:`prosim_dielectric`)
-    ----------------------------------------
+    Glass, water and their kind (:monosp:`prosim_dielectric`)
+    ---------------------------------------------------------
+
+    .. pluginparameters::
+
+     * - int_ior, ext_ior
+       - |float| or |string|
+       - Indices of refraction inside and outside, > 0, or names such as ``water``. (Default: ``bk7``, ``air``)
+
+     * - eta
+       - |float|
+       - Their quotient, inside over outside: not a parameter, but what is exposed of the two.
+       - |exposed|, |differentiable|
+
+     * - distribution
+       - |string|
+       - Distribution of the microfacets' normals: ``beckmann``, ``phong`` or ``gaussian``. (Default: ``phong`` if
+         ``exponent`` is given, else ``beckmann``)
+
+     * - alpha
+       - |float| or |texture|
+       - Roughness of ``beckmann`` (RMS slope, the thesis's :math:`m`) and of ``gaussian`` (radians, at most 2). 0 or
+         none: ideally smooth. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - exponent
+       - |float| or |texture|
+       - Roughness of ``phong``, :math:`n = 2/m^2 - 2`, between 0 and 1e6. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - specular_reflectance, specular_transmittance
+       - |spectrum| or |texture|
+       - Factors on what is reflected and what is transmitted, in [0, 1]; physically 1. (Default: none)
+       - |exposed|, |differentiable|
+
+     * - ambient
+       - |spectrum| or |texture|
+       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - |exposed|, |differentiable|
+
+    Reflects and refracts by Fresnel's equations and Snell's law (thesis, sections 2.2.3 and 5.1), total reflection
+    included; from both sides. If rough, the reflected light follows Torrance and Sparrow, as for
+    :ref:`prosim_conductor <bsdf-prosim_conductor>`, and the refracted light Walter et al. (2007), with the product of
+    the V-cavities' :math:`G_1` of both directions. Ideally smooth, it equals Mitsuba's
+    :ref:`dielectric <bsdf-dielectric>`. Components: reflected, transmitted.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <bsdf type="prosim_dielectric">
+                <string name="int_ior" value="water"/>
+                <float name="alpha" value="0.1"/>
+            </bsdf>
+
+        .. code-tab:: python
+
+            'type': 'prosim_dielectric',
+            'int_ior': 'water',
+            'alpha': 0.1
     """
 
     def __init__(self, props):

@@ -15,6 +15,57 @@ class Phong(mi.BSDF):
 
     Phong's model (:monosp:`prosim_phong`)
     --------------------------------------
+
+    .. pluginparameters::
+
+     * - diffuse_reflectance
+       - |spectrum| or |texture|
+       - Weight of the diffuse component, :math:`k_d`. (Default: 0.5)
+       - |exposed|, |differentiable|
+
+     * - specular_reflectance
+       - |spectrum| or |texture|
+       - Weight of the specular lobe, :math:`k_s`. (Default: 0.2)
+       - |exposed|, |differentiable|
+
+     * - exponent
+       - |float| or |texture|
+       - The lobe is :math:`\cos^n` of the angle to the mirror direction, n between 0 and 1e6. None: a mirror.
+         (Default: none)
+       - |exposed|, |differentiable|
+
+     * - distribution
+       - |string|
+       - ``phong``, the only one here. (Default: ``phong``)
+
+     * - ambient
+       - |spectrum| or |texture|
+       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - |exposed|, |differentiable|
+
+    The empirical model (thesis, sections 3.1.2 and 4.2.2.2), normalised as Lafortune and Willems (1994) have it:
+    :math:`\rho = k_d / \pi + k_s (n + 2) / (2 \pi) \cos^n \alpha`, :math:`\alpha` the angle to the mirror direction.
+    It conserves energy if :math:`k_d + k_s \le 1`, but a sum above 1 is no error, for the listing in the thesis has
+    such surfaces. No Fresnel, and no off-specular peak. One-sided. Components: specular, diffuse.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <bsdf type="prosim_phong">
+                <rgb name="diffuse_reflectance" value="0.5, 0.4, 0.1"/>
+                <float name="specular_reflectance" value="0.3"/>
+                <float name="exponent" value="50"/>
+            </bsdf>
+
+        .. code-tab:: python
+
+            'type': 'prosim_phong',
+            'diffuse_reflectance': {
+                'type': 'rgb',
+                'value': [0.5, 0.4, 0.1]
+            },
+            'specular_reflectance': 0.3,
+            'exponent': 50.0
     """
 
     def __init__(self, props):

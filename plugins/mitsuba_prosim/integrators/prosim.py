@@ -189,6 +189,7 @@ class Prosim(mi.SamplingIntegrator):
             self.mitsuba_aovs = mi.load_dict({"type": "aov", "aovs": ",".join(others)})
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
+        self.frame = None
         self.cancelled = False
 
     def traverse(self, callback):
@@ -208,6 +209,10 @@ class Prosim(mi.SamplingIntegrator):
         """Ends a rendering in progress after the current band; the film keeps what was finished."""
         self.cancelled = True
 
+    def flush(self):
+        """Puts the image so far into the film; for ``progress`` to call."""
+        self.frame.put(self.frame.image.tensor())
+
     def background_radiance(self, ray, si, active):
         """Radiance of the background in the direction of ``ray``."""
         d = ray.d
@@ -218,7 +223,7 @@ class Prosim(mi.SamplingIntegrator):
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         transport = Transport(self, scene)
-        L, hit = transport(ray, lambda space, active=True: sampler.next_2d(active), active, sampler)
+        L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = self._mitsuba_aovs(scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
 
@@ -237,9 +242,9 @@ class Prosim(mi.SamplingIntegrator):
         self.cancelled = False
         film = sensor.film()
         film.prepare(self.aov_names())
-        frame = Frame(self, scene, sensor, seed, spp)
-        values = frame.render()
-        film.put_block(mi.ImageBlock(values, mi.ScalarPoint2i(film.crop_offset()), border=False))
+        self.frame = Frame(self, scene, sensor, seed, spp)
+        self.frame.put(self.frame.render())
+        self.frame = None
         image = film.develop() if develop else mi.TensorXf()
         if evaluate:
             dr.eval(image)
@@ -271,6 +276,19 @@ class Prosim(mi.SamplingIntegrator):
             storage = frame.render(keep_counts=True)
         frame.transport = Transport(self, scene, attached=True)
         return frame, storage
+
+
+class SamplerPoints:
+    """The samples of a Mitsuba sampler in the place of :class:`NRook`; the spaces are taken as they come."""
+
+    def __init__(self, sampler):
+        self.sampler = sampler
+
+    def __call__(self, space, active=True):
+        return self.sampler.next_2d(active)
+
+    def choice(self, space):
+        return self.sampler.next_1d()
 
 
 class Frame:
@@ -408,7 +426,7 @@ class Frame:
         window = (x0, y0, x0 + width, y0 + height)
         channels = self.film_channels()
         own_aovs = ["samples"] if keep_counts else self.integrator.own_aovs
-        image = Image(window, channels, len(own_aovs))
+        self.image = image = Image(window, channels, len(own_aovs))
         with uncropped(self.sensor):
             for begin in range(top, bottom, rows):
                 if self.integrator.cancelled:
@@ -422,6 +440,11 @@ class Frame:
         if keep_counts:
             self.counts = image.values.pop()
         return image.tensor()
+
+    def put(self, values):
+        """Makes ``values``, as :meth:`render` returns them, what the film holds."""
+        self.film.clear()
+        self.film.put_block(mi.ImageBlock(values, mi.ScalarPoint2i(self.image.window[:2]), border=False))
 
     def render_band(self, band, own_aovs):
         """Renders the pixels of ``band`` (left, top, right, bottom).

@@ -91,6 +91,10 @@ class NRook:
         below_one = 1 - 2.0 ** -24
         return mi.Point2f(dr.minimum((row + u) / n, below_one), dr.minimum((col + v) / n, below_one))
 
+    def choice(self, space):
+        """A number in [0, 1), without strata, to choose among alternatives."""
+        return to_unit(combine(combine(combine(self.key, space), self.r + 1), self.i))
+
 
 def grid_size(sample_count):
     """Least N with N² >= ``sample_count``."""

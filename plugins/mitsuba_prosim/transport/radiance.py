@@ -61,15 +61,18 @@ class Transport:
         self.loop_mode = "evaluated" if attached else None
         self.sources = Sources(scene)
         flags = scene_flags(scene)
+        self.all_ambient = all(dr.all(shape.bsdf().has_attribute("ambient")) for shape in scene.shapes() if shape.bsdf())
         self.reflects = lobes.has_any(flags, "GlossyReflection", "DeltaReflection")
         self.refracts = lobes.has_any(flags, "GlossyTransmission", "DeltaTransmission", "Null")
         self.both_sides = lobes.has_any(flags, "GlossyTransmission", "DiffuseTransmission")
         self.everything = mi.BSDFContext()
-        # Lobes that rays are drawn from and that can meet a source: what the sampling of the sources shares with them.
-        self.partners = []
+        # Lobes that rays are drawn from and that can meet a source share it with the sampling of the sources; the
+        # others are lit by the latter alone.
+        self.partners, self.alone = [], self.everything
         if integrator.diffuse_bounces < 0:
-            self.partners = [self.everything]
+            self.partners, self.alone = [self.everything], None
         elif not self.sources.only_points and lobes.has_any(flags, "GlossyReflection", "GlossyTransmission"):
+            self.alone = lobes.diffuse()
             if integrator.diffuse_bounces > 0:
                 self.partners = [lobes.specular()]
             else:
@@ -150,7 +153,7 @@ class Transport:
                 a = dr.select(going, dr.max(following.throughput), 0)
                 b = dr.select(scatters, dr.max(scattered.throughput), 0)
                 p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
-                choose = points(self.space(ray.node, CHOICE), surface).y < p
+                choose = points.choice(self.space(ray.node, CHOICE)) < p
                 following = dr.select(choose, scattered, following)
                 following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
                 going = dr.select(choose, scatters, going)
@@ -158,7 +161,7 @@ class Transport:
             following.node = ray.node + 1
             roulette = dr.detach(dr.minimum(dr.max(following.throughput), 0.95))
             dies = following.level >= it.rr_depth
-            going &= ~dies | (points(self.space(ray.node, ROULETTE), surface).x < roulette)
+            going &= ~dies | (points.choice(self.space(ray.node, ROULETTE)) < roulette)
             following.throughput = dr.select(dies, following.throughput / dr.maximum(roulette, 1e-8),
                                              following.throughput)
             return L, hit, following, going, diffuse, extra
@@ -182,7 +185,7 @@ class Transport:
         """
         it = self.integrator
         ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
-        si = self.scene.ray_intersect(ray3, active)
+        si = self.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
         if it.hides_emitters and not self.sources.only_points:
             si = self.past_emitters(ray3, si, active & (ray.level == 0))
         surface = active & si.is_valid()
@@ -195,7 +198,9 @@ class Transport:
         surface_inside = surface & inside
         bsdf = si.bsdf()
         if it.ambient is not None:
-            has = surface_inside & bsdf.has_attribute("ambient", surface_inside)
+            has = surface_inside
+            if not self.all_ambient:
+                has = has & bsdf.has_attribute("ambient", has)
             L += dr.select(has, bsdf.eval_attribute("ambient", si, has) * it.ambient.eval(si, has), 0)
         L += self.direct(ray, si, bsdf, points, surface_inside)
         return ray.throughput * L, si, bsdf, surface
@@ -244,15 +249,11 @@ class Transport:
                                                            points(first_space + k, active), active)
             lit = active & (pdf > 0)
             wo = si.to_local(d)
-            if self.partners == [self.everything]:
-                f, pdf_lobe = bsdf.eval_pdf(self.everything, si, wo, lit)
-                f *= dr.select(delta, 1, mis(pdf, pdf_lobe))
-            else:
-                f = bsdf.eval(self.everything, si, wo, lit)
-                for lobe in self.partners:
-                    f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit & ~delta)
-                    f -= dr.select(delta, 0, f_lobe * mis(pdf_lobe, pdf))
-            f = f * weight
+            f = bsdf.eval(self.alone, si, wo, lit) if self.alone is not None else mi.Spectrum(0)
+            for lobe in self.partners:
+                f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit)
+                f += f_lobe * dr.select(delta, 1, mis(pdf, pdf_lobe))
+            f *= weight
             if self.integrator.shadows:
                 lit &= dr.max(dr.abs(f)) > 0
                 lit &= ~self.scene.ray_test(si.spawn_ray_to(p), lit)
@@ -265,18 +266,24 @@ class Transport:
 
         Returns the ray and the lanes that follow it. ``k``: its space in the node.
         """
+        it = self.integrator
+        # Only whole BSDFs choose among lobes often enough for strata to pay.
+        space = self.space(ray.node, CHOICE)
+        choice = points(space, active).x if lobe is self.everything else points.choice(space)
+        sample = points(self.space(ray.node, k), active)
         with dr.suspend_grad(when=self.attached):
-            bs, weight = bsdf.sample(lobe, si, points(self.space(ray.node, CHOICE), active).x,
-                                     points(self.space(ray.node, k), active), active)
+            bs, weight = bsdf.sample(lobe, si, choice, sample, active)
             d = si.to_world(bs.wo)
         ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
         if self.attached:
             f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), active & ~ideal)
-            _, ideal_weight = bsdf.sample(lobe, si, points(self.space(ray.node, CHOICE), active).x,
-                                          points(self.space(ray.node, k), active), active & ideal)
+            _, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
             weight = dr.select(ideal, ideal_weight, f / dr.detach(dr.select(pdf > 0, pdf, 1)))
         throughput = ray.throughput * weight
-        active = active & (bs.pdf > 0) & (dr.max(throughput) > self.integrator.cutoff)
+        active = active & (bs.pdf > 0) & (dr.max(throughput) > it.cutoff)
+        if it.max_level >= 0 and self.sources.only_spheres_met:
+            # The rays below the deepest level can only end in a source.
+            active &= (ray.level < it.max_level) | self.sources.may_meet(si.p, d)
         following = replace(ray, o=dr.detach(si.spawn_ray(d).o), d=d, throughput=throughput, level=ray.level + 1,
                             node=ray.node * 2 + (k == REFRACTED), pdf=dr.select(ideal, 0, bs.pdf),
                             n=self.viewer_side(si))

@@ -27,6 +27,9 @@ class Sources:
         self.spheres = spheres
         self.any_sphere = any(s is not None for s in spheres)
         self.any_other = any(s is None for s in spheres)
+        #: Whether a ray that meets a source meets one of the spheres.
+        self.only_spheres_met = all(s is not None or mi.has_flag(e.flags(), mi.EmitterFlags.Delta)
+                                    for s, e in zip(spheres, self.emitters))
         self.only_points = all(mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters)
         if self.jit and self.emitters:
             self._tabulate(scene)
@@ -104,6 +107,20 @@ class Sources:
         if self.any_other or both_sides is not False:
             pdf = dr.select(is_ball, pdf, ds.emitter.pdf_direction(si, ds, active & ~is_ball))
         return pdf
+
+    def may_meet(self, o, d):
+        """Whether the ray (o, d) meets one of the spheres, as far as nothing is in the way; only for scenes whose
+        other sources are points."""
+        def one(k, emitter, center, radius, meets):
+            if radius is None:
+                return meets
+            to_center = center - o
+            b = dr.dot(to_center, d)
+            # With a margin for the rounding of the renderer's own test.
+            near = dr.squared_norm(to_center - b * d) <= dr.square(radius * 1.001)
+            return meets | near & (b > 0)
+
+        return self.for_each(one, mi.Bool(False), mi.Bool(True))
 
     def _ball_of(self, emitter, active):
         """Center and radius of the source ``emitter`` (a pointer); radius 0 where it is no sphere."""

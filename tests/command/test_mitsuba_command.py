@@ -174,6 +174,30 @@ def test_ctrl_c_ends_at_once(tmp_path):
     assert not (tmp_path / "scene.exr").exists()
 
 
+@linked
+def test_hang_up_writes_the_image_so_far(tmp_path):
+    scene = write(tmp_path, "scene.xml")
+    scene.write_text(scene.read_text().replace('"direct"/>', '"prosim"><integer name="samples" value="12"/>'
+                     '<string name="adaptive" value="none"/></integrator>').replace('"24"', '"512"').replace('"16"', '"2048"'))
+    program = Path(mi.__file__).with_name("mitsuba")
+    with subprocess.Popen([program, "-m", "llvm_ad_rgb", scene], stdout=subprocess.PIPE) as process:
+        for line in process.stdout:
+            if b"Embree ready" in line:
+                break
+        time.sleep(0.5)
+        process.send_signal(signal.SIGHUP)
+        assert b"Developing" in process.stdout.readline()
+        image = None
+        while image is None and process.poll() is None:
+            try:
+                image = np.array(mi.Bitmap(str(tmp_path / "scene.exr")))
+            except RuntimeError:  # not there, or not complete
+                time.sleep(0.05)
+        process.kill()
+    assert image.shape == (2048, 512, 3)
+    assert image[0].max() > 0 and image[-1].max() == 0
+
+
 @pytest.mark.parametrize("words, options, scenes", [
     (["-vvt4", "a.xml"], {"-v": [None, None], "-t": ["4"]}, ["a.xml"]),
     (["--mode", "x", "-Da=1", "-D", "b=2", "a.xml", "b.xml"], {"-m": ["x"], "-D": ["a=1", "b=2"]}, ["a.xml", "b.xml"]),

@@ -68,5 +68,4 @@ def origin():
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
     if not path:
         return "found in the system's folders"
-    ours = path.startswith(sys.prefix) or "site-packages" in path
-    return "chosen by mitsuba_prosim_llvm.pth" if ours else "chosen by DRJIT_LIBLLVM_PATH"
+    return "chosen by mitsuba_prosim_llvm.pth" if path.endswith("/lib/libLLVM-23.so") else "chosen by DRJIT_LIBLLVM_PATH"

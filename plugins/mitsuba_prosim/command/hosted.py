@@ -124,14 +124,25 @@ def quiet(wanted):
 
 
 def render(scene, index, path):
-    """Renders to the file that the film makes of ``path``."""
-    sensor = session.pick_sensor(scene, index)
+    """Renders to the file that the film makes of ``path``; a hang-up signal writes the image so far."""
+    sensor, integrator = session.pick_sensor(scene, index), scene.integrator()
 
     def write():
         with session.enough_threads_to_write():
             sensor.film().write(path)
 
-    signal.signal(signal.SIGHUP, lambda *_: write())
+    hung_up = []
+
+    def progress(_):
+        if hung_up:
+            integrator.flush()
+            write()
+            hung_up.clear()
+
+    # Other integrators than ours hold the interpreter until they are done.
+    signal.signal(signal.SIGHUP, lambda *_: hung_up.append(True))
+    if hasattr(integrator, "flush"):
+        integrator.progress = progress
     session.render(scene, sensor)
     write()
 

@@ -78,7 +78,7 @@ def link(remove):
         wanted = [plugin_folder() / f"{name}.so" for name in plugin_names()]
         with tempfile.TemporaryDirectory() as folder:
             built = Path(folder, "stand_in.so")
-            compile_stand_in(built)
+            compile_stand_in(built, sys.executable)
             for path in wanted:
                 if not path.exists() or is_stand_in(path):
                     part = path.with_suffix(f".{os.getpid()}")

@@ -22,7 +22,10 @@ __attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a 
 static char program[] =
     "import sys\n"
     "sys.path = [p for p in sys.path if p]\n"
-    "from mitsuba_prosim.command.hosted import main\n"
+    "try:\n"
+    "    from mitsuba_prosim.command.hosted import main\n"
+    "except ModuleNotFoundError as error:\n"
+    "    sys.exit(f'mitsuba: {sys.executable}: {error}. Set MITSUBA_PYTHON to the interpreter that has the plugins.')\n"
     "sys.exit(main(*sys.argv[1:]))\n";
 
 static char executable[PATH_MAX], prefix[PATH_MAX], candidates[3][PATH_MAX + 32], arguments[1 << 21];
@@ -40,6 +43,10 @@ static const char *find_python(void) {
     const char *python = getenv("MITSUBA_PYTHON");
     if (python)
         return python;
+#ifdef PYTHON /* the one that ran prosim link */
+    if (access(PYTHON, X_OK) == 0)
+        return PYTHON;
+#endif
     snprintf(candidates[0], sizeof candidates[0], "%s/bin/python%s", prefix, version); /* environments, /usr/local */
     snprintf(candidates[1], sizeof candidates[1], "/usr/bin/python%s", version);       /* dist-packages, ~/.local */
     snprintf(candidates[2], sizeof candidates[2], "python%s", version);                /* wherever PATH leads */

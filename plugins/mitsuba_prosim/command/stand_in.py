@@ -31,12 +31,16 @@ def compiler():
     return found and [found]
 
 
-def compile_stand_in(path):
-    """Compiles a stand-in to ``path``. Raises RuntimeError where there is no compiler, or it fails."""
+def compile_stand_in(path, python=None):
+    """Compiles a stand-in to ``path``, which starts ``python`` or, by default, the interpreter beside Mitsuba.
+
+    Raises RuntimeError where there is no compiler, or it fails.
+    """
     command = compiler()
     if command is None:
         raise RuntimeError("there is no C compiler (on Debian and Ubuntu: apt install gcc libc6-dev)")
-    done = subprocess.run([*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", "-o", str(path),
+    define = [f'-DPYTHON="{python}"'] if python else []
+    done = subprocess.run([*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", *define, "-o", str(path),
                            str(SOURCE)], check=False, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"the C compiler failed: {done.stderr.strip()}")

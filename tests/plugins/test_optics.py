@@ -1,6 +1,7 @@
 """The equations of chapters 2 and 3 against quadrature, and the curves of the figures."""
 
 import math
+from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
@@ -168,3 +169,24 @@ def test_off_specular_peak(variant_rgb):
     assert 30 <= peak(rough, 30) <= 35
     assert 75 <= peak(rough, 70) < 89
     assert peak(phong, 30) == 30 and peak(phong, 70) == 70
+
+
+def test_documented_losses(variant_rgb):
+    """docs/optics.md has two tables of the light lost in cavities, in per cent."""
+    page = Path(__file__).parents[2] / "docs" / "optics.md"
+    rows = [line.strip("| \n").split(" | ") for line in page.read_text().splitlines() if line.startswith("| ")]
+    metals = [r for r in rows if r[0] in DISTRIBUTIONS and len(r) == 8]
+    glasses = [r for r in rows if len(r) == 9 and r[0] not in ("alpha", "---")]
+    assert len(metals) == 18 and len(glasses) == 5
+    for name, width, *losses in metals:
+        width = float(width)
+        alpha = math.sqrt(2 / (width + 2)) if name == "phong" else width
+        mirror = mi.load_dict({"type": "prosim_conductor", "distribution": name,
+                               DISTRIBUTIONS[name].parameter: width})
+        for angle, loss in zip((0, 30, 45, 60, 75, 85), losses, strict=True):
+            assert 100 * (1 - curves.albedo(mirror, angle, alpha)[0][0]) == pytest.approx(float(loss), abs=0.15)
+    for alpha, *losses in glasses:
+        glass = mi.load_dict({"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.0, "alpha": float(alpha)})
+        for angle, loss in zip((0, 30, 60, 85, 180, 150, 120, 95), losses, strict=True):
+            back, on = curves.albedo(glass, angle, float(alpha), 1.5)
+            assert 100 * (1 - (back + on)[0]) == pytest.approx(float(loss), abs=0.15)

@@ -108,10 +108,10 @@ class Dielectric(mi.BSDF):
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
     def energy(self, ctx, si, reflected, f, eta, active):
-        """Share of the light that a facet reflects or transmits.
+        """Share of the light that a facet reflects or transmits, as a spectrum.
 
-        Radiance grows by eta² (eta: index on the far side over that on the near side, as seen by the light that
-        arrives along wo) where it crosses the interface, importance does not.
+        ``eta`` is the index on wo's side over that on wi's: radiance that crosses is divided by its square, for it
+        fills another solid angle; importance is not.
         """
         r, t = (1 if texture is None else texture.eval(si, active)
                 for texture in (self.specular_reflectance, self.specular_transmittance))

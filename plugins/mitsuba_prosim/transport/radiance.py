@@ -106,9 +106,9 @@ class Transport:
             reflected, go_reflected = ray, mi.Bool(False)
             refracted, go_refracted = ray, mi.Bool(False)
             if self.reflects:
-                reflected, go_reflected = self.follow(lobes.reflected(), REFLECTED, ray, si, bsdf, points, surface)
+                reflected, go_reflected, _ = self.follow(lobes.reflected(), REFLECTED, ray, si, bsdf, points, surface)
             if self.refracts:
-                refracted, go_refracted = self.follow(lobes.refracted(), REFRACTED, ray, si, bsdf, points, surface)
+                refracted, go_refracted, _ = self.follow(lobes.refracted(), REFRACTED, ray, si, bsdf, points, surface)
             both = go_reflected & go_refracted
             following = dr.select(go_reflected, reflected, refracted)
             going = go_reflected | go_refracted
@@ -136,17 +136,17 @@ class Transport:
         it = self.integrator
         unlimited = it.diffuse_bounces < 0
 
-        def step(L, hit, ray, active, diffuse, extra):
+        def step(L, hit, ray, active, diffuse, eta, extra):
             dL, si, bsdf, surface = self.shade(ray, camera, points, active)
             L += dL
             hit |= (ray.level == 0) & surface
             if it.max_level >= 0:
                 surface &= ray.level <= it.max_level
             if unlimited:
-                following, going = self.follow(self.everything, DIFFUSE, ray, si, bsdf, points, surface)
+                following, going, passed = self.follow(self.everything, DIFFUSE, ray, si, bsdf, points, surface)
             else:
-                following, going = self.follow(lobes.specular(), REFLECTED, ray, si, bsdf, points, surface)
-                scattered, scatters = self.follow(lobes.diffuse(), DIFFUSE, ray, si, bsdf, points,
+                following, going, passed = self.follow(lobes.specular(), REFLECTED, ray, si, bsdf, points, surface)
+                scattered, scatters, _ = self.follow(lobes.diffuse(), DIFFUSE, ray, si, bsdf, points,
                                                   surface & (diffuse < it.diffuse_bounces))
                 # The sources were sampled in full for the diffuse component: what this ray meets is no source.
                 scattered.pdf = mi.Float(SOURCES_DONE)
@@ -158,18 +158,21 @@ class Transport:
                 following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
                 going = dr.select(choose, scatters, going)
                 diffuse = dr.select(choose, diffuse + 1, diffuse)
+                passed = dr.select(choose, 1, passed)
             following.node = ray.node + 1
-            roulette = dr.detach(dr.minimum(dr.max(following.throughput), 0.95))
+            # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
+            eta *= passed
+            roulette = dr.detach(dr.minimum(dr.max(following.throughput) * dr.square(eta), 0.95))
             dies = following.level >= it.rr_depth
             going &= ~dies | (points.choice(self.space(ray.node, ROULETTE)) < roulette)
             following.throughput = dr.select(dies, following.throughput / dr.maximum(roulette, 1e-8),
                                              following.throughput)
-            return L, hit, following, going, diffuse, extra
+            return L, hit, following, going, diffuse, eta, extra
 
-        state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), extra)
+        state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), mi.Float(1), extra)
         L, hit, *_ = dr.while_loop(
             state, lambda L, hit, ray, active, *_: active, step,
-            labels=("L", "hit", "ray", "active", "diffuse", "extra"), mode=self.loop_mode)
+            labels=("L", "hit", "ray", "active", "diffuse", "eta", "extra"), mode=self.loop_mode)
         return L, hit
 
     # ---------------------------------------------------------------- one node
@@ -264,7 +267,8 @@ class Transport:
     def follow(self, lobe, k, ray, si, bsdf, points, active):
         """Draws the ray that goes on from ``si`` through the lobes of the ``mi.BSDFContext`` ``lobe``.
 
-        Returns the ray and the lanes that follow it. ``k``: its space in the node.
+        Returns the ray, the lanes that follow it and the ratio of the indices that it crosses. ``k``: its space in the
+        node.
         """
         it = self.integrator
         # Only whole BSDFs choose among lobes often enough for strata to pay.
@@ -289,7 +293,7 @@ class Transport:
                             n=self.viewer_side(si))
         if self.both_sides:
             following.both_sides = lobes.has_any(bsdf.flags(), "GlossyTransmission", "DiffuseTransmission")
-        return following, active
+        return following, active, bs.eta
 
     @staticmethod
     def viewer_side(si):

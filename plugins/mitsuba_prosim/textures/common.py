@@ -55,7 +55,10 @@ def square_wave(x, duty, width):
         whole = dr.floor(x)
         return whole * duty + dr.clip(x - whole - low, 0, duty)
 
-    return (integral(x + width / 2) - integral(x - width / 2)) / width
+    # A box narrower than a band and than a gap meets one edge at most; then nothing is lost to rounding.
+    narrow = dr.clip((duty / 2 - dr.abs(x - 0.5)) / width + 0.5, 0, 1)
+    wide = dr.clip((integral(x + width / 2) - integral(x - width / 2)) / width, 0, 1)
+    return dr.select(width < dr.minimum(duty, 1 - duty), narrow, wide)
 
 
 def traverse(texture, callback, textures, numbers):

@@ -118,6 +118,13 @@ def test_textures(variant_rgb, parameter, material):
         np.testing.assert_allclose(found, expected, rtol=1e-4)
 
 
+def test_a_texture_may_be_smooth_in_places(variant_rgb):
+    for kind in ("prosim_conductor", "prosim_dielectric", "prosim_composite"):
+        texels = mi.TensorXf(np.array([0.0, 0.3]).reshape(1, 2, 1))
+        result = image({"type": kind, "alpha": {"type": "bitmap", "raw": True, "data": texels}}, spp=64)
+        assert np.isfinite(result).all() and result.mean() > 0.1
+
+
 def test_ambient_attribute(variant):
     """The reflectance for light that comes from everywhere: kd, unless stated, for the two that the thesis gives one."""
     si = curves.interaction(mi.Vector3f(0, 0, 1))
@@ -254,6 +261,8 @@ def test_as_few_kernels_as_mitsubas_own(variant_rgb):
     ({"type": "prosim_conductor", "specular_reflectance": 1.5}, ("specular_reflectance", "1.5", "between 0 and 1")),
     ({"type": "prosim_dielectric", "int_ior": "glas"}, ("int_ior", "glas", "bk7")),
     ({"type": "prosim_dielectric", "int_ior": 0.0}, ("int_ior", "0.0", "> 0")),
+    ({"type": "prosim_dielectric", "int_ior": RGB}, ("int_ior", "0.4", "> 0")),
+    ({"type": "prosim_dielectric", "alpha": "rough"}, ("alpha", "rough", "a number, a colour or a texture")),
     ({"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.5, "alpha": 0.1}, ("int_ior", "1.5", "ext_ior")),
     ({"type": "prosim_lambertian", "reflectance": RGB | {"value": [0.1, 1.2, 0.3]}}, ("reflectance", "1.2", "0 and 1")),
     ({"type": "prosim_composite", "diffuse_reflectance": 0.7, "specular_reflectance": 0.4},

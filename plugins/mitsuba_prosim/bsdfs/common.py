@@ -16,6 +16,8 @@ def constant(props, name):
     value = props.get(name)
     if value is None or isinstance(value, mi.Object):
         return []
+    if isinstance(value, str):
+        raise reject(props, name, value, "a number, a colour or a texture")
     return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
 
 
@@ -72,12 +74,14 @@ def index(props, name, default):
     """An index of refraction: a number > 0, or a name from Mitsuba's table."""
     value = props.get(name, default)
     try:
-        value = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
+        number = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
     except RuntimeError as error:
-        raise reject(props, name, value, "a number > 0 or " + str(error).split("Valid choices are:")[-1]) from None
-    if not 0 < value < float("inf"):
+        raise reject(props, name, value, "a number > 0 or" + str(error).split("Valid choices are:")[-1]) from None
+    except TypeError:
+        number = 0
+    if not 0 < number < float("inf"):
         raise reject(props, name, value, "a number > 0 or a name from Mitsuba's table of indices")
-    return value
+    return number
 
 
 def metal(props):

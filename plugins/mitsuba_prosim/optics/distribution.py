@@ -29,12 +29,12 @@ def sin2(m):
 def beckmann(m, alpha):
     """exp(-tan² / alpha²) / (pi alpha² cos⁴), alpha the RMS slope (the thesis's m)."""
     cos2 = dr.maximum(m.z * m.z, 1e-8)
-    alpha2 = alpha * alpha
+    alpha2 = dr.maximum(alpha * alpha, 1e-8)      # a texture may be 0 somewhere
     return dr.exp(-sin2(m) / (cos2 * alpha2)) / (dr.pi * alpha2 * cos2 * cos2)
 
 
 def beckmann_polar(u, alpha):
-    tan2 = -alpha * alpha * dr.log(1 - u)
+    tan2 = -dr.maximum(alpha * alpha, 1e-8) * dr.log(1 - u)
     cos = dr.rsqrt(1 + tan2)
     return dr.sqrt(tan2) * cos, cos
 

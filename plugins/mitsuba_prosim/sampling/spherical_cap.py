@@ -49,8 +49,10 @@ def sample_projected_cap(cos_n, sin2_theta_max, sample2):
 
     The frame has z along the normal and the sphere's centre in the half-plane x >= 0 of xz. The map from the unit
     square is continuous within each of the two pieces and keeps area ratios, so that stratified samples stay so.
-    Parameters as in `projected_cap_area`; the density is per solid angle.
+    Parameters as in `projected_cap_area`; the density is per solid angle. Both results are detached: derivatives go
+    through what is evaluated in the direction, not through the choice of the direction.
     """
+    cos_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin2_theta_max, sample2))
     crescent = _Crescent(cos_n, sin2_theta_max)
     ellipse_area, area = _areas(cos_n, sin2_theta_max, crescent)
     share = ellipse_area / dr.maximum(area, _TINY)

@@ -1,0 +1,102 @@
+"""Time of each light source beside Mitsuba's own.
+
+    python benchmarks/emitters.py [--variant llvm_ad_rgb] [--size 192] [--spp 32] [--rounds 9]
+
+A diffuse ball on a diffuse floor, one integrator (``path``), one sampler; both are rendered warm and by turns, so that a
+machine that is busy or slows down does the same to both. Printed are the median time of ours, the median over the turns
+of the quotient of the times, ours / theirs, and the quotient of the variances (of a pixel among renderings, averaged over
+the image and divided by the squared mean). Mitsuba has no cone and no cos^n: its ``spot`` stands beside ours, its
+``area`` beside a sphere with a beam.
+"""
+
+import argparse
+import time
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+PLACE = [2, 4, 2]
+CONE = {"distribution": "cone", "direction": [-1, -2, -1], "angle": 25.0}
+SPOT = {"distribution": "spot", "direction": [-1, -2, -1], "exponent": 8.0}
+
+
+def sphere(emitter):
+    return {"type": "sphere", "center": PLACE, "radius": 0.5, "emitter": emitter}
+
+
+def point(plugin, **parameters):
+    return {"type": plugin, "position": PLACE, "intensity": 15.0, **parameters}
+
+
+def area(plugin, **parameters):
+    return sphere({"type": plugin, "radiance": 20.0, **parameters})
+
+
+def pairs():
+    spot = {"type": "spot", "intensity": 15.0, "cutoff_angle": 25.0,
+            "to_world": mi.ScalarTransform4f().look_at(PLACE, [1, 2, 1], [0, 0, 1])}
+    return {
+        "point": (point("prosim_point"), point("point")),
+        "point, cone": (point("prosim_point", **CONE), spot),
+        "point, spot": (point("prosim_point", **SPOT), spot),
+        "point, unattenuated": (point("prosim_point", unattenuated=True), point("point")),
+        "sphere": (area("prosim_area"), area("area")),
+        "sphere, cone": (area("prosim_area", **CONE), area("area")),
+        "sphere, spot": (area("prosim_area", **SPOT), area("area")),
+        "sphere, unattenuated": (area("prosim_area", unattenuated=True), area("area")),
+    }
+
+
+def scene(source, size, spp):
+    place = mi.ScalarTransform4f
+    return mi.load_dict({
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 4},
+        "sensor": {"type": "perspective", "fov": 35, "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
+                   "sampler": {"type": "independent", "sample_count": spp},
+                   "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}},
+        "ball": {"type": "sphere", "center": [0, 1, 0]},
+        "floor": {"type": "rectangle", "to_world": place().rotate([1, 0, 0], -90).scale(4)},
+        "source": source,
+    })
+
+
+def render(scene, seed):
+    start = time.perf_counter()
+    image = mi.render(scene, seed=seed)
+    dr.eval(image)
+    dr.sync_thread()
+    return time.perf_counter() - start, np.array(image)
+
+
+def compare(ours, theirs, size, spp, rounds):
+    """(median seconds of ours, time quotient, variance quotient); the quotients are ours / theirs."""
+    scenes = [scene(source, size, spp) for source in (ours, theirs)]
+    times, images = np.empty((rounds, 2)), [[], []]
+    for turn in range(-1, rounds):  # turn -1 warms up
+        for i in (0, 1) if turn % 2 else (1, 0):
+            times[turn, i], image = render(scenes[i], turn + 1)
+            images[i] += [image] if turn >= 0 else []
+    variances = [np.var(x, axis=0, ddof=1).mean() / np.mean(x) ** 2 for x in images]
+    return np.median(times[:, 0]), np.median(times[:, 0] / times[:, 1]), variances[0] / variances[1]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--size", type=int, default=192)
+    parser.add_argument("--spp", type=int, default=32)
+    parser.add_argument("--rounds", type=int, default=9)
+    options = parser.parse_args()
+    mi.set_variant(options.variant)
+    import mitsuba_prosim  # noqa: F401
+
+    print(f"{'source':26}{'time ms':>9}{'time ratio':>12}{'variance ratio':>16}")
+    for name, (ours, theirs) in pairs().items():
+        seconds, speed, variance = compare(ours, theirs, options.size, options.spp, options.rounds)
+        print(f"{name:26}{1e3 * seconds:9.0f}{speed:12.2f}{variance:16.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""Rendering for measurement: converged references that are kept on disk, and timed runs by turns."""
+
+import hashlib
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+#: Seeds of references begin here, so that no measured image shares samples with its reference.
+REFERENCE_SEEDS = 1 << 20
+
+
+@dataclass
+class Contestant:
+    """An integrator with a scene (whose sensor brings the sampler), and a sample count.
+
+    ``spp`` 0: the count is the integrator's own affair.
+    """
+
+    name: str
+    scene: object
+    integrator: object
+    spp: int = 0
+    #: The same integrator with the AOV "samples", if it decides on the counts by itself.
+    counting: object = None
+    #: The :class:`Reference` that its images are measured against, and what both are multiplied by first.
+    reference: object = None
+    scale: float = 1.0
+
+    def measure(self, image, measures):
+        """Value of each of the ``measures`` (name -> function) for an image."""
+        image, wanted = image * self.scale, self.reference.image * self.scale
+        return {name: measure(image, wanted) for name, measure in measures.items()}
+
+    def render(self, seed):
+        """Image (height, width, 3) and the seconds that it took."""
+        start = time.perf_counter()
+        image = self.integrator.render(self.scene, self.scene.sensors()[0], seed=seed, spp=self.spp)
+        dr.eval(image)
+        dr.sync_thread()
+        seconds = time.perf_counter() - start
+        return np.array(image)[..., :3], seconds
+
+    def counts(self, seed=0):
+        """Samples that each pixel really gets, shape (height, width); samplers round what they are asked for."""
+        film = self.scene.sensors()[0].film()
+        if self.counting is not None:
+            image = self.counting.render(self.scene, self.scene.sensors()[0], seed=seed, spp=self.spp)
+            return np.array(image)[..., -1]
+        sampler = self.scene.sensors()[0].sampler().clone()
+        sampler.set_sample_count(self.spp)
+        width, height = film.crop_size()
+        return np.full((height, width), float(sampler.sample_count()))
+
+
+@dataclass
+class Runs:
+    """What the runs of one contestant gave: one entry a round, but for ``cold``, the seconds of the first run."""
+
+    contestant: Contestant
+    counts: np.ndarray
+    cold: float
+    seconds: list = field(default_factory=list)
+    errors: list = field(default_factory=list)
+    image: np.ndarray = None
+
+    @property
+    def samples(self):
+        return float(np.mean(self.counts))
+
+    def median(self, measure=None):
+        """Median of the seconds, or of a measure of error."""
+        return float(np.median(self.spread(measure)))
+
+    def spread(self, measure=None):
+        """All rounds' seconds, or values of a measure of error, in ascending order."""
+        return sorted(self.seconds if measure is None else [e[measure] for e in self.errors])
+
+
+def by_turns(contestants, rounds, measures, tell=lambda done: None):
+    """Renders each contestant once to warm up and then once in each of ``rounds`` rounds; a list of :class:`Runs`.
+
+    By turns, so that whatever else the machine does slows down all of them alike. ``tell`` is called with the part done.
+    """
+    results = []
+    for k, contestant in enumerate(contestants):
+        _, cold = contestant.render(0)
+        results.append(Runs(contestant, contestant.counts(), cold))
+        tell((k + 1) / len(contestants) / (rounds + 1))
+    for seed in range(1, rounds + 1):
+        for k, result in enumerate(results):
+            image, seconds = result.contestant.render(seed)
+            result.seconds.append(seconds)
+            result.errors.append(result.contestant.measure(image, measures))
+            result.image = image
+            tell((seed + (k + 1) / len(results)) / (rounds + 1))
+    return results
+
+
+@dataclass
+class Reference:
+    """A converged image, the mean of several estimators' means by the inverse of their variances."""
+
+    image: np.ndarray
+    #: Standard error of a pixel's channel: root mean square over the image.
+    error: float
+    seconds: float
+    passes: list
+    #: Root mean square difference of the first two estimators over what their noise lets expect (1: they agree), or
+    #: None with one estimator; and the difference of their means over its standard error.
+    disagreement: float = None
+    mean_difference: float = None
+
+
+def reference(folder, key, estimators, seconds, tell=lambda done: None):
+    """Renders the estimators (contestants of the same expected image) by turns for ``seconds`` seconds.
+
+    Sums are kept in ``folder`` under ``key``, any text that identifies the image; a later call goes on from there, if it
+    grants more time. At least three passes each.
+    """
+    path = Path(folder) / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
+    spent, count, sums, squares, means = 0.0, 0, None, None, []
+    if path.exists():
+        with np.load(path) as kept:
+            spent, count, sums, squares, means = (kept[n] for n in ("spent", "count", "sums", "squares", "means"))
+        spent, count, means = float(spent), int(count), means.tolist()
+    begun = count
+    while count < 3 or spent < seconds:
+        start = time.perf_counter()
+        images = np.array([e.render(REFERENCE_SEEDS + count)[0] for e in estimators], dtype=np.float64)
+        sums = images if sums is None else sums + images
+        squares = images ** 2 if squares is None else squares + images ** 2
+        means.append(images.mean(axis=(1, 2, 3)).tolist())
+        count += 1
+        spent += time.perf_counter() - start
+        tell(min(spent / seconds, 1.0) if seconds else 1.0)
+    if count > begun:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(".part.npz")
+        np.savez(part, spent=spent, count=count, sums=sums, squares=squares, means=means)
+        part.replace(path)
+    mean = sums / count
+    variance = np.maximum(squares / count - mean ** 2, 0) / (count - 1)
+    total = variance.mean(axis=(1, 2, 3))
+    if np.any(total == 0):  # an image without noise
+        return Reference(mean[np.argmin(total)], 0.0, spent, [count] * len(estimators))
+    weights = 1 / total / np.sum(1 / total)
+    result = Reference(np.tensordot(weights, mean, 1), float(np.sqrt(np.sum(weights ** 2 * total))), spent,
+                       [count] * len(estimators))
+    if len(estimators) > 1:
+        result.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / (total[0] + total[1])))
+        differences = np.diff(np.array(means)[:, :2], axis=1)[:, 0]
+        error = np.std(differences, ddof=1) / np.sqrt(count)
+        result.mean_difference = float(np.mean(differences) / error) if error > 0 else 0.0
+    return result
+
+
+def cache_folder():
+    """Where references are kept by default."""
+    import os
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mitsuba-prosim" / "references"
+
+
+def machine():
+    """The machine in words: processor, number of cores, versions."""
+    import os
+    import platform
+    from importlib.metadata import version
+    name = platform.processor()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        name = next((line.partition(":")[2].strip() for line in cpuinfo.read_text().splitlines()
+                     if line.startswith("model name")), name)
+    return {"processor": name or platform.machine(), "cores": os.cpu_count(), "threads": dr.thread_count(),
+            "system": platform.system(), "python": platform.python_version(), "variant": mi.variant(),
+            **{package: version(package) for package in ("mitsuba-prosim", "mitsuba", "drjit")},
+            "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None}

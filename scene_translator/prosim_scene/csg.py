@@ -1,15 +1,20 @@
 """The CSG tree evaluated with manifold3d.
 
-How it stays fast: the tree is a flat prefix list, evaluated with a stack of our own; chains of one operator become one
-n-ary operation; and a solid is kept as a list of *parts* whose bounding boxes are disjoint, so that an operation costs
-what it touches and nothing else. A union is reduced pairwise over neighbours in the order of the tree, which makes
-manifold3d's rule for coincident faces (the first operand wins) hold for the whole tree.
+How it stays fast: the tree is a flat prefix list, evaluated with a stack of our own; chains of + and - and chains of *
+become n-ary operations; operands of a chain whose boxes do not touch are exchanged freely, so that a long chain of
+additions and subtractions takes few operations on the whole; and a solid is kept as a list of *parts* whose bounding
+boxes are disjoint, so that an operation costs what it touches and nothing else.
+
+Coincident faces: manifold3d gives them to the second operand of a union and to the first of an intersection. Wherever
+operands are reordered, those that may share a face keep the order of the tree, so that the primitive that stands first
+in the tree wins.
 
 How optics are kept: every occurrence of a primitive has its own id, which manifold3d carries to the triangles of the
 result. Solids of different media (opaque; one medium for every index of refraction of a dielectric) are kept apart, see
 :func:`shells`.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -21,14 +26,15 @@ OPAQUE = None  # the medium of everything that is not a dielectric
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of a solid and its bounding box (min and max corner)."""
+    """A piece of a solid, its bounding box (min and max corner), and hashes of the surfaces that its faces lie on."""
 
     manifold: Manifold
     low: np.ndarray
     high: np.ndarray
+    surfaces: frozenset
 
 
-def _parts(manifold):
+def _parts(manifold, *surfaces):
     """A list of one part, or of none where nothing is left."""
     status = manifold.status()
     if status != Error.NoError:
@@ -36,15 +42,18 @@ def _parts(manifold):
     if manifold.is_empty():
         return []
     box = np.array(manifold.bounding_box())  # evaluates the operation
-    return [Part(manifold, box[:3], box[3:])]
+    return [Part(manifold, box[:3], box[3:], frozenset().union(*surfaces))]
 
 
-def solid(vertices, triangles, original_id):
-    """A closed triangle mesh as a list of one part that bears ``original_id``."""
+def solid(vertices, triangles, original_id, surfaces=()):
+    """A closed triangle mesh as a list of one part that bears ``original_id``.
+
+    ``surfaces`` are hashes of the planes and quadrics of its faces: solids that have none in common share no face.
+    """
     return _parts(Manifold(Mesh64(
         np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(triangles, dtype=np.uint64),
         run_index=np.array([0, 3 * len(triangles)], dtype=np.uint64),
-        run_original_id=np.array([original_id], dtype=np.uint32))))
+        run_original_id=np.array([original_id], dtype=np.uint32))), surfaces)
 
 
 def reserve_ids(count):
@@ -86,24 +95,57 @@ def _components(parts):
     return list(groups.values())
 
 
+def _layers(parts):
+    """Few lists of parts, the parts of each disjoint, that may be united in this order; None where there are too many.
+
+    Greedy colouring in the order of the tree; a part goes behind every earlier one with which it may share a face.
+    """
+    low, high = _boxes(parts)
+    color = np.zeros(len(parts), int)
+    bearers = {}  # surface -> the parts so far that have a face on it
+    limit = 8 + 2 * math.ceil(math.log2(len(parts)))
+    for i, part in enumerate(parts):
+        touching = np.all((low[:i] <= part.high) & (high[:i] >= part.low), axis=1)
+        sharing = [j for surface in part.surfaces for j in bearers.setdefault(surface, []) if touching[j]]
+        taken = set(color[:i][touching].tolist())
+        color[i] = max((color[j] + 1 for j in sharing), default=0)
+        while color[i] in taken:
+            color[i] += 1
+        if color[i] > limit:
+            return None
+        for surface in part.surfaces:
+            bearers[surface].append(i)
+    layers = [[] for _ in range(color.max() + 1)]
+    for part, c in zip(parts, color):
+        layers[c].append(part)
+    return layers
+
+
 def _merge(parts):
-    """Union of parts, as one list of at most one part; neighbours first, so that the order decides coincident faces."""
-    while len(parts) > 1:
-        parts = [p for i in range(0, len(parts), 2)
-                 for p in (_parts(parts[i].manifold + parts[i + 1].manifold) if i + 1 < len(parts) else [parts[i]])]
+    """Union of parts, as a list of at most one part."""
+    layers = _layers(parts) if len(parts) > 3 else None
+    if layers:
+        parts = [p for layer in layers
+                 for p in _parts(Manifold.compose([p.manifold for p in layer]), *(p.surfaces for p in layer))]
+    while len(parts) > 1:  # neighbours, the earlier as the second operand: the order decides coincident faces
+        parts = [p for i in range(0, len(parts), 2) for p in (
+            _parts(parts[i + 1].manifold + parts[i].manifold, parts[i].surfaces, parts[i + 1].surfaces)
+            if i + 1 < len(parts) else [parts[i]])]
     return parts
 
 
 def union(operands):
+    """Union of solids."""
     parts = [p for operand in operands for p in operand]
     while True:
         groups = _components(parts)
         if len(groups) == len(parts):
             return parts
-        parts = [p for group in groups for p in _merge(group)]
+        parts = [p for group in groups for p in (_merge(group) if len(group) > 1 else group)]
 
 
 def difference(minuend, subtrahend):
+    """The first solid without the second."""
     low, high = _boxes(subtrahend)
     result = []
     for part in minuend:
@@ -111,14 +153,17 @@ def difference(minuend, subtrahend):
         if not len(hits):
             result.append(part)
         else:  # the boxes of the subtrahend's parts are disjoint: they compose to one without any computation
-            result += _parts(part.manifold - Manifold.compose([subtrahend[i].manifold for i in hits]))
+            taken = [subtrahend[i] for i in hits]
+            result += _parts(part.manifold - Manifold.compose([p.manifold for p in taken]),
+                             part.surfaces, *(p.surfaces for p in taken))
     return result
 
 
 def intersection(first, second):
+    """What two solids have in common."""
     low, high = _boxes(second)
     return [p for part in first for i in _touching(part, low, high)
-            for p in _parts(part.manifold ^ second[i].manifold)]
+            for p in _parts(part.manifold ^ second[i].manifold, part.surfaces, second[i].surfaces)]
 
 
 # ---- The tree --------------------------------------------------------------------------------------------------------
@@ -138,83 +183,125 @@ def _union(values):
     return {medium: union(parts) for medium, parts in media.items()}
 
 
-def _difference(values):
-    minuend, *rest = values
-    subtrahend = union([_total(value) for value in rest])
+def _difference(minuend, subtrahends):
+    if not subtrahends:
+        return minuend
+    subtrahend = union([_total(value) for value in subtrahends])
     return {medium: difference(parts, subtrahend) for medium, parts in minuend.items()}
 
 
-def _intersection(values):
-    result, *rest = values
-    for value in rest:
-        total = _total(value)
-        result = {medium: intersection(parts, total) for medium, parts in result.items()}
-    return result
+class _Sum:
+    """A chain of + and -, still growing: signed operands, the first one positive."""
+
+    def __init__(self, first):
+        self.operands = deque([("+", first)])
+        self.adds_only = True
+
+    def add(self, sign, other):
+        """Appends ``other``, by its operands where it is a chain of + alone: A - (B + C) = A - B - C."""
+        if isinstance(other, _Sum) and other.adds_only:
+            if sign == "+" and len(self.operands) < len(other.operands) and self.adds_only:
+                other.operands.extendleft(reversed(self.operands))
+                return other
+            self.operands.extend((sign, value) for _, value in other.operands)
+        else:
+            self.operands.append((sign, _value(other)))
+        self.adds_only &= sign == "+"
+        return self
+
+    def value(self):
+        """Works through the chain in rounds, each of which first takes away and then adds.
+
+        An operand joins the earliest round that comes after all earlier operands that it touches and does not commute
+        with; so the number of rounds is that of the additions and subtractions that alternate at one place.
+        """
+        if self.adds_only:
+            return _union([value for _, value in self.operands])
+        boxes = [_boxes([p for parts in value.values() for p in parts]) for _, value in self.operands]
+        low = np.array([b.min(axis=0, initial=np.inf) for b, _ in boxes])
+        high = np.array([b.max(axis=0, initial=-np.inf) for _, b in boxes])
+        sign = np.array([s == "+" for s, _ in self.operands])
+        round_ = np.zeros(len(sign), int)
+        for i in range(1, len(sign)):
+            touching = np.all((low[:i] <= high[i]) & (high[:i] >= low[i]), axis=1)
+            round_[i] = (round_[:i] + (sign[:i] & ~sign[i]))[touching].max(initial=0)
+        result = {}
+        for r in range(round_.max() + 1):
+            chosen = [self.operands[i] for i in np.flatnonzero(round_ == r)]
+            result = _difference(result, [value for s, value in chosen if s == "-"])
+            result = _union([result, *(value for s, value in chosen if s == "+")])
+        return result
 
 
-EVALUATE = {"+": _union, "-": _difference, "*": _intersection}
+class _Product:
+    """A chain of *, still growing."""
 
+    def __init__(self, first):
+        self.operands = deque([first])
 
-class _Pending:
-    """An n-ary operation that still grows."""
+    def add(self, other):
+        if isinstance(other, _Product):
+            if len(self.operands) < len(other.operands):
+                other.operands.extendleft(reversed(self.operands))
+                return other
+            self.operands.extend(other.operands)
+        else:
+            self.operands.append(_value(other))
+        return self
 
-    def __init__(self, symbol, operands):
-        self.symbol, self.operands = symbol, deque(operands)
+    def value(self):
+        result, *rest = self.operands
+        for value in rest:
+            total = _total(value)
+            result = {medium: intersection(parts, total) for medium, parts in result.items()}
+        return result
 
 
 def _value(item):
-    return EVALUATE[item.symbol](item.operands) if isinstance(item, _Pending) else item
+    return item.value() if isinstance(item, (_Sum, _Product)) else item
 
 
 def evaluate(nodes, leaf_value):
     """The value of a tree in prefix order.
 
-    ``nodes`` holds operators as "+", "-", "*" and leaves as anything else; ``leaf_value(leaf)`` makes a leaf's value.
+    ``nodes`` holds operators as "+", "-", "*" and leaves as anything else; ``leaf_value(leaf)`` makes a leaf's value,
+    asked for from the last to the first.
     """
     stack = []
     for node in reversed(nodes):
-        if not (isinstance(node, str) and node in EVALUATE):
+        if not isinstance(node, str):
             stack.append(leaf_value(node))
             continue
         left, right = stack.pop(), stack.pop()
-        chain_left = isinstance(left, _Pending) and left.symbol == node
-        if node == "-":  # (A - B) - C = A - (B + C)
-            more = right.operands if isinstance(right, _Pending) and right.symbol == "+" else [_value(right)]
-            if chain_left:
-                left.operands.extend(more)
-                stack.append(left)
-            else:
-                stack.append(_Pending("-", [_value(left), *more]))
-            continue
-        chain_right = isinstance(right, _Pending) and right.symbol == node
-        if chain_left and chain_right and len(left.operands) < len(right.operands):
-            right.operands.extendleft(reversed(left.operands))
-            stack.append(right)
-        elif chain_left:
-            left.operands.extend(right.operands if chain_right else [_value(right)])
-            stack.append(left)
-        elif chain_right:
-            right.operands.appendleft(_value(left))
-            stack.append(right)
+        if node == "*":
+            stack.append((left if isinstance(left, _Product) else _Product(_value(left))).add(right))
         else:
-            stack.append(_Pending(node, [_value(left), _value(right)]))
+            stack.append((left if isinstance(left, _Sum) else _Sum(_value(left))).add(node, right))
     return _value(stack.pop())
 
 
-def shells(value):
-    """The surfaces to render: a list of (vertices, triangles, original id of each triangle).
+def precedence(media):
+    """Media, each before those that give way to it: the opaque one, then dielectrics in the given order."""
+    return sorted(dict.fromkeys(media), key=lambda medium: medium is not OPAQUE)  # stable
+
+
+def shells(value, media):
+    """The surfaces to render: a list of (medium, vertices, triangles, original id of each triangle).
+
+    ``media`` are those of the scene in their order of precedence.
 
     An opaque solid is bounded by its whole surface. A dielectric gives way to opaque solids, and to dielectrics that
     stand before it in the tree: of its surface there remains what bounds the union of all up to it. So every interface
     exists exactly once, and from inside a dielectric every way out leads through its own surface or onto another's.
     """
-    media = sorted(value, key=lambda medium: medium is not OPAQUE)  # stable: opaque first, then in the tree's order
     meshes, before = [], []
-    for number, medium in enumerate(media):
-        parts = value[medium]
+    for medium in media:
+        parts = value.get(medium, [])
+        if not parts:
+            continue
         if not before:
             before = parts
-            meshes += [_arrays(p.manifold) for p in parts]
+            meshes += [(medium, *_arrays(p.manifold)) for p in parts]
             continue
         own, originals = _renamed(parts)
         before = union([before, own])
@@ -225,7 +312,7 @@ def shells(value):
             mine = (at < len(names)) & (names[np.minimum(at, len(names) - 1)] == ids) if len(names) else ids < 0
             if mine.any():
                 real = np.array([originals[i] for i in names])
-                meshes.append((vertices, triangles[mine], real[at[mine]]))
+                meshes.append((medium, vertices, triangles[mine], real[at[mine]]))
     return meshes
 
 
@@ -233,7 +320,7 @@ def _arrays(manifold):
     mesh = manifold.to_mesh64()
     runs = np.diff(np.asarray(mesh.run_index, dtype=np.int64)) // 3
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
-    return np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts, dtype=np.int64), ids
+    return np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64), ids
 
 
 def _renamed(parts):
@@ -249,5 +336,5 @@ def _renamed(parts):
         run_index = np.concatenate([[0], np.cumsum(np.bincount(index))]).astype(np.uint64) * np.uint64(3)
         renamed += _parts(Manifold(Mesh64(
             np.ascontiguousarray(vertices), np.ascontiguousarray(triangles[order], dtype=np.uint64), run_index=run_index,
-            run_original_id=np.arange(base, base + len(old), dtype=np.uint32))))
+            run_original_id=np.arange(base, base + len(old), dtype=np.uint32))), part.surfaces)
     return renamed, originals

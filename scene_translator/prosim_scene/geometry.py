@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from manifold3d import Manifold
 
-from . import csg, model
+from . import coincidence, csg, model
 
 TOLERANCE = 0.05  # chord error in pixels
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 1024  # around a circle
@@ -80,6 +80,31 @@ def segments(shape, to_world, camera, tolerance):
     return 4 * math.ceil(n / 4)
 
 
+def _plane(*nd):
+    """The plane n.p + d = 0 as a quadric."""
+    return np.outer(nd, nd).astype(float)
+
+
+#: The surfaces of the canonical solids as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face.
+QUADRICS = {
+    "cube": [_plane(*n, d) for d in (0, -1) for n in np.eye(3)],
+    "sphere": [np.diag([1.0, 1, 1, -1])],
+    "cylinder": [np.diag([1.0, 1, 0, -1]), _plane(0, 0, 1, -1), _plane(0, 0, 1, 0)],
+    "cone": [np.diag([1.0, 1, -1, 0]), _plane(0, 0, 1, -1)],
+}
+
+
+def _surfaces(shape, inverse):
+    """Hashes of the quadrics that a primitive's faces lie on, by the number of the face; equal where 7 digits agree."""
+    result = []
+    for quadric in QUADRICS[shape]:
+        q = inverse.T @ quadric @ inverse
+        q /= np.abs(q[:3, :3]).max()
+        scale = np.abs(q).max(axis=0) + 1  # of the offsets against the directions
+        result.append(hash((np.round(q / scale[3] * 1e7) + 0.0).tobytes()))
+    return result
+
+
 @dataclass
 class Triangles:
     """Triangles of one material, corner by corner: positions (n, 3, 3), unit normals (n, 3, 3), uv (n, 3, 2), and a key
@@ -107,6 +132,7 @@ def triangles(scene, camera, tolerance, medium, material):
             raise scene.source.error(scene.transforms[i].at, "this transform is singular or beyond double precision")
         inverses[i] = np.linalg.inv(m)
     base = csg.reserve_ids(len(leaves))
+    surfaces = {key: _surfaces(key[0], inverses[key[1]]) for key in {(leaf.shape, leaf.index) for leaf in leaves}}
     numbers = iter(range(len(leaves) - 1, -1, -1))  # evaluate() asks for the leaves from the last to the first
 
     def leaf_value(leaf):
@@ -114,18 +140,28 @@ def triangles(scene, camera, tolerance, medium, material):
         vertices, faces = unit_mesh(leaf.shape, segments(leaf.shape, m, camera, tolerance))
         if np.linalg.det(m[:3, :3]) < 0:  # a mirrored solid is inside out
             faces = faces[:, ::-1]
-        return {medium(leaf): csg.solid(vertices @ m[:3, :3].T + m[:3, 3], faces, base + next(numbers))}
+        return {medium(leaf): csg.solid(vertices @ m[:3, :3].T + m[:3, 3], faces, base + next(numbers),
+                                        frozenset(surfaces[leaf.shape, leaf.index]))}
 
-    shells = csg.shells(csg.evaluate([n.symbol if isinstance(n, model.Operator) else n for n in scene.csg], leaf_value))
+    nodes = [n.symbol if isinstance(n, model.Operator) else n for n in scene.csg]
+    value = csg.evaluate(nodes, leaf_value)
+    media = csg.precedence(map(medium, leaves))
+    rank = np.array([media.index(medium(leaf)) for leaf in leaves])
 
     materials = {}
     material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
-    table = _LeafTable(leaves, inverses, _signs(scene.csg))
+    table = _LeafTable(leaves, matrices, inverses, _signs(scene.csg), [surfaces[leaf.shape, leaf.index] for leaf in leaves])
     seen = np.zeros(len(leaves), bool)
     collected = {}
     offset = 0
-    for vertices, faces, ids in shells:
-        leaf = ids - base
+    for own, vertices, faces, ids in csg.shells(value, media):
+        before = ids - base
+        leaf = table.owners(nodes, vertices, faces, before)
+        if len(media) > 1:
+            # A face that coincides with one of another medium's solid is part of that one's shell, if it has precedence.
+            other = (leaf != before) & (table.sign[leaf] > 0) & (rank[leaf] != media.index(own))
+            kept = ~other | (rank[leaf] > media.index(own))
+            leaf, faces = np.where(other, before, leaf)[kept], faces[kept]
         seen[leaf] = True
         for start in range(0, len(faces), CHUNK):
             part = slice(start, start + CHUNK)
@@ -169,26 +205,93 @@ class _LeafTable:
 
     SHAPES = ("cube", "sphere", "cylinder", "cone")
 
-    def __init__(self, leaves, inverses, signs):
+    def __init__(self, leaves, matrices, inverses, signs, surfaces):
         self.shape = np.array([self.SHAPES.index(leaf.shape) for leaf in leaves])
+        self.matrix = np.array([matrices[leaf.index][:3] for leaf in leaves])
         self.inverse = np.array([inverses[leaf.index][:3] for leaf in leaves])
         self.sign = signs
         self.unshared = 0  # corners so far that are shared with no other triangle
+        self.surfaces = surfaces
+        self.bearers = {}  # surface -> the leaves that have a face on it
+        for number, hashes in enumerate(surfaces):
+            for surface in hashes:
+                self.bearers.setdefault(surface, []).append(number)
+        self.shared = {surface for surface, bearers in self.bearers.items() if len(bearers) > 1}
+        # Boxes: the image of the canonical box, exact for cubes and wide enough for the others.
+        canonical = {"cube": (0, 1, 0), "sphere": (-1, 1, -1), "cylinder": (-1, 1, 0), "cone": (-1, 1, 0)}
+        box = np.array([[(x, y, z) for x in (a, b) for y in (a, b) for z in (c, b)] for a, b, c in canonical.values()])
+        corners = np.einsum("tij,tcj->tci", self.matrix[:, :, :3], box[self.shape]) + self.matrix[:, None, :, 3]
+        self.low, self.high = corners.min(axis=1), corners.max(axis=1)
 
-    def corners(self, positions, vertex, leaf):
-        """Positions, normals, uv and keys of the corners of triangles, for their vertex numbers and leaves."""
+    def inside(self, number, points):
+        """Which points a leaf contains."""
+        x, y, z = self.inverse[number, :, :3] @ points.T + self.inverse[number, :, 3:]
+        shape = self.SHAPES[self.shape[number]]
+        if shape == "cube":
+            return (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & (z >= 0) & (z <= 1)
+        if shape == "sphere":
+            return x * x + y * y + z * z <= 1
+        return (x * x + y * y <= (1 if shape == "cylinder" else z * z)) & (z >= 0) & (z <= 1)
+
+    def owners(self, nodes, vertices, faces, leaf):
+        """The leaves of triangles, corrected where faces of several primitives coincide."""
+        bearing = np.array([any(h in self.shared for h in hashes) for hashes in self.surfaces])
+        candidates = np.flatnonzero(bearing[leaf])
+        if not len(candidates):
+            return leaf
+        corners, owner = vertices[faces[candidates]], leaf[candidates]
+        _, normal, _, _, face, local = self.evaluate(corners, owner)
+        middle = corners.mean(axis=1)
+        # Only where a primitive other than the present owner has a face on the same surface and its box reaches there.
+        margin = 1e-6 * (self.high - self.low).max(axis=1)
+        ambiguous = np.zeros(len(candidates), bool)
+        pairs = np.stack([owner, face], axis=1)
+        for (number, code), in_group in _groups(pairs):
+            surface = self.surfaces[number][code]
+            if surface in self.shared:
+                others = np.array([b for b in self.bearers[surface] if b != number])
+                others = others[np.all((self.low[others] <= self.high[number] + margin[number])
+                                       & (self.high[others] >= self.low[number] - margin[number]), axis=1)]
+                for b in others:
+                    ambiguous[in_group] |= np.all((middle[in_group] >= self.low[b] - margin[b])
+                                                  & (middle[in_group] <= self.high[b] + margin[b]), axis=1)
+        if not ambiguous.any():
+            return leaf
+        chosen, owner, face = candidates[ambiguous], owner[ambiguous], face[ambiguous]
+        # The middle of a triangle, on the surface itself and not on its chord.
+        p = local[ambiguous].mean(axis=1)
+        shape = self.shape[owner]
+        round_ = (face == 0) & (shape > 0)
+        radius = np.where(shape == 1, np.linalg.norm(p, axis=1), np.hypot(p[:, 0], p[:, 1]))
+        factor = np.where(round_, np.where(shape == 3, np.abs(p[:, 2]), 1) / np.maximum(radius, 1e-300), 1)
+        p = np.where((shape == 1)[:, None], p * factor[:, None], p * np.stack([factor, factor, np.ones_like(factor)], axis=1))
+        points = np.einsum("tij,tj->ti", self.matrix[owner][:, :, :3], p) + self.matrix[owner][:, :, 3]
+        normals = normal[ambiguous].mean(axis=1)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        leaf = leaf.copy()
+        leaf[chosen] = coincidence.settle(nodes, owner, points, normals, margin[owner], self.inside, self.low, self.high)
+        return leaf
+
+    def evaluate(self, positions, leaf):
+        """World positions and normals of corners, uv, whether a corner is shared by no other triangle, the triangles' face
+        numbers and the corners in their primitives' own spaces."""
         inverse = self.inverse[leaf]
-        local = np.einsum("tij,tcj->tci", inverse[:, :, :3], positions) + inverse[:, None, :, 3]
+        local = positions @ inverse[:, :, :3].transpose(0, 2, 1) + inverse[:, None, :, 3]
         normal, uv = np.zeros_like(local), np.zeros(local.shape[:2] + (2,))
         face = np.zeros(len(leaf), int)
-        unique = np.zeros(local.shape[:2], bool)  # corners that are shared with no other triangle
+        unique = np.zeros(local.shape[:2], bool)
         for number, name in enumerate(self.SHAPES):
             chosen = self.shape[leaf] == number
             if chosen.any():
                 normal[chosen], uv[chosen], face[chosen], unique[chosen] = getattr(self, "_" + name)(local[chosen])
-        world = np.einsum("tij,tci->tcj", inverse[:, :, :3], normal)  # the inverse's transpose
+        world = normal @ inverse[:, :, :3]  # by the inverse's transpose
         length = np.linalg.norm(world, axis=2, keepdims=True)
         world *= self.sign[leaf, None, None] / np.where(length > 0, length, 1)
+        return positions, world, uv, unique, face, local
+
+    def corners(self, positions, vertex, leaf):
+        """Positions, normals, uv and keys of the corners of triangles, for their vertex numbers and leaves."""
+        positions, world, uv, unique, face, _ = self.evaluate(positions, leaf)
         wrapped = (np.floor(uv[..., 0]) > 0).astype(int)
         keys = ((vertex * len(self.shape) + leaf[:, None]) * 8 + face[:, None]) * 2 + wrapped
         count = int(unique.sum())
@@ -237,6 +340,14 @@ class _LeafTable:
             normal[flat] = [0, 0, 1 if z else -1]
             uv[flat] = p[flat][..., :2] / 2 + 0.5
         return normal, uv, face, pole & (face == 0)[:, None]
+
+
+def _groups(pairs):
+    """Each different row of an integer array, and the rows where it stands."""
+    values, index = np.unique(pairs, axis=0, return_inverse=True)
+    order = np.argsort(index.ravel(), kind="stable")
+    ends = np.cumsum(np.bincount(index.ravel()))
+    return zip(values, np.split(order, ends[:-1]))
 
 
 def _azimuth(p):

@@ -3,18 +3,6 @@
 from . import textures
 from .textures import rgb
 
-#: The Phong exponent of a classic Phong surface for which neither n, rug nor m is given: a lobe of a quarter degree.
-MIRROR_EXPONENT = 1e5
-
-
-def channels(values):
-    """A number where the channels agree, else an rgb."""
-    return float(values[0]) if len(set(values)) == 1 else rgb(values)
-
-
-def is_dielectric(surface):
-    return surface.material == "dielectric"
-
 
 def roughness(surface):
     if surface.exponent is not None:
@@ -64,19 +52,18 @@ def bsdf(scene, surface, slots, to_local, images, approximate):
         node = {"type": "prosim_composite", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks),
                 "int_ior": mean_index(scene, surface, approximate), "ext_ior": air, **roughness(surface)}
     else:
-        node = {"type": "prosim_phong", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks),
-                "exponent": phong_exponent(surface)}
+        node = {"type": "prosim_phong", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks)}
+        if (exponent := phong_exponent(surface)) is not None:
+            node["exponent"] = exponent
     if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
         node["ambient"] = textured(ka)
     return node
 
 
 def phong_exponent(surface):
-    """The exponent of the Phong lobe; an RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007)."""
-    if surface.exponent is not None:
-        return surface.exponent
-    if surface.slope:
+    """Exponent of the Phong lobe, None for a mirror; an RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007)."""
+    if surface.exponent is None and surface.slope:
         return max(2 / surface.slope**2 - 2, 0.0)
-    return MIRROR_EXPONENT
+    return surface.exponent
 
 

@@ -10,12 +10,18 @@ from .errors import Place, Source
 Vector = tuple[float, float, float]
 
 
-def _place():
-    return field(default=Place(0, 0), compare=False, repr=False, kw_only=True)
+NOWHERE = Place(0, 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed:
+    """Something that stands in the text at ``at``."""
+
+    at: Place = field(default=NOWHERE, compare=False, repr=False)
 
 
 @dataclass(frozen=True)
-class Light:
+class Light(Placed):
     """A source (5.2): a sphere, or a point whose ``radius`` is virtual."""
 
     kind: str  # "area" or "point"
@@ -26,20 +32,18 @@ class Light:
     direction: Vector = (0.0, -1.0, 0.0)
     angle: float | None = None  # degrees: half-opening of a cone, cut-off of a spot
     exponent: float = 1.0  # of a spot
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Background:
+class Background(Placed):
     """Radiance of a ray that leaves the scene: 65535 is 1.0; or an image, latitude by longitude."""
 
     color: Vector = (0.0, 0.0, 0.0)
     image: str | None = None
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class View:
+class View(Placed):
     """The camera. ``vpn`` 0 0 0 means eye - vrp; ``window`` is umin, vmin, umax, vmax on the plane, relative to vrp."""
 
     resolution: tuple[int, int] = (500, 500)
@@ -48,38 +52,34 @@ class View:
     vpn: Vector = (0.0, 0.0, 0.0)
     vrp: Vector = (0.0, 0.0, 0.0)
     vup: Vector = (0.0, 1.0, 0.0)
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Operator:
+class Operator(Placed):
     """``+``, ``-`` or ``*``, before its two operands."""
 
     symbol: str
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Texture:
+class Texture(Placed):
     """What stands in one of a primitive's two texture slots: a name (t-...) or an image file."""
 
     name: str | None = None
     image: str | None = None
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Leaf:
+class Leaf(Placed):
     """A primitive in the tree: its shape, its index, and its textures (surface, solid)."""
 
     shape: str  # "cube", "sphere", "cylinder" or "cone"
     index: int
     textures: tuple[Texture | None, Texture | None] = (None, None)
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Surface:
+class Surface(Placed):
     """Optics of a primitive. What the text does not give is None; the defaults depend on the material."""
 
     index: int
@@ -92,35 +92,31 @@ class Surface:
     k: Vector | None = None
     exponent: float | None = None  # roughness as a Phong exponent ...
     slope: float | None = None  # ... or as the RMS slope of Beckmann's distribution; neither: ideally smooth
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Placed):
     """One step of a transform: "scale", "translate" (three values) or "rotate-x|y|z" (degrees)."""
 
     kind: str
     values: tuple[float, ...]
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Transform:
+class Transform(Placed):
     """Steps in the order in which they are applied."""
 
     index: int
     steps: tuple[Step, ...] = ()
-    at: Place = _place()
 
 
 @dataclass(frozen=True)
-class Pattern:
+class Pattern(Placed):
     """A TEXTURE statement: the kind of a pattern and the parameters that it gives."""
 
     name: str
     kind: str  # "brick", "stripes" or "fractal"
     parameters: tuple[tuple[str, float | Vector], ...] = ()
-    at: Place = _place()
 
 
 @dataclass(frozen=True)

@@ -165,8 +165,8 @@ def tokens_and_tree(source):
         raise _syntax_error(source, error, pieces) from None
 
 
-STATEMENTS = ("NAME SAVE_RGB MAX_LEVEL NSAMPLES DO_SHADOW AIR_INDEX AMBIENT LIGHTS BACKGROUND VIEW CSG_TREE SURFACE "
-              "TRANSFORM TEXTURE END").split()
+STATEMENTS = ("NAME", "SAVE_RGB", "MAX_LEVEL", "NSAMPLES", "DO_SHADOW", "AIR_INDEX", "AMBIENT", "LIGHTS", "BACKGROUND",
+              "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END")
 
 
 def _syntax_error(source, error, pieces):
@@ -221,9 +221,9 @@ PER_CHANNEL = {"KA", "KD", "KS", "N_REFR", "K_ABS", "BRICK", "MORTAR", "COLOR0",
 
 #: Kinds of patterns, and the terminals of their parameters.
 PATTERNS = {
-    "brick": "BRICK MORTAR BRICK_WIDTH BRICK_HEIGHT MORTAR_WIDTH STAGGER".split(),
-    "stripes": "COLOR0 COLOR1 FREQUENCY DUTY AXIS".split(),
-    "fractal": "COLOR0 COLOR1 SCALE OCTAVES GAIN LACUNARITY SEED".split(),
+    "brick": ("BRICK", "MORTAR", "BRICK_WIDTH", "BRICK_HEIGHT", "MORTAR_WIDTH", "STAGGER"),
+    "stripes": ("COLOR0", "COLOR1", "FREQUENCY", "DUTY", "AXIS"),
+    "fractal": ("COLOR0", "COLOR1", "SCALE", "OCTAVES", "GAIN", "LACUNARITY", "SEED"),
 }
 #: The patterns that need no TEXTURE statement, and their other names.
 BUILT_IN = {"t-tijolo": "brick", "t-listra": "stripes", "t-fractal": "fractal"}

@@ -167,7 +167,9 @@ def _bsdf(translation, surface, diffuse, ks, air):
     weight = float(np.mean(ks) / (np.mean(ks) + np.mean(kd)))
     weight = min(max(weight, max(ks) if max(ks) < 1 else 0.0), 1.0)
     base = textures.rgb_clipped(kd / (1 - weight)) if diffuse["type"] == "rgb" and weight < 1 else diffuse
-    slope = math.sqrt(2 / (4 * materials.phong_exponent(surface) + 2))  # a half vector turns half as fast as the mirror ray
-    return {"type": "blendbsdf", "weight": weight, "diffuse": {"type": "diffuse", "reflectance": base},
-            "specular": {"type": "roughconductor", "material": "none", "distribution": "beckmann", "alpha": slope,
-                         "specular_reflectance": textures.rgb_clipped(np.array(ks) / weight)}}
+    mirror = {"type": "conductor"}
+    if (exponent := materials.phong_exponent(surface)) is not None:
+        # A half vector turns half as fast as the mirror ray: 4 times the exponent.
+        mirror = {"type": "roughconductor", "distribution": "beckmann", "alpha": math.sqrt(2 / (4 * exponent + 2))}
+    mirror |= {"material": "none", "specular_reflectance": textures.rgb_clipped(np.array(ks) / weight)}
+    return {"type": "blendbsdf", "weight": weight, "diffuse": {"type": "diffuse", "reflectance": base}, "specular": mirror}

@@ -69,7 +69,7 @@ class _Translation:
     def medium(self, leaf):
         """The medium inside a dielectric; None, the opaque one, inside anything else."""
         surface = self.scene.surfaces[leaf.index]
-        return surface.eta if materials.is_dielectric(surface) else None
+        return surface.eta if surface.material == "dielectric" else None
 
     def build(self, mesh_path, image_path):
         """The scene's dictionary and its meshes {name: Triangles}.

@@ -126,7 +126,7 @@ METALS = {
     "vanadium": "V_palik", "vanadio": "V_palik", "sodium": "Na_palik", "sodio": "Na_palik",
     "lithium": "Li_palik", "litio": "Li_palik", "potassium": "K_palik", "potassio": "K_palik",
 }
-for _table in ("Ag Al Au Be_palik Cr Cu Cu_palik Hg Hg_palik Ir Ir_palik K K_palik Li Li_palik Mo Mo_palik Na_palik Nb "
-               "Nb_palik Ni_palik Rh Rh_palik Ta Ta_palik V_palik W").split():
-    METALS[_table.lower()] = _table
+TABLES = ("Ag Al Au Be_palik Cr Cu Cu_palik Hg Hg_palik Ir Ir_palik K K_palik Li Li_palik Mo Mo_palik Na_palik Nb Nb_palik "
+          "Ni_palik Rh Rh_palik Ta Ta_palik V_palik W")
+METALS |= {table.lower(): table for table in TABLES.split()}
 METALS |= {"na": "Na_palik", "ni": "Ni_palik", "be": "Be_palik", "v": "V_palik"}

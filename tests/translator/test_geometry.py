@@ -1,0 +1,309 @@
+"""Solids: volumes and areas against closed forms, closedness, normals, and who owns a face."""
+
+import math
+import random
+import warnings
+
+import numpy as np
+import prosim_scene
+import pytest
+from prosim_scene import SceneWarning, geometry, translator
+
+VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
+
+
+def scene(tree, transforms, surfaces=()):
+    """A scene text: TRANSFORM i for each of ``transforms``; surfaces are lambertian unless given."""
+    lines = [VIEW, "CSG-TREE", tree]
+    for i, transform in enumerate(transforms):
+        surface = surfaces[i] if i < len(surfaces) else f"material lambertiano kd = 0.{i % 9 + 1} 0 0"
+        lines += [f"SURFACE {i} {surface}", f"TRANSFORM {i} {transform}"]
+    return "\n".join([*lines, "END"])
+
+
+def solids(text, tolerance=0.05):
+    """{index of the first leaf with that look: Triangles} of a scene."""
+    parsed = prosim_scene.parse(text, "test.scn")
+    translation = translator._Translation(parsed, ".", tolerance=tolerance)
+    found = geometry.triangles(parsed, translation.camera, tolerance, translation.medium, translation.material_key)
+    keys = {}
+    for leaf in parsed.csg:
+        if not hasattr(leaf, "symbol"):
+            keys.setdefault(translation.material_key(leaf), leaf.index)
+    return {keys[key]: triangles for key, triangles in found.items()}
+
+
+def volume(meshes):
+    p = np.concatenate([m.positions for m in meshes])
+    return np.einsum("ti,ti->", p[:, 0], np.cross(p[:, 1], p[:, 2])) / 6
+
+
+def area(mesh, chosen=slice(None)):
+    p = mesh.positions[chosen]
+    return np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1).sum() / 2
+
+
+def assert_closed(meshes):
+    """Every edge, between vertices of equal position, is met once in each direction."""
+    p = np.concatenate([m.positions for m in meshes])
+    _, vertex = np.unique(p.reshape(-1, 3), axis=0, return_inverse=True)
+    t = vertex.reshape(-1, 3)
+    edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    forward = edges[:, 0] * (t.max() + 1) + edges[:, 1]
+    backward = edges[:, 1] * (t.max() + 1) + edges[:, 0]
+    assert np.array_equal(np.sort(forward), np.sort(backward))
+
+
+PRIMITIVES = {
+    "CUBE": (1.0, 6.0), "SPHERE": (4 / 3 * math.pi, 4 * math.pi), "CYLINDER": (math.pi, 4 * math.pi),
+    "CONE": (math.pi / 3, math.pi * (1 + math.sqrt(2))),
+}
+
+
+@pytest.mark.parametrize("shape", PRIMITIVES)
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (2, 0.5, -1)])
+def test_canonical_solids(shape, scale):
+    meshes = list(solids(scene(f"{shape} 0", [f"SCALE {scale} ROTATE-X (37) ROTATE-Z (-80) TRANSLATE (1 2 -1)".replace(",", "")]),
+                         tolerance=0.001).values())
+    assert_closed(meshes)
+    expected, surface = PRIMITIVES[shape]
+    assert volume(meshes) == pytest.approx(expected * abs(np.prod(scale)), rel=1e-4)
+    if scale[0] ** 2 == 1 and scale[1] == 1:
+        assert sum(map(area, meshes)) == pytest.approx(surface, rel=1e-4)
+
+
+def test_sphere_cut_by_a_box():
+    # The half of the unit ball with z > 0.3, cut again at x > 0: half a cap of height 0.7.
+    meshes = solids(scene("* SPHERE 0 CUBE 1", ["", "SCALE (4 8 4) TRANSLATE (0 -4 0.3)"]), tolerance=0.002)
+    h = 0.7
+    assert_closed(list(meshes.values()))
+    assert volume(list(meshes.values())) == pytest.approx(math.pi * h * h * (3 - h) / 6, rel=5e-4)
+    assert area(meshes[0]) == pytest.approx(math.pi * h, rel=5e-4)  # Archimedes: half of 2 pi r h
+
+
+def test_cylinder_through_a_cube():
+    meshes = solids(scene("- CUBE 0 CYLINDER 1", ["TRANSLATE (-.5 -.5 -.5)", "SCALE (.3 .3 3) TRANSLATE (0 0 -1)"]),
+                    tolerance=0.002)
+    assert_closed(list(meshes.values()))
+    assert volume(list(meshes.values())) == pytest.approx(1 - math.pi * 0.09, rel=2e-4)
+    assert area(meshes[1]) == pytest.approx(2 * math.pi * 0.3, rel=2e-4)  # the wall of the hole is the cylinder's
+    assert area(meshes[0]) == pytest.approx(6 - 2 * math.pi * 0.09, rel=2e-4)
+    # The hole's normals point into it, that is, to the axis.
+    mesh = meshes[1]
+    assert np.all(np.einsum("tci,tci->tc", mesh.normals, mesh.positions * [1, 1, 0]) < 0)
+
+
+def test_union_of_two_spheres():
+    meshes = list(solids(scene("+ SPHERE 0 SPHERE 1", ["", "TRANSLATE (1 0 0)"]), tolerance=0.002).values())
+    assert_closed(meshes)
+    lens = 2 * math.pi * 0.25 * (3 - 0.5) / 3
+    assert volume(meshes) == pytest.approx(8 / 3 * math.pi - lens, rel=5e-4)
+
+
+def test_normals_are_those_of_the_quadric_after_cuts():
+    transforms = ["SCALE (2 1 1.5) ROTATE-Y (30)", "SCALE (.4 .7 6) ROTATE-X (50) TRANSLATE (0 2 -2)",
+                  "SCALE (1.5 1.5 3) ROTATE-Z (20) TRANSLATE (-2 0 -1)", "TRANSLATE (.5 -.5 -.5)"]
+    text = scene("- - + SPHERE 0 CONE 2 CYLINDER 1 CUBE 3", transforms)
+    parsed = prosim_scene.parse(text)
+    gradients = {0: lambda p: p, 1: lambda p: p * [1, 1, 0], 2: lambda p: p * [1, 1, -1]}
+    meshes = solids(text)
+    assert set(meshes) == {0, 1, 2, 3}
+    assert_closed(list(meshes.values()))
+    for index, mesh in meshes.items():
+        to_local = np.linalg.inv(geometry.matrix(parsed.transforms[index]))
+        p = mesh.positions @ to_local[:3, :3].T + to_local[:3, 3]
+        if index == 3:
+            center = p.mean(axis=1)
+            face = np.argmin(np.concatenate([center, 1 - center], axis=1), axis=1)
+            local = np.repeat(np.concatenate([-np.eye(3), np.eye(3)])[face][:, None], 3, axis=1)
+        else:
+            local = gradients[index](p)
+            flat = {1: [0, 1], 2: [1]}.get(index, [])
+            for z in flat:
+                cap = np.all(np.abs(p[..., 2] - z) < 1e-6, axis=1)
+                local[cap] = [0, 0, 1 if z else -1]
+        expected = local @ to_local[:3, :3]
+        if index in (1, 3):
+            expected = -expected  # taken away: what was inside is now outside
+        apex = np.linalg.norm(p, axis=2) < 1e-6 if index == 2 else np.zeros(p.shape[:2], bool)
+        expected /= np.where(apex, 1, np.linalg.norm(expected, axis=2))[..., None]
+        cosine = np.einsum("tci,tci->tc", mesh.normals, expected)[~apex]
+        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.1
+        # and the triangles are wound to the same side
+        p = mesh.positions
+        n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        size = np.linalg.norm(n, axis=1)
+        large = size > 1e-8
+        assert np.all(np.einsum("ti,ti->t", n, mesh.normals.mean(axis=1))[large] > 0)
+
+
+def test_chord_error_is_below_the_tolerance():
+    text = scene("SPHERE 0", ["SCALE (3 1 1)"])
+    camera = translator._Translation(prosim_scene.parse(text), ".").camera
+    for tolerance in (0.5, 0.05):
+        p = solids(text, tolerance)[0].positions / [3, 1, 1]
+        n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        distance = np.abs(np.einsum("ti,ti->t", n / np.linalg.norm(n, axis=1, keepdims=True), p[:, 0]))
+        assert 3 * (1 - distance.min()) <= tolerance * camera.footprint([0, 0, 0], 3) * 1.02
+
+
+@pytest.mark.parametrize("tree, owner", [("+ CUBE 0 CUBE 1", 0), ("+ CUBE 1 CUBE 0", 1)])
+def test_coincident_faces_go_to_the_first_primitive_in_the_tree(tree, owner):
+    # Two boxes side by side: four pairs of faces lie in common planes and overlap by half.
+    meshes = solids(scene(tree, ["", "TRANSLATE (.5 0 0)"]))
+    assert_closed(list(meshes.values()))
+    for axis in (1, 2):
+        for side in (0, 1):
+            face = {i: area(m, np.all(np.abs(m.positions[..., axis] - side) < 1e-9, axis=1)) for i, m in meshes.items()}
+            assert face[owner] == pytest.approx(1) and face[1 - owner] == pytest.approx(0.5)
+
+
+def test_coincident_faces_in_a_large_union():
+    # A row of boxes in shuffled order, each overlapping the next with coplanar tops, beside bodies that share no face.
+    order = list(range(24))
+    random.Random(4).shuffle(order)
+    transforms = [f"SCALE (1.5 1 1) TRANSLATE ({i} 0 0)" for i in range(24)] + [
+        f"SCALE (.3 .3 .3) TRANSLATE ({i + .2} .9 {.2 + i * .01})" for i in range(24)]
+    leaves = [f"CUBE {i} SPHERE {24 + i}" for i in order]
+    surfaces = [f"material lambertiano kd = 0 {i / 100} 0" for i in range(48)]
+    meshes = solids(scene("+ " * 47 + " ".join(leaves), transforms, surfaces), 0.5)
+    assert_closed(list(meshes.values()))
+    rank = {i: n for n, i in enumerate(order)}
+    for axis, at in ((1, 0), (2, 1)):  # two faces that no ball reaches
+        face = {i: area(m, np.all(np.abs(m.positions[..., axis] - at) < 1e-9, axis=1)) for i, m in meshes.items() if i < 24}
+        for i in range(24):
+            lost = sum(0.5 for other in (i - 1, i + 1) if other in rank and rank[other] < rank[i])
+            assert face[i] == pytest.approx(1.5 - lost)
+
+
+def test_touching_boxes_become_one_closed_shell():
+    meshes = list(solids(scene("+ CUBE 0 CUBE 1", ["", "TRANSLATE (1 0 0)"])).values())
+    assert_closed(meshes)
+    assert volume(meshes) == pytest.approx(2)
+    assert sum(map(area, meshes)) == pytest.approx(10)  # the common face is gone
+
+
+def inside(text, points):
+    """Membership of points in the tree, straight from the definition."""
+    parsed = prosim_scene.parse(text)
+    tests = {
+        "cube": lambda p: np.all((p >= 0) & (p <= 1), axis=1), "sphere": lambda p: (p**2).sum(1) <= 1,
+        "cylinder": lambda p: (p[:, 0]**2 + p[:, 1]**2 <= 1) & (p[:, 2] >= 0) & (p[:, 2] <= 1),
+        "cone": lambda p: (p[:, 0]**2 + p[:, 1]**2 <= p[:, 2]**2) & (p[:, 2] >= 0) & (p[:, 2] <= 1),
+    }
+    stack = []
+    for node in reversed(parsed.csg):
+        if hasattr(node, "symbol"):
+            a, b = stack.pop(), stack.pop()
+            stack.append({"+": a | b, "-": a & ~b, "*": a & b}[node.symbol])
+        else:
+            m = np.linalg.inv(geometry.matrix(parsed.transforms[node.index]))
+            stack.append(tests[node.shape](points @ m[:3, :3].T + m[:3, 3]))
+    return stack.pop()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_trees_contain_the_right_points(seed):
+    rng = random.Random(seed)
+    count = rng.randint(2, 25)
+    shapes = [rng.choice(list(PRIMITIVES)) for _ in range(count)]
+
+    def three(low, high, signs=(1,)):
+        return " ".join(str(rng.choice(signs) * rng.uniform(low, high)) for _ in range(3))
+
+    transforms = [f"SCALE ({three(0.4, 1.5, (1, -1))}) ROTATE-X ({rng.uniform(0, 360)}) ROTATE-Y ({rng.uniform(0, 360)}) "
+                  f"TRANSLATE ({three(-1.2, 1.2)})" for _ in range(count)]
+    tree = []
+    leaves = iter(range(count))
+    left = count - 1  # operators to place
+    need = 1
+    while need:  # any prefix tree with these leaves, in this order
+        if left and (need == 1 or rng.random() < 0.5):
+            tree.append(rng.choice("++-*"))
+            left, need = left - 1, need + 1
+        else:
+            i = next(leaves)
+            tree.append(f"{shapes[i]} {i}")
+            need -= 1
+    text = scene(" ".join(tree), transforms)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # some primitives vanish
+        meshes = list(solids(text, tolerance=0.02).values())
+    points = np.random.default_rng(seed).uniform(-3, 3, (400, 3))
+    expected = inside(text, points)
+    if not meshes:
+        assert not expected.any()
+        return
+    assert_closed(meshes)
+    p = np.concatenate([m.positions for m in meshes])
+    # Winding number: the solid angle under which the surface is seen (Van Oosterom and Strackee 1983).
+    winding = np.empty(len(points))
+    for i, q in enumerate(points):
+        a, b, c = (p[:, k] - q for k in range(3))
+        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+        det = np.einsum("ti,ti->t", a, np.cross(b, c))
+        ab, bc, ca = (np.einsum("ti,ti->t", x, y) for x, y in ((a, b), (b, c), (c, a)))
+        winding[i] = np.arctan2(det, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2 * math.pi)
+    assert np.allclose(winding, np.round(winding), atol=1e-6)
+    assert np.mean((winding > 0.5) != expected) < 0.01  # only points closer to a face than the chords may differ
+
+
+def test_long_alternating_chains_give_what_the_definition_gives():
+    rng = random.Random(7)
+    count = 60
+    transforms = ["SCALE (3 3 3) TRANSLATE (-1.5 -1.5 -1.5)"] + [
+        f"SCALE (.5 .5 .5) TRANSLATE ({' '.join(str(rng.uniform(-1.5, 1.5)) for _ in range(3))})" for _ in range(count - 1)]
+    operators = [rng.choice("+-") for _ in range(count - 1)]
+    text = scene(" ".join(operators[::-1]) + " CUBE 0 " + " ".join(f"SPHERE {i}" for i in range(1, count)), transforms)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        meshes = list(solids(text, 0.2).values())
+    assert_closed(meshes)
+    points = np.random.default_rng(1).uniform(-2, 2, (400_000, 3))
+    assert volume(meshes) == pytest.approx(64 * inside(text, points).mean(), rel=0.02)
+
+
+def test_dielectrics_give_way_to_opaque_solids():
+    glass = "material dieletrico n-refr = 1.5"
+    text = scene("+ CUBE 0 SPHERE 1", ["TRANSLATE (-.5 -1 -.5)", "SCALE (.4 .4 .4)"], ["material lambertiano kd = .5", glass])
+    meshes = solids(text, 0.005)
+    # The opaque box keeps its whole surface: the ray inside the glass meets it.
+    assert_closed([meshes[0]])
+    assert volume([meshes[0]]) == pytest.approx(1)
+    # Of the ball there is the upper half; its shell is closed by the box's top.
+    assert area(meshes[1]) == pytest.approx(2 * math.pi * 0.16, rel=1e-3)
+    alone = solids(scene("- SPHERE 0 CUBE 1", ["", "TRANSLATE (-.5 -.5 0) SCALE (4 4 4)"], [glass, glass]), 0.005)
+    assert_closed(list(alone.values()))
+    assert len(alone) == 1
+
+
+def test_two_glasses_have_one_interface():
+    surfaces = ["material dieletrico n-refr = 1.5", "material dieletrico n-refr = 1.33"]
+    meshes = solids(scene("+ CUBE 0 CUBE 1", ["", "TRANSLATE (.5 0 0)"], surfaces))
+    assert_closed([meshes[0]])
+    assert area(meshes[0]) == pytest.approx(6) and area(meshes[1]) == pytest.approx(4 * 0.5 + 1)
+
+
+def test_a_cut_face_belongs_to_the_cutter_whatever_it_is_made_of():
+    surfaces = ["material dieletrico n-refr = 1.5"] + 2 * ["material lambertiano kd = .5"]
+    meshes = solids(scene("- SPHERE 0 + CUBE 1 CUBE 2", ["", "SCALE (4 4 4)", "SCALE (4 4 4) TRANSLATE (0 -4 0)"], surfaces))
+    assert_closed(list(meshes.values()))
+    assert area(meshes[1]) == pytest.approx(2 * math.pi / 2, rel=1e-3)  # a quarter of the ball is gone; half discs remain
+
+
+def test_what_vanishes_is_reported():
+    with pytest.warns(SceneWarning, match=r"nothing is seen of SPHERE 1 \(line 3\)"):
+        solids(scene("+ CUBE 0 SPHERE 1", ["", "SCALE (.1 .1 .1) TRANSLATE (.5 .5 .5)"]))
+    with pytest.warns(SceneWarning, match="the tree's result is empty"):
+        assert solids(scene("* CUBE 0 SPHERE 1", ["", "TRANSLATE (9 9 9)"])) == {}
+    with pytest.warns(SceneWarning, match="the tree's result is empty"):
+        assert solids(scene("- CUBE 0 CUBE 0", [""])) == {}
+
+
+def test_depth_of_nesting_needs_no_recursion():
+    count = 30_000
+    for tree in ("+ " * count + "CUBE 0 " * (count + 1), "+ CUBE 0 " * count + "CUBE 0", "* CUBE 0 - CUBE 0 " * 50 + "CUBE 0"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)
+            parsed = prosim_scene.parse(scene(tree, [""]))
+        assert len(parsed.csg) > 100

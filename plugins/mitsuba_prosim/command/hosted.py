@@ -107,7 +107,9 @@ def run(plugin, words):
                 state = session.parse(scene_file, parameters)
             begun = begun or plugin in session.plugin_names(state)
             if begun:
-                render(session.instantiate(state), integer(options, "-s", 0), options.get("-o", [scene_file])[0])
+                with session.enough_threads():
+                    scene = session.instantiate(state)
+                render(scene, integer(options, "-s", 0), options.get("-o", [scene_file])[0])
     if scenes and not begun:
         raise RuntimeError(f'Plugin "{plugin}" is named by none of the scenes!')
 
@@ -128,7 +130,7 @@ def render(scene, index, path):
     sensor, integrator = session.pick_sensor(scene, index), scene.integrator()
 
     def write():
-        with session.enough_threads_to_write():
+        with session.enough_threads():
             sensor.film().write(path)
 
     hung_up = []

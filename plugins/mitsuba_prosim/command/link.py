@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from .. import registry
 from . import session
-from .session import is_stand_in, plugin_folder, stand_ins
+from .session import is_stand_in, plugin_folder
 from .stand_in import BUNDLED, compile_stand_in
 
 
@@ -23,7 +23,15 @@ def misplaced_folder():
     keeps Mitsuba's launcher from finding its program.
     """
     folder = Path(str(distribution("mitsuba-prosim").locate_file("mitsuba")))
-    return folder if folder.is_dir() and folder != plugin_folder().parent else None
+    return folder if folder.is_dir() and not (folder / "__init__.py").exists() else None
+
+
+def remove_stand_ins(folder):
+    """Removes the stand-ins in a folder, and nothing else; returns how many."""
+    present = [path for path in folder.glob("*.so") if is_stand_in(path)]
+    for path in present:
+        path.unlink()
+    return len(present)
 
 
 def plugin_names():
@@ -49,10 +57,9 @@ def record(paths):
     own = distribution("mitsuba-prosim")
     listing = next(Path(str(file.locate())) for file in own.files if file.name == "RECORD")
     site = listing.parents[1]
-    known = {file.locate() for file in own.files}
-    rows = [f"{Path(os.path.relpath(path, site)).as_posix()},,\n" for path in paths if path not in known]
+    known = {file.as_posix() for file in own.files}
     with listing.open("a", encoding="utf-8") as file:
-        file.writelines(rows)
+        file.writelines(f"{path},,\n" for path in (os.path.relpath(path, site) for path in paths) if path not in known)
 
 
 @click.command()
@@ -67,14 +74,13 @@ def link(remove):
     if sys.platform != "linux":
         raise click.ClickException("the stand-ins exist for Linux only; use prosim render.")
     try:
-        present = stand_ins()
         if remove:
-            for path in present.values():
-                path.unlink()
-            click.echo(f"{len(present)} stand-ins removed from {plugin_folder()}")
+            click.echo(f"{remove_stand_ins(plugin_folder())} stand-ins removed from {plugin_folder()}")
             return
         if misplaced := misplaced_folder():
-            shutil.rmtree(misplaced)
+            remove_stand_ins(misplaced / "plugins")
+            (misplaced / "plugins").rmdir()
+            misplaced.rmdir()
         wanted = [plugin_folder() / f"{name}.so" for name in plugin_names()]
         with tempfile.TemporaryDirectory() as folder:
             built = Path(folder, "stand_in.so")

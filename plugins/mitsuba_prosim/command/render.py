@@ -10,7 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 
 import click
-import drjit as dr
 import mitsuba as mi
 import prosim_scene
 from tqdm.auto import tqdm
@@ -23,7 +22,7 @@ from .options import SCENE, Definition, Numbers, translation
 @click.argument("scene", type=SCENE)
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="Image to write, without or with the suffix .exr or .png: both are written. "
-                   "[default: the scene's name, beside the scene]", show_default=False)
+                   "[default: beside the scene, under its name]", show_default=False)
 @click.option("-m", "--mode", metavar="VARIANT",
               help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb, llvm_ad_rgb or scalar_rgb, the first that "
                    "this machine can run]", show_default=False)
@@ -44,18 +43,18 @@ def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed
     Writes a linear EXR (with how it was made as metadata) and a tone-mapped PNG. Existing files are replaced when the
     new ones are complete. Ctrl-C ends the render and keeps the image so far.
     """
-    check_variant(mode)
-    if threads:
-        dr.set_thread_count(threads)
+    if mode and mode not in mi.variants():
+        raise click.BadParameter(f"{mode!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
     try:
         session.set_variant(mode)
     except (ImportError, RuntimeError) as error:
         raise click.ClickException(str(error)) from None
 
-    stem = image_stem(output or scene)
-    with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(verbose):
+    with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(verbose), session.threads(threads):
         try:
-            loaded = load(scene, folder, dict(definitions), resolution, samples, crop, language)
+            stem = image_stem(scene, output)
+            with session.enough_threads():
+                loaded = load(scene, folder, dict(definitions), resolution, samples, crop, language)
             chosen = session.pick_sensor(loaded, sensor)
         except prosim_scene.SceneError as error:
             raise InputError(str(error)) from None
@@ -63,13 +62,19 @@ def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed
             raise InputError(session.message(error)) from None
 
         integrator, start = loaded.integrator(), time.perf_counter()
+        if hasattr(integrator, "band"):
+            # Some seconds at most between two steps of the bar, at which Ctrl-C is heard as well.
+            integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or integrator.samples**2)))
         with progress_bar(integrator), interruptible(integrator) as interrupted:
             session.render(loaded, chosen, seed, spp or 0)
         seconds = time.perf_counter() - start
 
     facts = {"prosim.scene": str(scene), "prosim.version": version("mitsuba-prosim"), "prosim.variant": mi.variant(),
              "prosim.integrator": str(integrator), "prosim.seed": str(seed), "prosim.seconds": f"{seconds:.3f}"}
-    written = write_images(stem, chosen.film().bitmap(), facts)
+    try:
+        written = write_images(stem, chosen.film().bitmap(), facts)
+    except (RuntimeError, OSError) as error:
+        raise click.ClickException(f"the image could not be written: {error}") from None
     width, height = chosen.film().crop_size()
     click.echo(f"{' and '.join(map(str, written))}: {width} x {height} pixels, {mi.variant()}, {seconds:.2f} s"
                + (", interrupted" if interrupted else ""))
@@ -83,15 +88,13 @@ class InputError(click.ClickException):
     exit_code = 2
 
 
-def check_variant(mode):
-    """Refuses a variant that this Mitsuba does not have."""
-    if mode and mode not in mi.variants():
-        raise click.BadParameter(f"{mode!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
-
-
-def image_stem(path):
-    """The path without an image's or a scene's suffix."""
-    return path.with_suffix("") if path.suffix.lower() in (".exr", ".png", ".xml", ".scn") else path
+def image_stem(scene, output):
+    """Path of the images without suffix: the output's, or the name that the scene gives itself, beside the scene."""
+    if output:
+        return output.with_suffix("") if output.suffix.lower() in (".exr", ".png") else output
+    if scene.suffix.lower() == ".xml":
+        return scene.with_suffix("")
+    return scene.with_name(Path(prosim_scene.parse(prosim_scene.read(scene), scene).name).name or scene.stem)
 
 
 def load(scene, folder, definitions, resolution, samples, crop, language):
@@ -191,7 +194,7 @@ def write_images(stem, bitmap, facts):
         images[".png"] = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True)
     finished = {}
     try:
-        with session.enough_threads_to_write():
+        with session.enough_threads():
             for suffix, image in images.items():
                 part = stem.with_name(f".{stem.name}.{os.getpid()}{suffix}")
                 finished[part] = stem.with_name(stem.name + suffix)

@@ -86,14 +86,19 @@ def search_paths(first=(), last=()):
 
 
 @contextmanager
-def enough_threads_to_write():
-    """Mitsuba 3.9 waits for ever when it writes an EXR with one or two threads: lends it a third."""
-    threads = dr.thread_count()
-    dr.set_thread_count(max(threads, 3))
+def threads(count):
+    """Works with so many threads, for a while; None: with as many as before."""
+    before = dr.thread_count()
+    dr.set_thread_count(count or before)
     try:
         yield
     finally:
-        dr.set_thread_count(threads)
+        dr.set_thread_count(before)
+
+
+def enough_threads():
+    """Mitsuba 3.9 waits for ever when it reads or writes an EXR with one or two threads: lends it a third, for a while."""
+    return threads(max(dr.thread_count(), 3))
 
 
 def pick_sensor(scene, index):

@@ -1,0 +1,255 @@
+"""The ``prosim`` command: what it writes, says and exits with."""
+
+import signal
+import subprocess
+import sys
+import time
+from importlib.metadata import distribution
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from mitsuba_prosim import llvm
+from mitsuba_prosim.command import link, session, stand_in
+from mitsuba_prosim.command.main import main
+
+PALITO = Path(__file__).parents[2] / "examples" / "palito.scn"
+
+XML = """<scene version="3.0.0">
+    <default name="radiance" value="0.5"/>
+    <integrator type="path"/>
+    <sensor type="perspective">
+        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>
+        <sampler type="nrook"><integer name="sample_count" value="4"/></sampler>
+    </sensor>
+    <emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>
+</scene>
+"""
+
+
+def prosim(*arguments):
+    return CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def pixels(path):
+    return np.array(mi.Bitmap(str(path)))
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.xml"
+    path.write_text(XML)
+    return path
+
+
+@pytest.fixture
+def palito(tmp_path):
+    path = tmp_path / "listing.scn"
+    path.write_bytes(PALITO.read_bytes())
+    return path
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_renders_the_thesis_scene(palito):
+    """By default the images bear the name that the scene gives itself; nothing else is left behind."""
+    done = prosim("render", palito, "--resolution", "40x40", "--samples", 2)
+    assert done.exit_code == 0, done.output
+    assert "palito.exr and " in done.stdout and "40 x 40 pixels" in done.stdout and done.stdout.count("\n") == 1
+    assert names(palito.parent) == ["listing.scn", "palito.exr", "palito.png"]
+    assert pixels(palito.with_name("palito.exr")).shape == (40, 40, 3)
+
+
+def test_translation_renders_alike(palito):
+    assert prosim("translate", palito, "-o", palito.parent / "out", "--resolution", "32x32").exit_code == 0
+    for source, name in (palito, "a"), (palito.parent / "out" / "listing.xml", "b"):
+        done = prosim("render", source, "-o", palito.with_name(name), "--resolution", "32x32", "--samples", 2)
+        assert done.exit_code == 0, done.output
+    assert np.array_equal(pixels(palito.with_name("a.exr")), pixels(palito.with_name("b.exr")))
+
+
+def test_images_agree(scene):
+    """Linear values in the EXR, with how it was made; the same in sRGB and 8 bits in the PNG."""
+    done = prosim("render", scene, "-D", "radiance=0.25", "--seed", 3, "-t", 1)
+    assert done.exit_code == 0, done.output
+    exr, png = mi.Bitmap(str(scene.with_suffix(".exr"))), mi.Bitmap(str(scene.with_suffix(".png")))
+    assert np.allclose(np.array(exr), 0.25, atol=1e-6)
+    assert np.all(np.abs(np.array(png) - 255 * (1.055 * 0.25 ** (1 / 2.4) - 0.055)) <= 1)
+    assert exr.metadata()["prosim.seed"] == "3" and exr.metadata()["prosim.scene"] == str(scene)
+
+
+def test_crop_is_part_of_the_whole(palito):
+    for name, crop in ("whole", []), ("part", ["--crop", "10,4,8,6"]):
+        done = prosim("render", palito, "-o", palito.with_name(name), "--resolution", "32x32", "--samples", 2, *crop)
+        assert done.exit_code == 0, done.output
+    assert np.array_equal(pixels(palito.with_name("part.exr")), pixels(palito.with_name("whole.exr"))[4:10, 10:18])
+
+
+@pytest.mark.parametrize("suffix", ["", ".exr", ".png"])
+def test_output_names(scene, suffix):
+    done = prosim("render", scene, "-o", scene.with_name("new") / f"a.b{suffix}")
+    assert done.exit_code == 0, done.output
+    assert names(scene.with_name("new")) == ["a.b.exr", "a.b.png"]
+
+
+@pytest.mark.parametrize("text, says", [
+    ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
+    (XML.replace("$radiance", "$missing"), "missing"),
+    (XML.replace("path", "prosim_missing"), "not found"),
+    (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),
+    ("<scene version='3.0.0'/>", "No sensor specified"),
+])
+def test_wrong_scene(scene, text, says):
+    scene.write_text(text)
+    done = prosim("render", scene)
+    assert done.exit_code == 2
+    assert says in done.stderr and "Traceback" not in done.stderr
+    assert names(scene.parent) == ["scene.xml"]
+
+
+def test_wrong_scene_in_the_language(palito):
+    palito.write_text(PALITO.read_text().replace("AREA-", "ARIA-").replace("LIGHTS", "LIHTS"))
+    for command in "render", "translate", "format":
+        done = prosim(command, palito)
+        assert done.exit_code == 2
+        assert "LIGHTS" in done.stderr and "^" in done.stderr
+    assert names(palito.parent) == ["listing.scn"]
+
+
+@pytest.mark.parametrize("arguments", [
+    ["--resolution", "40"], ["--resolution", "0x4"], ["--crop", "1,2,3"], ["-D", "key"], ["-m", "no_such_variant"],
+    ["--spp", "0"], ["-s", "7"], ["--crop", "0,0,100,100"],
+])
+def test_wrong_use(scene, arguments):
+    done = prosim("render", scene, *arguments)
+    assert done.exit_code == 2, done.output
+    assert names(scene.parent) == ["scene.xml"]
+
+
+def test_an_image_survives_a_failed_render(scene):
+    assert prosim("render", scene).exit_code == 0
+    before = scene.with_suffix(".exr").read_bytes()
+    scene.write_text(XML.replace("path", "prosim_missing"))
+    assert prosim("render", scene).exit_code == 2
+    assert scene.with_suffix(".exr").read_bytes() == before
+
+
+def test_an_image_that_cannot_be_written(scene):
+    done = prosim("render", scene, "-o", "/proc/image")
+    assert done.exit_code == 1 and "/proc" in done.output
+
+
+def test_ctrl_c_keeps_the_image_so_far(tmp_path):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="12"/>'
+                                 '<string name="adaptive" value="none"/></integrator>')
+                     .replace('"12"/><integer name="h', '"512"/><integer name="h').replace('"8"', '"8192"'))
+    program = [sys.executable, "-c", "from mitsuba_prosim.command.main import main; main()", "render", str(scene), "-v"]
+    with subprocess.Popen(program, stderr=subprocess.PIPE) as process:
+        for line in process.stderr:
+            if b"Embree ready" in line:
+                break
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 1
+    image = pixels(scene.with_suffix(".exr"))
+    assert image[0].max() > 0 and image[-1].max() == 0
+
+
+def test_translate_writes_all_or_nothing(palito):
+    assert prosim("translate", palito, "--check").exit_code == 0
+    assert names(palito.parent) == ["listing.scn"]
+    done = prosim("translate", palito, "--target", "stock", "--light-units", "radiance", "--tolerance", 0.5)
+    assert done.exit_code == 0 and done.stdout == f"{palito.with_suffix('.xml')}\n"
+    assert names(palito.parent) == ["listing-meshes", "listing.scn", "listing.xml"]
+    assert 'type="prosim' not in palito.with_suffix(".xml").read_text()
+
+
+def test_format(palito):
+    assert prosim("format", "--check", palito).exit_code == 1
+    assert prosim("format", palito).exit_code == 0
+    tidy = palito.read_text()
+    assert prosim("format", "--check", palito).exit_code == 0
+    assert prosim("format", palito).output == "" and palito.read_text() == tidy
+    assert names(palito.parent) == ["listing.scn"]
+
+
+def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):
+    done = prosim("doctor")
+    assert f"mitsuba     {len(session.stand_ins())} stand-ins" in done.stdout or sys.platform != "linux"
+    assert mi.__version__ in done.stdout and "llvm_ad_rgb" in done.stdout
+    monkeypatch.setattr(llvm, "version", lambda: (15, 0, 6))
+    monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
+    done = prosim("doctor")
+    assert done.exit_code == 1 and "abort the process" in done.stdout
+
+
+compiled = pytest.mark.skipif(sys.platform != "linux" or not stand_in.compiler(), reason="needs a C compiler, on Linux")
+
+
+@compiled
+def test_link_and_unlink(own, tmp_path, monkeypatch):
+    folder, listed = tmp_path / "plugins", []
+    folder.mkdir()
+    (folder / "path.so").write_bytes(b"Mitsuba's own")
+    monkeypatch.setattr(session, "plugin_folder", lambda: folder)
+    monkeypatch.setattr(link, "plugin_folder", lambda: folder)
+    monkeypatch.setattr(link, "record", listed.extend)
+    done = prosim("link")
+    assert done.exit_code == 0, done.output
+    assert {"prosim_conductor", "nrook", "prb"} <= set(session.stand_ins())
+    assert {path.name for path in listed} | {"path.so"} == set(names(folder))
+    assert prosim("link", "--remove").exit_code == 0
+    assert names(folder) == ["path.so"]
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A distribution "own" in ``tmp_path``, which ``prosim link`` takes for this package's."""
+    info = tmp_path / "own-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own\nVersion: 1\n")
+    (info / "RECORD").write_text("own-1.dist-info/RECORD,,\n")
+    monkeypatch.setattr(link, "distribution", lambda _: distribution("own"))
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def test_record_lists_a_file_once(own):
+    """What pip removes on uninstalling."""
+    for _ in range(2):
+        link.record([own / "mitsuba" / "plugins" / "a.so", own.parent / "elsewhere.so"])
+    lines = (own / "own-1.dist-info" / "RECORD").read_text().splitlines()
+    assert lines[1:] == ["mitsuba/plugins/a.so,,", "../elsewhere.so,,"]
+
+
+@compiled
+def test_misplaced_stand_ins_are_moved(own, monkeypatch):
+    """Where Mitsuba is elsewhere, a folder ``mitsuba`` beside this package hides it from its launcher."""
+    true, misplaced = own / "true" / "plugins", own / "mitsuba" / "plugins"
+    true.mkdir(parents=True)
+    misplaced.mkdir(parents=True)
+    (misplaced / "nrook.so").write_bytes(stand_in.MARK)
+    monkeypatch.setattr(session, "plugin_folder", lambda: true)
+    monkeypatch.setattr(link, "plugin_folder", lambda: true)
+    (misplaced / "other.so").write_bytes(b"not ours")
+    assert prosim("link").exit_code == 1 and (misplaced / "other.so").exists()
+    (misplaced / "other.so").unlink()
+    assert prosim("link").exit_code == 0
+    assert not misplaced.parent.exists() and "nrook" in session.stand_ins()
+
+
+def test_mitsuba_itself_is_never_misplaced(own):
+    (own / "mitsuba").mkdir()
+    (own / "mitsuba" / "__init__.py").touch()
+    assert link.misplaced_folder() is None
+
+
+@pytest.mark.parametrize("command", ["render", "translate", "format", "doctor", "link"])
+def test_help(command):
+    assert prosim(command, "-h").exit_code == 0
+    assert command in prosim("-h").output

@@ -216,9 +216,10 @@ class Prosim(mi.SamplingIntegrator):
     def background_radiance(self, ray, si, active):
         """Radiance of the background in the direction of ``ray``."""
         d = ray.d
+        si = mi.SurfaceInteraction3f(si)  # whoever called still needs its own uv
         # Latitude and longitude as Mitsuba's envmap has them: y is up, u = 0 towards +z.
-        si.uv = mi.Point2f(dr.atan2(d.x, -d.z) * dr.inv_two_pi, dr.safe_acos(d.y) * dr.inv_pi)
-        si.uv.x -= dr.floor(si.uv.x)
+        u = dr.atan2(d.x, -d.z) * dr.inv_two_pi
+        si.uv = mi.Point2f(u - dr.floor(u), dr.safe_acos(d.y) * dr.inv_pi)
         return self.background.eval(si, active)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
@@ -312,6 +313,7 @@ class Frame:
         self.domain = (-border, -border, self.width + border, self.height + border)
         self.transport = Transport(integrator, scene)
         self.threshold = dr.opaque(mi.Float, integrator.threshold)
+        self.row = dr.opaque(mi.Int32, self.width + 2 * MARGIN)
         self.inverse_size = mi.Vector2f(dr.opaque(mi.Float, 1 / self.width), dr.opaque(mi.Float, 1 / self.height))
 
     # ------------------------------------------------------------ the samples of a pixel
@@ -332,7 +334,7 @@ class Frame:
     def sample(self, x, y, r, i):
         """Sample ``i`` of pass ``r`` in the pixels (x, y): ``(values, luminance, position)``, ``values`` being what the
         film stores for a sample of weight 1."""
-        pixel = (y + MARGIN) * (self.width + 2 * MARGIN) + x + MARGIN
+        pixel = (y + MARGIN) * self.row + x + MARGIN
         points = NRook(self.permutations, pixel_key(self.seed, mi.UInt32(pixel)), r, i, self.integrator.jitter)
         ray, weight, position = self.camera_ray(x, y, points)
         L, hit = self.transport(ray, points, True)
@@ -461,7 +463,8 @@ class Frame:
             dr.eval(sums, statistics, count)
             error = adaptive.error_of_neighbours(statistics[0], statistics[1], mi.Float(self.first_passes * self.n),
                                                  width, height)
-            inside = (x >= band[0]) & (x < band[2]) & (y >= band[1]) & (y < band[3])
+            left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in band)
+            inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
             noisy = dr.compress(inside & (error > self.threshold))
             if dr.width(noisy) > 0:
                 more, more_statistics, more_count = self.passes(

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import click
 import mitsuba as mi
+import numpy as np
 import prosim_scene
 from tqdm.auto import tqdm
 
@@ -36,8 +37,11 @@ from .options import SCENE, Definition, Numbers, translation
               "[default: what the scene says]", show_default=False)
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
 @click.option("--crop", type=Numbers("X,Y,W,H", ",", 4, least=0), help="Render only this window of the image, in pixels.")
+@click.option("--exposure", type=float, default=0.0, metavar="STOPS",
+              help="Makes the PNG brighter by so many factors of two; negative: darker.")
 @translation
-def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed, crop, resolution, samples, **language):
+def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed, crop, exposure, resolution, samples,
+           **language):
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
 
     Writes a linear EXR (with how it was made as metadata) and a tone-mapped PNG. Existing files are replaced when the
@@ -72,7 +76,7 @@ def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed
     facts = {"prosim.scene": str(scene), "prosim.version": version("mitsuba-prosim"), "prosim.variant": mi.variant(),
              "prosim.integrator": str(integrator), "prosim.seed": str(seed), "prosim.seconds": f"{seconds:.3f}"}
     try:
-        written = write_images(stem, chosen.film().bitmap(), facts)
+        written = write_images(stem, chosen.film().bitmap(), facts, exposure)
     except (RuntimeError, OSError) as error:
         raise click.ClickException(f"the image could not be written: {error}") from None
     width, height = chosen.film().crop_size()
@@ -180,10 +184,10 @@ def interruptible(integrator):
         signal.signal(signal.SIGINT, before)
 
 
-def write_images(stem, bitmap, facts):
+def write_images(stem, bitmap, facts, exposure):
     """Writes STEM.exr and STEM.png, each complete or not at all; returns their paths.
 
-    A film without colours (spectral bins, say) has no PNG.
+    The PNG is ``2**exposure`` times as bright. A film without colours (spectral bins, say) has none.
     """
     stem.parent.mkdir(parents=True, exist_ok=True)
     for name, fact in facts.items():
@@ -191,7 +195,9 @@ def write_images(stem, bitmap, facts):
     images = {".exr": bitmap}
     colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
-        images[".png"] = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True)
+        linear = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+        images[".png"] = mi.Bitmap(np.array(linear) * np.float32(2**exposure)).convert(
+            component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
     finished = {}
     try:
         with session.enough_threads():

@@ -6,7 +6,8 @@ For each scene, prints a table (Markdown) and writes ``SCENE.png`` (curves) and 
 References are converged images, kept in a cache folder and continued when ``--reference-seconds`` grants more time.
 
 All runs of a scene take turns, so that other load on the machine slows them down alike: compare ratios within one table.
-Times are medians of warm runs; "cold" is the first run in the process, with the kernels on Dr.Jit's disk cache if the
+"CPU s" is processor time divided by the number of threads, which other load disturbs less than the clock's "s"; gains
+are in CPU s. Times are medians of warm runs; "cold" is the first run in the process, with the kernels on Dr.Jit's disk cache if the
 scene has been measured before. Samples are those really taken. Images are scaled so that the reference's mean is 0.25.
 "Gain": how many times less time than the best of Mitsuba's samplers takes for an equal error, by its own curve; ">":
 none of their curves gets there, and this is against the largest run of the fastest.
@@ -69,7 +70,7 @@ def gains(run, rivals, measure):
     """How many times less than the best of ``rivals`` (curves) ``run`` takes for its error: ``(times, samples, reached)``,
     None where rivals begin below that error."""
     error, result = run.median(measure), []
-    for cost in (lambda r: r.median(), lambda r: r.samples):
+    for cost in (lambda r: r.median("cpu"), lambda r: r.samples):
         costs = [measures.cost_at(error, [cost(r) for r in curve], [r.median(measure) for r in curve])
                  for curve in rivals]
         reached = [c for c in costs if c is not None]
@@ -90,8 +91,8 @@ def table(results):
     rows = []
     for run in results:
         name = run.contestant.name
-        row = {"name": name.replace("prosim,", ""), "samples": run.samples, "seconds": run.median(),
-               "fastest": min(run.seconds), "slowest": max(run.seconds), "cold": run.cold,
+        row = {"name": name.replace("prosim,", ""), "samples": run.samples, "seconds": run.median("seconds"),
+               "cpu": run.median("cpu"), "fastest": min(run.seconds), "slowest": max(run.seconds), "cold": run.cold,
                **{m: run.median(m) for m in MEASURES}}
         if name.startswith("prosim"):
             row["gain"] = {m: gains(run, theirs, m) for m in MEASURES}
@@ -109,10 +110,10 @@ def markdown(rows):
         time, _, reached = row[kind][m]
         return "–" if time is None else f"{'' if reached else '>'}{time:.1f}"
 
-    lines = ["| | spp | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % | own RMSE | tone-m. |",
+    lines = ["| | spp | CPU s | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % | own RMSE | tone-m. |",
              "|---" + "|---:" * 12 + "|"]
     for row in rows:
-        cells = [row["name"], f"{row['samples']:.1f}", f"{row['seconds']:.3f}", f"{row['cold']:.2f}",
+        cells = [row["name"], f"{row['samples']:.1f}", f"{row['cpu']:.3f}", f"{row['seconds']:.3f}", f"{row['cold']:.2f}",
                  *(f"{row[m]:.5f}" for m in MEASURES), *(gain(row, m) for m in list(MEASURES)[:3]),
                  *(gain(row, m, "gain_over_own_uniform") for m in list(MEASURES)[:2])]
         lines.append("| " + " | ".join(cells) + " |")
@@ -126,7 +127,7 @@ def plot(name, results, path):
     from matplotlib import pyplot
     figure, axes = pyplot.subplots(2, 2, figsize=(13, 9), sharey="row")
     for row, measure in zip(axes, ("rmse", "tone_mapped_rmse")):
-        for axis, cost, label in zip(row, (lambda r: r.median(), lambda r: r.samples), ("seconds", "samples a pixel")):
+        for axis, cost, label in zip(row, (lambda r: r.median("cpu"), lambda r: r.samples), ("CPU seconds", "samples a pixel")):
             for curve, points in curves(results).items():
                 points = sorted(points, key=cost)
                 ours = curve.startswith("prosim")

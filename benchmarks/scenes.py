@@ -1,5 +1,5 @@
 """The scenes of the benchmarks. Each is made from Mitsuba's own plugins where it can be, so that integrators and samplers
-are compared, not materials; mean values are near a quarter of white."""
+are compared, not materials; most have a mean near a quarter of white."""
 
 import functools
 import tempfile
@@ -46,7 +46,7 @@ def stage(**things):
     return {"sensor": camera([0, 2.2, 6], [0, 0.9, 0], 40), "floor": floor(diffuse(0.6, 0.6, 0.5)),
             "wall": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, -2]).scale(6),
                      "bsdf": diffuse(0.6, 0.45, 0.4)},
-            "lamp": lamp([-3, 3.5, 3], 0.5, 25.0)} | things
+            "lamp": lamp([-3, 3.5, 3], 0.5, 75.0)} | things
 
 
 def pole():
@@ -71,8 +71,8 @@ def copper_ball():
 def rough_floor(alpha):
     """Balls above a metal floor (figures 5.3 to 5.5: the same floor at three roughnesses)."""
     return {"sensor": camera([0, 2.0, 6], [0, 0.6, 0], 38), "floor": floor(copper(alpha), 10),
-            "lamp": lamp([-3, 4, 2], 0.6, 25.0),
-            "sky": {"type": "constant", "radiance": rgb(0.15, 0.18, 0.25)},
+            "lamp": lamp([-3, 4, 2], 0.6, 50.0),
+            "sky": {"type": "constant", "radiance": rgb(0.3, 0.36, 0.5)},
             "red": ball([-1.1, 0.7, 0], 0.7, diffuse(0.8, 0.2, 0.15)),
             "blue": ball([0.8, 0.9, -0.6], 0.9, diffuse(0.2, 0.3, 0.8)),
             "green": ball([0.4, 0.35, 1.2], 0.35, diffuse(0.2, 0.7, 0.2))}
@@ -80,7 +80,7 @@ def rough_floor(alpha):
 
 def many_lights():
     """Sixteen small lamps over the diffuse scene."""
-    lamps = {f"lamp_{i}": lamp([-3 + 2 * (i % 4), 3.2, 3.5 - 1.2 * (i // 4)], 0.15, 11.0) for i in range(16)}
+    lamps = {f"lamp_{i}": lamp([-3 + 2 * (i % 4), 3.2, 3.5 - 1.2 * (i // 4)], 0.15, 33.0) for i in range(16)}
     scene = stage(pole=pole(), ball=ball([0.5, 0.8, 0], 0.8, diffuse(0.2, 0.5, 0.8)))
     del scene["lamp"]
     return scene | lamps
@@ -89,7 +89,7 @@ def many_lights():
 def glass():
     """Smooth glass balls, one in another, under a sky with dark bars: reflection and refraction at every level."""
     v, u = np.mgrid[0:128, 0:256] / np.array([128, 256]).reshape(2, 1, 1)
-    sky = (0.15 + 0.5 * ((u * 16) % 1 < 0.5) * (v < 0.7) + 0.2 * v)[..., None] * np.array([0.9, 1.0, 1.1])
+    sky = (0.08 + 0.25 * ((u * 16) % 1 < 0.5) * (v < 0.7) + 0.1 * v)[..., None] * np.array([0.9, 1.0, 1.1])
     glass = {"type": "dielectric", "int_ior": 1.5}
     return {"sensor": camera([0, 0.6, 6], [0, 0, 0], 38),
             "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky.astype(np.float32))},

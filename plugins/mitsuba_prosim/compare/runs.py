@@ -36,13 +36,13 @@ class Contestant:
         return {name: measure(image, wanted) for name, measure in measures.items()}
 
     def render(self, seed):
-        """Image (height, width, 3) and the seconds that it took."""
-        start = time.perf_counter()
+        """Image (height, width, 3) and the seconds that it took, by the clock and of processor time per thread."""
+        start, start_cpu = time.perf_counter(), time.process_time()
         image = self.integrator.render(self.scene, self.scene.sensors()[0], seed=seed, spp=self.spp)
         dr.eval(image)
         dr.sync_thread()
-        seconds = time.perf_counter() - start
-        return np.array(image)[..., :3], seconds
+        seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
+        return np.array(image)[..., :3], (seconds, cpu / max(dr.thread_count(), 1))
 
     def counts(self, seed=0):
         """Samples that each pixel really gets, shape (height, width); samplers round what they are asked for."""
@@ -64,6 +64,9 @@ class Runs:
     counts: np.ndarray
     cold: float
     seconds: list = field(default_factory=list)
+    #: Processor time divided by the number of threads: what ``seconds`` would be on a machine with nothing else to do
+    #: and all threads at work.
+    cpu: list = field(default_factory=list)
     errors: list = field(default_factory=list)
     image: np.ndarray = None
 
@@ -71,13 +74,13 @@ class Runs:
     def samples(self):
         return float(np.mean(self.counts))
 
-    def median(self, measure=None):
-        """Median of the seconds, or of a measure of error."""
-        return float(np.median(self.spread(measure)))
+    def median(self, what):
+        """Median of "seconds", "cpu" or a measure of error."""
+        return float(np.median(self.spread(what)))
 
-    def spread(self, measure=None):
-        """All rounds' seconds, or values of a measure of error, in ascending order."""
-        return sorted(self.seconds if measure is None else [e[measure] for e in self.errors])
+    def spread(self, what):
+        """All rounds' "seconds", "cpu" or values of a measure of error, in ascending order."""
+        return sorted(getattr(self, what) if what in ("seconds", "cpu") else [e[what] for e in self.errors])
 
 
 def by_turns(contestants, rounds, measures, tell=lambda done: None):
@@ -87,13 +90,14 @@ def by_turns(contestants, rounds, measures, tell=lambda done: None):
     """
     results = []
     for k, contestant in enumerate(contestants):
-        _, cold = contestant.render(0)
+        _, (cold, _) = contestant.render(0)
         results.append(Runs(contestant, contestant.counts(), cold))
         tell((k + 1) / len(contestants) / (rounds + 1))
     for seed in range(1, rounds + 1):
         for k, result in enumerate(results):
-            image, seconds = result.contestant.render(seed)
+            image, (seconds, cpu) = result.contestant.render(seed)
             result.seconds.append(seconds)
+            result.cpu.append(cpu)
             result.errors.append(result.contestant.measure(image, measures))
             result.image = image
             tell((seed + (k + 1) / len(results)) / (rounds + 1))

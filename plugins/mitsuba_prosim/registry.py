@@ -16,8 +16,8 @@ from . import llvm
 
 #: The folders whose modules depend on the variant: one plugin a module, or a base class that its neighbours share
 #: (``common``, which stands before them in the alphabet and so runs first). In the order of the thesis: 5.1 materials,
-#: 5.2 sources, textures, 5.3 sampling, 5.4 rendering.
-FOLDERS = ("bsdfs", "emitters", "textures", "samplers", "integrators")
+#: 5.2 sources, textures, views, 5.3 sampling, 5.4 rendering.
+FOLDERS = ("bsdfs", "emitters", "textures", "sensors", "samplers", "integrators")
 
 #: Plugin name -> class, filled by the decorator below for the active variant.
 PLUGINS = {}

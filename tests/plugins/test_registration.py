@@ -42,7 +42,7 @@ def test_every_plugin_follows_the_variant():
     """Each class derives from the active variant's base class, also after a return to an earlier variant."""
     for variant in (*VARIANTS, *VARIANTS):
         mi.set_variant(variant)
-        bases = (mi.BSDF, mi.Emitter, mi.Texture, mi.Sampler, mi.SamplingIntegrator, mi.Integrator)
+        bases = (mi.BSDF, mi.Emitter, mi.Texture, mi.Sensor, mi.Sampler, mi.Integrator)
         assert registry.PLUGINS and all(issubclass(cls, bases) for cls in registry.PLUGINS.values())
         sampler = mi.load_dict({"type": "nrook", "sample_count": 9})
         assert isinstance(sampler, mi.Sampler) and sampler.sample_count() == 9

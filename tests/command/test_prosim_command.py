@@ -169,6 +169,21 @@ def test_translate_writes_all_or_nothing(palito):
     assert 'type="prosim' not in palito.with_suffix(".xml").read_text()
 
 
+def test_translate_says_once_that_stand_ins_are_missing(palito, monkeypatch):
+    monkeypatch.setattr(session, "stand_ins", dict)
+    assert "prosim doctor" in prosim("translate", palito).stderr or sys.platform != "linux"
+    monkeypatch.setattr(llvm, "problem", lambda: None)
+    done = prosim("doctor")
+    assert sys.platform != "linux" or done.exit_code == 1 and "prosim link" in done.stdout
+
+
+@pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])
+def test_compiler_that_fails(compiler, tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", compiler)
+    with pytest.raises(RuntimeError, match="the C compiler failed"):
+        stand_in.compile_stand_in(tmp_path / "a.so")
+
+
 def test_format(palito):
     assert prosim("format", "--check", palito).exit_code == 1
     assert prosim("format", palito).exit_code == 0

@@ -4,6 +4,7 @@ import os
 import platform
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import click
 import drjit as dr
@@ -12,7 +13,7 @@ import mitsuba as mi
 from .. import llvm
 from . import session
 from .link import misplaced_folder
-from .stand_in import compiler
+from .stand_in import compiler, names_in_source
 
 BACKENDS = {"scalar": None, "llvm": dr.JitBackend.LLVM, "cuda": dr.JitBackend.CUDA, "metal": dr.JitBackend.Metal}
 
@@ -45,9 +46,9 @@ def doctor():
         if misplaced := misplaced_folder():
             troubles.append(f"{misplaced} keeps the mitsuba command from starting, because Mitsuba itself is in "
                             f"{folder.parent}. Run: prosim link")
-        elif not stand_ins:
+        elif missing := sorted(set(names_in_source(Path(llvm.__file__).parent)) - set(stand_ins)):
             advice = "Run: prosim link" if compiler() else "Install a C compiler, then run: prosim link"
-            troubles.append(f"The mitsuba command can't run this package's plugins (prosim render can). {advice}")
+            troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). {advice}")
     else:
         click.echo("mitsuba     the mitsuba command can run plugins written in Python on Linux only; use prosim render")
 

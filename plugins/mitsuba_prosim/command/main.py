@@ -6,6 +6,7 @@ import warnings
 import click
 import prosim_scene
 
+from .compare import compare
 from .doctor import doctor
 from .link import link
 from .render import render
@@ -23,5 +24,5 @@ def main():
     warnings.showwarning = lambda message, *_: click.echo(f"warning: {message}", err=True)
 
 
-for command in (render, translate, format_scene, doctor, link):
+for command in (render, compare, translate, format_scene, doctor, link):
     main.add_command(command)

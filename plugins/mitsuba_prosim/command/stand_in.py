@@ -40,7 +40,8 @@ def compile_stand_in(path, python=None):
     if command is None:
         raise RuntimeError("there is no C compiler (on Debian and Ubuntu: apt install gcc libc6-dev)")
     define = [f'-DPYTHON="{python}"'] if python else []
-    done = subprocess.run([*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", *define, "-o", str(path),
-                           str(SOURCE)], check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"the C compiler failed: {done.stderr.strip()}")
+    try:
+        subprocess.run([*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", *define, "-o", str(path),
+                        str(SOURCE)], check=True, capture_output=True, text=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise RuntimeError(f"the C compiler failed: {getattr(error, 'stderr', None) or error}") from None

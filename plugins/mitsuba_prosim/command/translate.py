@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import prosim_scene
 
+from . import session
 from .options import SCENE, translation
 from .render import InputError
 
@@ -26,6 +27,8 @@ def translate(scene, output, check, **options):
             prosim_scene.check(scene, **options)
         else:
             click.echo(prosim_scene.translate(scene, output, **options))
+            if options["target"] == "prosim" and sys.platform == "linux" and not session.stand_ins():
+                click.echo("The mitsuba command can't run this scene yet, see prosim doctor; prosim render can.", err=True)
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
 

@@ -1,0 +1,120 @@
+"""``prosim compare``: a scene under two integrators or samplers, as a page with every measure."""
+
+import importlib.util
+import os
+import tempfile
+from pathlib import Path
+
+import click
+import mitsuba as mi
+import prosim_scene
+from tqdm.auto import tqdm
+
+from . import session
+from .options import SCENE, Definition, translation
+from .render import InputError, log
+
+
+class Levels(click.ParamType):
+    """Whole numbers separated by commas."""
+
+    name = "N,N,..."
+
+    def convert(self, value, param, ctx):
+        try:
+            levels = tuple(int(word) for word in value.split(",")) if isinstance(value, str) else value
+        except ValueError:
+            levels = ()
+        if len(set(levels)) < 2 or min(levels) < 1:
+            self.fail(f"{value!r} is not of the form N,N,... (two or more)", param, ctx)
+        return tuple(sorted(set(levels)))
+
+
+@click.command()
+@click.argument("scene", type=SCENE)
+@click.argument("a", default="prosim")
+@click.argument("b", default="path")
+@click.option("-o", "--output", type=click.Path(path_type=Path), show_default=False,
+              help="Page to write; the numbers go beside it, with the suffixes .json and .csv. "
+                   "[default: SCENE-compare.html beside the scene]")
+@click.option("-m", "--mode", metavar="VARIANT", show_default=False,
+              help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]")
+@click.option("-D", "--define", "definitions", type=Definition(), multiple=True,
+              help="Constant that replaces $key in the XML scene. May be repeated.")
+@click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
+@click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
+@click.option("--reference-seconds", type=click.FloatRange(min=0), default=60,
+              help="Time for each reference; one that is kept already is continued.")
+@click.option("--cache", type=click.Path(file_okay=False, path_type=Path), show_default=False,
+              help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]")
+@translation
+def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_seconds, cache, resolution, samples,
+            **language):
+    """Compare A and B on SCENE, in the thesis's language or XML: error, time, samples, and light left out.
+
+    A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
+    path:multijitter,max_depth=5. B also renders with as many samples, and in as much time, as A; errors are against a
+    converged reference. Where A is prosim and B is not, A renders both in B's transport of light and in the scene's.
+    """
+    needed = {"matplotlib": "matplotlib", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator", "jinja2": "jinja2"}
+    if missing := [package for module, package in needed.items() if importlib.util.find_spec(module) is None]:
+        raise click.ClickException(f"prosim compare needs {', '.join(missing)}. "
+                                   "Run: pip install 'mitsuba-prosim[compare]'")
+    if mode and mode not in mi.variants():
+        raise click.BadParameter(f"{mode!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
+    try:
+        session.set_variant(mode)
+    except (ImportError, RuntimeError) as error:
+        raise click.ClickException(str(error)) from None
+    if mi.variant().startswith("scalar_") or not mi.variant().endswith("_rgb"):
+        raise click.ClickException(f"prosim compare can't use {mi.variant()}: it needs a variant that ends in _rgb and "
+                                   "does not begin with scalar_.")
+
+    from ..compare import page, scenes
+    from ..compare.study import study
+    with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(0):
+        try:
+            specs = scenes.Spec(a), scenes.Spec(b)
+            with session.enough_threads():
+                opened = scenes.Scene(scene, folder, resolution, samples, dict(definitions), **language)
+            for spec in specs:  # whatever is wrong with them shows before the long work
+                opened.contestant(spec, spec.transport or "scene", spp=4)
+        except prosim_scene.SceneError as error:
+            raise InputError(str(error)) from None
+        except (RuntimeError, TypeError, ValueError) as error:
+            raise InputError(session.message(error)) from None
+        width, height = opened.scene().sensors()[0].film().crop_size()
+        if min(width, height) < 7:
+            raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
+        with tqdm(total=100, unit="%", bar_format="{desc}: {l_bar}{bar}| {elapsed}", disable=None, leave=False) as bar:
+            def tell(text, done):
+                bar.set_description_str(text)
+                bar.update(100 * done - bar.n)
+            facts, images = study(opened, *specs, levels=levels, rounds=rounds, seconds=reference_seconds, cache=cache,
+                                  tell=tell)
+    stem = (output or scene.with_name(scene.stem + "-compare")).with_suffix("")
+    # The page first: it adds the scales of its maps to the facts.
+    texts = {".html": page.html(facts, images), ".json": page.json_text(facts), ".csv": page.csv_text(facts)}
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    written = []
+    for suffix, text in texts.items():
+        path = stem.with_name(stem.name + suffix)
+        part = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            part.write_text(text, encoding="utf-8")
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+        written.append(str(path))
+    click.echo(summary(facts))
+    click.echo(f"{', '.join(written[:-1])} and {written[-1]}")
+
+
+def summary(facts):
+    """The main result in a few lines."""
+    lines = []
+    for row in facts["sections"][0]["rows"]:
+        label = row["name"] + row["role"][1:]
+        lines.append(f"{label:<32} {row['samples']:6.1f} samples  {row['seconds']['median']:7.3f} s  "
+                     f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}")
+    return "\n".join(lines)

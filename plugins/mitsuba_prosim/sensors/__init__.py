@@ -1,0 +1,1 @@
+"""Views (appendix A): what a window on a view plane sees."""

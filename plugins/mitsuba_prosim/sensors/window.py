@@ -1,0 +1,97 @@
+"""A window on a view plane, with pixels of any shape: prosim_window."""
+
+import drjit as dr
+import mitsuba as mi
+
+from ..parameters import reject
+from ..registry import plugin
+
+
+@plugin("sensor", "prosim_window")
+class Window(mi.Sensor):
+    r"""
+    .. _sensor-prosim_window:
+
+    Window on a view plane (:monosp:`prosim_window`)
+    ------------------------------------------------
+
+    .. pluginparameters::
+
+     * - left, bottom, right, top
+       - |float|
+       - Sides of the window on the plane at distance 1 before the eye. (Default: -1, -1, 1, 1)
+
+     * - to_world
+       - |transform|
+       - From the eye's space, where the view goes along +Z, the window's right is -X and its top is +Y, as with
+         Mitsuba's other cameras. (Default: identity)
+
+     * - near_clip, far_clip
+       - |float|
+       - Depths between which objects are seen. (Default: 0.01, 10000)
+
+    The pinhole camera of the thesis's scene language (VIEW in appendix A): the film's pixels divide the window evenly,
+    whatever its place and proportions. Where pixels are square, Mitsuba's ``perspective`` with a principal point offset
+    shoots the same rays; this sensor is for the others. It cannot be sampled from the scene, as particle tracers do.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <sensor type="prosim_window">
+                <float name="left" value="-0.5"/>
+                <float name="right" value="1.5"/>
+                <film type="hdrfilm">
+                    <integer name="width" value="8"/>
+                    <integer name="height" value="8"/>
+                </film>
+            </sensor>
+
+        .. code-tab:: python
+
+            'type': 'prosim_window',
+            'left': -0.5,
+            'right': 1.5,
+            'film': {
+                'type': 'hdrfilm',
+                'width': 8,
+                'height': 8
+            }
+    """
+
+    def __init__(self, props):
+        super().__init__(props)
+        sides = [props.get(name, default) for name, default in
+                 (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))]
+        self.left, self.right, self.bottom, self.top = sides
+        for low, high in (("left", "right"), ("bottom", "top")):
+            if not getattr(self, low) < getattr(self, high):
+                raise reject(props, low, getattr(self, low), f"a number below {high}, {getattr(self, high)}")
+        self.near_clip, self.far_clip = props.get("near_clip", 1e-2), props.get("far_clip", 1e4)
+        if not 0 < self.near_clip < self.far_clip:
+            raise reject(props, "near_clip", self.near_clip, "a number above 0 and below far_clip")
+
+    def direction(self, position):
+        """Unit direction in the eye's space through a point of the crop window, in [0, 1]^2 from its upper left corner."""
+        film = self.film()
+        x, y = [(p * float(crop) + float(offset)) / float(size) for p, offset, crop, size in
+                zip((position.x, position.y), film.crop_offset(), film.crop_size(), film.size())]
+        return dr.normalize(mi.Vector3f(-dr.lerp(self.left, self.right, x), dr.lerp(self.top, self.bottom, y), 1))
+
+    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+        wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
+        d = self.direction(sample2)
+        to_world = self.world_transform()
+        ray = dr.zeros(mi.Ray3f)
+        ray.time, ray.wavelengths = time, wavelengths
+        ray.d = to_world @ d
+        ray.o = to_world @ mi.Point3f(0) + ray.d * (self.near_clip / d.z)
+        ray.maxt = (self.far_clip - self.near_clip) / d.z
+        return ray, weight
+
+    def bbox(self):
+        center = self.world_transform() @ mi.Point3f(0)
+        return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(*[dr.slice(c) for c in center]))
+
+    def to_string(self):
+        return (f"prosim_window[left={self.left}, right={self.right}, bottom={self.bottom}, top={self.top}, "
+                f"film={self.film()}]")

@@ -1,0 +1,127 @@
+"""The rays of translated cameras against the formula of the language, and degenerate views."""
+
+import xml.etree.ElementTree as ET
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+import pytest
+
+VIEWS = {
+    "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",
+    "oblique": "RESOLUTION 320 200 WINDOW -3 1 5 6 OBS 4 7 20 VPN 1 .5 2 VRP 1 2 -3 VUP .2 1 .1",
+    "turned": "RESOLUTION 64 64 WINDOW 0 0 1 1 OBS 100 -2 3 VPN -1 0 .2 VRP 90 0 0 VUP 0 0 1",
+    "tall pixels": "RESOLUTION 400 100 WINDOW -2 -1.5 2 1 OBS 0 1 9 VPN .3 0 1 VRP 0 0 0 VUP 0 1 0",
+    "wide": "RESOLUTION 300 150 WINDOW -40 -20 40 20 OBS 0 0 5 VRP 0 0 0 VUP 0 1 0",
+}
+
+
+def formula(view, i, j):
+    """Directions of the pixels (i, j) as the language defines them."""
+    e, p, n, up = (np.array(x) for x in (view.eye, view.vrp, view.vpn, view.vup))
+    n = n if n.any() else e - p
+    n = n / np.linalg.norm(n)
+    n = n if (e - p) @ n > 0 else -n
+    u = np.cross(up, n)
+    u /= np.linalg.norm(u)
+    v = np.cross(n, u)
+    (w, h), (umin, vmin, umax, vmax) = view.resolution, view.window
+    through = (p + np.multiply.outer(umin + (i + 0.5) * (umax - umin) / w, u)
+               + np.multiply.outer(vmax - (j + 0.5) * (vmax - vmin) / h, v))
+    pixel = min((umax - umin) / w, (vmax - vmin) / h)
+    return through, e, pixel, n, p
+
+
+def translated(view, tmp_path, **options):
+    """The XML of a scene with nothing but this view."""
+    path = tmp_path / "view.scn"
+    path.write_text(f"VIEW {view} LIGHTS POINT position 0 0 0 CSG-TREE END")
+    with pytest.warns(prosim_scene.SceneWarning, match="no|empty"):
+        return prosim_scene.translate(path, light_units="radiance", **options), prosim_scene.parse(path.read_text()).view
+
+
+def only_the_sensor(path):
+    tree = ET.parse(path)
+    for child in list(tree.getroot()):
+        if child.tag not in ("sensor", "default"):
+            tree.getroot().remove(child)
+    sampler = tree.find("sensor/sampler")
+    tree.find("sensor").remove(sampler)
+    out = path.with_name("sensor.xml")
+    tree.write(out)
+    return mi.load_file(str(out)).sensors()[0]
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_rays_are_exact(name, tmp_path, variant_rgb):
+    path, view = translated(VIEWS[name], tmp_path)
+    sensor = only_the_sensor(path)
+    w, h = view.resolution
+    rng = np.random.default_rng(3)
+    i = np.concatenate([rng.integers(0, w, 200), [0, w - 1, 0, w - 1]])
+    j = np.concatenate([rng.integers(0, h, 200), [0, 0, h - 1, h - 1]])
+    position = mi.Point2f(mi.Float((i + 0.5) / w), mi.Float((j + 0.5) / h))
+    for sample in (sensor.sample_ray, sensor.sample_ray_differential):
+        ray, _ = sample(0, 0.5, position, mi.Point2f(0.5))
+        o, d = np.array(ray.o, dtype=float).T, np.array(ray.d, dtype=float).T
+        through, eye, pixel, n, vrp = formula(view, i, j)
+        # Where the ray meets the view plane, against the point that it should go through, in pixels.
+        t = ((vrp - o) @ n) / (d @ n)
+        assert (np.linalg.norm(o + t[:, None] * d - through, axis=1) / pixel).max() < 1e-3
+        assert np.linalg.norm(np.cross(eye - o, d), axis=1).max() < 1e-4 * np.linalg.norm(eye)  # through the eye
+    assert tuple(sensor.film().size()) == (w, h)
+
+
+@pytest.mark.parametrize("name", ["oblique", "tall pixels"])
+def test_the_formula_of_the_translator_itself(name):
+    from prosim_scene import view as view_module
+    with pytest.warns(prosim_scene.SceneWarning):
+        scene = prosim_scene.parse(f"VIEW {VIEWS[name]} CSG-TREE LIGHTS END")
+    i, j = np.array([0, 17, 99]), np.array([99, 3, 0])
+    through, eye, *_ = formula(scene.view, i, j)
+    d = through - eye
+    assert np.allclose(view_module.camera(scene).ray(i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
+
+
+def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
+    with pytest.warns(prosim_scene.SceneWarning, match="pixels are square, 400x250 of them instead of 400x100"):
+        path, _ = translated(VIEWS["tall pixels"], tmp_path, target="stock")
+    assert 'type="perspective"' in path.read_text()
+    assert tuple(only_the_sensor(path).film().size()) == (400, 250)
+
+
+def test_window_sensor_and_crop(variant):
+    film = {"type": "hdrfilm", "width": 30, "height": 20, "filter": {"type": "box"}}
+    full = mi.load_dict({"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5, "film": film})
+    crop = mi.load_dict({"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5, "film": {
+        **film, "crop_offset_x": 6, "crop_offset_y": 5, "crop_width": 15, "crop_height": 10}})
+    a, _ = full.sample_ray(0, 0.5, mi.Point2f((6 + 0.25 * 15) / 30, (5 + 0.5 * 10) / 20), mi.Point2f(0))
+    b, _ = crop.sample_ray(0, 0.5, mi.Point2f(0.25, 0.5), mi.Point2f(0))
+    assert dr.allclose(a.d, b.d, atol=1e-6)
+    s, t = (6 + 0.25 * 15) / 30, 0.5
+    expected = np.array([-(-0.3 + 1.5 * s), 0.5 - 2.5 * t, 1])
+    assert np.allclose(np.array(a.d).ravel(), expected / np.linalg.norm(expected), atol=1e-6)
+    with pytest.raises(Exception, match="left"):
+        mi.load_dict({"type": "prosim_window", "left": 2, "film": film})
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("view, reason", [
+    ("OBS 0 0 0 VRP 0 0 0", "OBS and VRP are the same point"),
+    ("OBS 0 5 0 VRP 0 0 0 VPN 0 0 1", "OBS lies on the view plane"),
+    ("OBS 0 5 0 VRP 0 0 0 VUP 0 1 0", "VUP is parallel to VPN"),
+    ("OBS 0 0 5 VRP 0 0 0 VUP 0 0 0", "VUP has length 0"),
+    ("OBS 0 0 5 WINDOW 1 0 1 5", "is empty"),
+    ("OBS 0 0 5 WINDOW 0 5 1 -5", "is empty"),
+    ("RESOLUTION 0 10", "expected a whole number of pixels"),
+    ("RESOLUTION 10.5 10", "expected a whole number of pixels"),
+    ("OBS 0 0 5 WINDOW -1e308 -1 1e308 1", "too large"),
+])
+def test_degenerate_views_are_errors(view, reason, tmp_path):
+    path = tmp_path / "view.scn"
+    path.write_text(f"VIEW {view}\nCSG-TREE LIGHTS END")
+    with pytest.raises(prosim_scene.SceneError, match=reason) as error:
+        prosim_scene.translate(path)
+    assert error.value.line == 1 and "^" in str(error.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["view.scn"]

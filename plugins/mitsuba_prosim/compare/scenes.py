@@ -13,10 +13,11 @@ from .runs import Contestant
 class Scene:
     """A scene file, XML or in the thesis's language, that contestants are made from.
 
-    ``folder``: where a translation is written; ``resolution``: (width, height) instead of the scene's.
+    ``folder``: where a translation is written; ``resolution``, ``samples``: (width, height) and N instead of the
+    scene's; ``definitions``: values for the ``$key`` constants of XML; ``language``: options of the translation.
     """
 
-    def __init__(self, path, folder, resolution=None, definitions=None, **language):
+    def __init__(self, path, folder, resolution=None, samples=None, definitions=None, **language):
         self.path, self.resolution, self.definitions = Path(path), resolution, definitions or {}
         self.xml = self.path
         if self.path.suffix.lower() != ".xml":
@@ -30,6 +31,8 @@ class Scene:
             self.settings["type"] = node.props.plugin_name()
             self.settings |= {name: node.props[name] for name in node.props
                               if isinstance(node.props[name], (bool, int, float, str)) and name not in ("id", "type")}
+        if samples and self.settings.get("type") == "prosim":
+            self.settings["samples"] = samples
         self.ambient, self.background = getattr(own, "ambient", None), getattr(own, "background", None)
         self.key = self._key(state)
 

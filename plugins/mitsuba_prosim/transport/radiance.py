@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from . import lobes
+from .masks import but_not, idle
 from .sources import Sources
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
@@ -113,7 +114,7 @@ class Transport:
             following = dr.select(go_reflected, reflected, refracted)
             going = go_reflected | go_refracted
             if waiting:
-                resume = active & ~going & (count > 0)
+                resume = but_not(active & (count > 0), going)
                 waiting_next = []
                 for slot, ray_waiting in enumerate(waiting):
                     following = dr.select(resume & (count == slot + 1), ray_waiting, following)
@@ -164,7 +165,7 @@ class Transport:
             eta *= passed
             roulette = dr.detach(dr.minimum(dr.max(following.throughput) * dr.square(eta), 0.95))
             dies = following.level >= it.rr_depth
-            going &= ~dies | (points.choice(self.space(ray.node, ROULETTE)) < roulette)
+            going &= dr.select(dies, points.choice(self.space(ray.node, ROULETTE)) < roulette, True)
             following.throughput = dr.select(dies, following.throughput / dr.maximum(roulette, 1e-8),
                                              following.throughput)
             return L, hit, following, going, diffuse, eta, extra
@@ -197,8 +198,11 @@ class Transport:
         if not self.sources.only_points:
             L += self.emission(ray, si, active)
         if it.background is not None:
-            L += dr.select(inside & ~surface, it.background_radiance(ray3, si, inside & ~surface), 0)
+            escaped = but_not(inside, surface)
+            L += dr.select(escaped, it.background_radiance(ray3, si, escaped), 0)
         surface_inside = surface & inside
+        if idle(surface_inside):
+            return ray.throughput * L, si, None, False
         bsdf = si.bsdf()
         if it.ambient is not None:
             has = surface_inside
@@ -211,11 +215,15 @@ class Transport:
     def past_emitters(self, ray, si, active):
         """The interaction behind all emitters that the camera ray ``ray`` meets first."""
         hidden = active & si.is_valid()
+        if idle(hidden):
+            return si
         hidden &= si.shape.is_emitter()
 
         def step(o, blocked):
             pi = self.scene.ray_intersect_preliminary(mi.Ray3f(o, ray.d, ray.time, ray.wavelengths), active=blocked)
             blocked = blocked & pi.is_valid()
+            if idle(blocked):
+                return o, blocked
             blocked &= pi.shape.is_emitter()
             front = pi.compute_surface_interaction(mi.Ray3f(o, ray.d), mi.RayFlags.Minimal, blocked)
             return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
@@ -230,6 +238,8 @@ class Transport:
         active = active & (ray.pdf != SOURCES_DONE)
         if self.integrator.hides_emitters:
             active &= ray.level > 0
+        if idle(active) or emitter is None:
+            return mi.Spectrum(0)
         L = emitter.eval(si, active)
         shared = active & (ray.pdf > 0)
         origin = dr.zeros(mi.Interaction3f)
@@ -249,7 +259,7 @@ class Transport:
 
         def light(k, emitter, center, radius, L):
             d, p, pdf, delta, weight = self.sources.sample(emitter, center, radius, si, n, both_sides,
-                                                           points(first_space + k, active), active)
+                                                           points(first_space + k, active), active, self.attached)
             lit = active & (pdf > 0)
             wo = si.to_local(d)
             f = bsdf.eval(self.alone, si, wo, lit) if self.alone is not None else mi.Spectrum(0)
@@ -259,7 +269,7 @@ class Transport:
             f *= weight
             if self.integrator.shadows:
                 lit &= dr.max(dr.abs(f)) > 0
-                lit &= ~self.scene.ray_test(si.spawn_ray_to(p), lit)
+                lit = but_not(lit, self.scene.ray_test(si.spawn_ray_to(p), lit))
             return L + dr.select(lit, f, 0)
 
         return self.sources.for_each(light, mi.Spectrum(0), active)
@@ -270,6 +280,8 @@ class Transport:
         Returns the ray, the lanes that follow it and the ratio of the indices that it crosses. ``k``: its space in the
         node.
         """
+        if idle(active):
+            return ray, active, mi.Float(1)
         it = self.integrator
         # Only whole BSDFs choose among lobes often enough for strata to pay.
         space = self.space(ray.node, CHOICE)
@@ -280,7 +292,7 @@ class Transport:
             d = si.to_world(bs.wo)
         ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
         if self.attached:
-            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), active & ~ideal)
+            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), but_not(active, ideal))
             _, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
             weight = dr.select(ideal, ideal_weight, f / dr.detach(dr.select(pdf > 0, pdf, 1)))
         throughput = ray.throughput * weight

@@ -4,6 +4,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..sampling.spherical_cap import pdf_projected_cap, sample_projected_cap
+from .masks import but_not
 
 
 class Sources:
@@ -62,27 +63,30 @@ class Sources:
         count = dr.opaque(mi.UInt32, self.count)
         return dr.while_loop((mi.UInt32(0), L), lambda k, L: active & (k < count), step, labels=("k", "L"))[1]
 
-    def sample(self, emitter, center, radius, si, n, both_sides, sample, active):
+    def sample(self, emitter, center, radius, si, n, both_sides, sample, active, attached=False):
         """A point of a source: ``(d, p, pdf, delta, weight)``: the direction to it, the point, the density per solid
         angle, whether that is a Dirac delta, and radiance over density.
 
         ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
         reaches too (rough glass), for which a sphere is sampled by Mitsuba's own method, or False where there is none;
-        ``sample``: a point in [0, 1)².
+        ``sample``: a point in [0, 1)²; ``attached``: whether the weight shall have derivatives by the sphere's size and
+        place.
         """
         if radius is None:
             return self._sample_other(emitter, si, sample, active)
         in_loop = self.jit and self.count > self.UNROLLED
         is_ball = active & (radius > 0)
         if both_sides is not False:
-            is_ball &= ~both_sides
+            is_ball = but_not(is_ball, both_sides)
         ds = direction_to_ball(si, center, radius, n, sample)
+        if attached:  # a drawn direction has no derivative, the area that it was drawn from has
+            ds.pdf = self._pdf_of_ball(si, center, radius, n, ds.d)
         is_visible = is_ball & (ds.pdf > 0)
         ds.emitter = mi.EmitterPtr(emitter) if self.jit else emitter
         weight = emitter.eval_direction(si, ds, is_visible) / dr.select(is_visible, ds.pdf, 1)
         ball = ds.d, ds.p, dr.select(is_visible, ds.pdf, 0), mi.Bool(False), dr.select(is_visible, weight, 0)
         if both_sides is not False or in_loop and self.any_other:
-            other = self._sample_other(emitter, si, sample, active & ~is_ball)
+            other = self._sample_other(emitter, si, sample, but_not(active, is_ball))
             return tuple(dr.select(is_ball, a, b) for a, b in zip(ball, other))
         return ball
 
@@ -99,14 +103,18 @@ class Sources:
         center, radius = self._ball_of(ds.emitter, active)
         is_ball = active & (radius > 0)
         if both_sides is not False:
-            is_ball &= ~both_sides
+            is_ball = but_not(is_ball, both_sides)
+        pdf = dr.select(is_ball, self._pdf_of_ball(si, center, radius, n, ds.d), 0)
+        if self.any_other or both_sides is not False:
+            pdf = dr.select(is_ball, pdf, ds.emitter.pdf_direction(si, ds, but_not(active, is_ball)))
+        return pdf
+
+    @staticmethod
+    def _pdf_of_ball(si, center, radius, n, d):
         to_center = center - si.p
         inv_d2 = dr.rcp(dr.squared_norm(to_center))
         cos_n = dr.dot(n, to_center) * dr.sqrt(inv_d2)
-        pdf = dr.select(is_ball, pdf_projected_cap(cos_n, dr.square(radius) * inv_d2, dr.dot(n, ds.d)), 0)
-        if self.any_other or both_sides is not False:
-            pdf = dr.select(is_ball, pdf, ds.emitter.pdf_direction(si, ds, active & ~is_ball))
-        return pdf
+        return pdf_projected_cap(cos_n, dr.square(radius) * inv_d2, dr.dot(n, d))
 
     def may_meet(self, o, d):
         """Whether the ray (o, d) meets one of the spheres, as far as nothing is in the way; only for scenes whose
@@ -143,7 +151,7 @@ def direction_to_ball(si, center, radius, n, sample):
     # Nearer root of |t d - to_center| = radius, without cancellation for a distant source.
     b = dr.dot(d, to_center)
     chord = dr.safe_sqrt(dr.square(radius) - dr.squared_norm(to_center - b * d))
-    ds = dr.zeros(mi.DirectionSample3f)
+    ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
     ds.dist = b - chord
     ds.p = si.p + d * ds.dist
     ds.n = dr.normalize(ds.p - center)

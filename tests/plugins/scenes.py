@@ -1,0 +1,43 @@
+"""Small scenes for the tests of the integrator."""
+
+import mitsuba as mi
+
+
+def rgb(*value):
+    return {"type": "rgb", "value": list(value)}
+
+
+def diffuse(*value):
+    return {"type": "diffuse", "reflectance": rgb(*value)}
+
+
+def penumbra(ball=None, size=32, rfilter="box", **integrator):
+    """A ball and a pole on a floor before a wall, under a spherical source."""
+    T = mi.ScalarTransform4f
+    return {
+        "type": "scene",
+        "integrator": integrator or {"type": "prosim"},
+        "sensor": {
+            "type": "perspective", "fov": 40,
+            "to_world": T().look_at([0, 2.2, 6], [0, 0.9, 0], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": size, "height": size, "pixel_format": "rgb",
+                     "component_format": "float32", "rfilter": {"type": rfilter}},
+            "sampler": {"type": "independent", "sample_count": 16},
+        },
+        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(6), "bsdf": diffuse(.6, .6, .5)},
+        "wall": {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(6), "bsdf": diffuse(.6, .45, .4)},
+        "pole": {"type": "cylinder", "p0": [-1.2, 0, .3], "p1": [-1.2, 2.4, .3], "radius": .12,
+                 "bsdf": {"type": "twosided", "bsdf": diffuse(.3, .6, .3)}},
+        "ball": {"type": "sphere", "center": [.5, .8, 0], "radius": .8, "bsdf": ball or diffuse(.2, .5, .8)},
+        "light": {"type": "sphere", "center": [-3, 3.5, 3], "radius": .5,
+                  "emitter": {"type": "area", "radiance": rgb(25, 25, 25)}},
+    }
+
+
+def alone(ball, size=32, **integrator):
+    """The ball under a constant environment and the source, nothing diffuse in sight."""
+    scene = penumbra(ball, size, **integrator)
+    for name in ("floor", "wall", "pole"):
+        del scene[name]
+    scene["environment"] = {"type": "constant", "radiance": rgb(.3, .4, .5)}
+    return scene

@@ -1,0 +1,441 @@
+"""The prosim integrator: the right image, the same image, adaptively, with derivatives (chapter 4, sections 5.3, 5.4)."""
+
+import threading
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from image_statistics import renderings, same_expectation
+from scenes import alone, penumbra, rgb
+
+COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
+ROUGH_GLASS = {"type": "roughdielectric", "alpha": 0.1}
+
+
+def render(scene, seed=0, spp=0, **film):
+    scene["sensor"]["film"].update(film)
+    return np.array(mi.render(mi.load_dict(scene), seed=seed, spp=spp))
+
+
+# ------------------------------------------------------------------ the right image
+
+@pytest.mark.parametrize("rfilter", ["box", "gaussian", "mitchell"])
+def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
+    direct = renderings(penumbra(rfilter=rfilter, type="direct"), 16, spp=36)
+    ours = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive="none"), 16, spp=36)
+    assert same_expectation(direct, ours)
+
+
+@pytest.mark.parametrize("ball", [COPPER, {**COPPER, "alpha": 0.004}, {"type": "conductor", "material": "Cu"},
+                                  {"type": "roughplastic", "alpha": 0.1}, {"type": "dielectric"}, ROUGH_GLASS],
+                         ids=["rough", "nearly smooth", "mirror", "plastic", "glass", "rough glass"])
+def test_one_specular_object_equals_path(variant_rgb, ball):
+    """No highlight is lost or counted twice, whatever the roughness; a tree of depth 8 for glass."""
+    path = renderings(alone(ball, type="path", max_depth=10, rr_depth=100), 12, spp=144)
+    ours = renderings(alone(ball, type="prosim", adaptive="none", max_level=8), 12, spp=36)
+    assert same_expectation(path, ours)
+
+
+@pytest.mark.parametrize("bounces", [-1, 20])
+def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
+    scene = mi.cornell_box()
+    scene["sensor"]["film"]["width"] = scene["sensor"]["film"]["height"] = 32
+    path = renderings(scene, 16, spp=64, type="path", max_depth=8)
+    ours = renderings(scene, 16, spp=64, type="prosim", adaptive="none", max_level=6, diffuse_bounces=bounces)
+    assert same_expectation(path, ours)
+
+
+def test_specular_and_diffuse_bounces_together_equal_path(variant_rgb):
+    path = renderings(penumbra(ROUGH_GLASS, type="path", max_depth=8), 16, spp=64)
+    ours = renderings(penumbra(ROUGH_GLASS, type="prosim", adaptive="none", max_level=6, diffuse_bounces=-1), 16,
+                      spp=64)
+    assert same_expectation(path, ours)
+
+
+def test_thin_lens_equals_direct(variant_rgb):
+    images = []
+    for integrator in ({"type": "direct"}, {"type": "prosim", "adaptive": "none"}):
+        scene = penumbra(**integrator)
+        scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.3, "focus_distance": 5.0}
+        images.append(renderings(scene, 16, spp=36))
+    assert same_expectation(*images)
+
+
+def test_every_kind_of_source_equals_path(variant_rgb):
+    """A sphere, a point, a rectangle, an environment and a spot at once; more sources than are unrolled.
+
+    (Mitsuba 3.9.1's ``direct`` counts point sources several times when ``emitter_samples`` is not 1.)
+    """
+    images = []
+    for integrator, spp in (({"type": "path", "max_depth": 2}, 400),
+                            ({"type": "prosim", "adaptive": "none", "max_level": 0}, 64)):
+        scene = penumbra(**integrator)
+        scene["point"] = {"type": "point", "position": [2, 3, 2], "intensity": rgb(3, 1, 1)}
+        scene["window"] = {"type": "rectangle", "emitter": {"type": "area", "radiance": rgb(1, 2, 3)},
+                           "to_world": mi.ScalarTransform4f().translate([3, 3, 0]).rotate([0, 1, 0], -90)}
+        scene["sky"] = {"type": "constant", "radiance": rgb(.1, .1, .2)}
+        scene["spot"] = {"type": "spot", "intensity": rgb(5, 5, 0),
+                         "to_world": mi.ScalarTransform4f().look_at([0, 4, 2], [0, 0, 0], [0, 0, 1])}
+        images.append(renderings(scene, 12, spp=spp))
+    assert same_expectation(*images)
+
+
+def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):
+    """Projected solid angle: where nothing is in the way, one sample is the answer (4.2.2.1)."""
+    scene = penumbra(type="prosim", adaptive="none")
+    for name in ("pole", "ball", "wall"):
+        del scene[name]
+    scene["sensor"]["to_world"] = mi.ScalarTransform4f().look_at([0, 3, 0.1], [0, 0, 0], [0, 1, 0])
+    one, many = render(scene, spp=1), render(scene, spp=100, seed=1)
+    # What is left is the change of the irradiance within a pixel.
+    assert np.abs(one / many - 1).max() < 0.03
+    cos = 3.5 / np.sqrt(3 ** 2 + 3.5 ** 2 + 3 ** 2)
+    irradiance = np.pi * 25 * 0.5 ** 2 / (3 ** 2 + 3.5 ** 2 + 3 ** 2) * cos
+    assert np.allclose(many[16, 16], np.array([.6, .6, .5]) / np.pi * irradiance, rtol=0.02)
+
+
+# ------------------------------------------------------------------ its own terms
+
+def test_ambient_background_and_hidden_sources(variant_rgb):
+    scene = penumbra({"type": "prosim_lambertian", "reflectance": rgb(.5, .5, .5), "ambient": rgb(.2, .4, .6)},
+                     type="prosim", ambient=rgb(.5, .5, .5), background=rgb(.1, .2, .3), hide_emitters=True)
+    scene["light"]["center"] = [0.5, 0.8, 3]  # before the ball, on the optical axis, and too near to light it
+    scene["light"]["emitter"]["radiance"] = rgb(0, 0, 0)
+    for name in ("floor", "wall", "pole"):
+        del scene[name]
+    image = render(scene)
+    assert np.allclose(image[16, 19], [.1, .2, .3], atol=1e-6)  # ka I_a: the source in front is not seen
+    assert np.allclose(image[1, 1], [.1, .2, .3], atol=1e-6)  # background
+
+
+def test_background_is_seen_in_mirrors_but_lights_nothing(variant_rgb):
+    scene = penumbra({"type": "conductor", "material": "none"}, type="prosim", background=rgb(.1, .2, .3))
+    del scene["light"]
+    image = render(scene)
+    assert image[25, 3].max() == 0  # the floor
+    assert np.abs(image[13, 20] - [.1, .2, .3]).max() < 0.2 * 0.3 and image[13, 20].max() > 0
+
+
+def test_max_level_0_follows_nothing(variant_rgb):
+    scene = penumbra({"type": "conductor", "material": "none"}, type="prosim", max_level=0)
+    mirror = render(scene)[13:21, 15:24]
+    # Black, but for the source itself, which belongs to the direct light.
+    assert 0 < (mirror.max(2) > 0).mean() < 0.2
+
+
+def test_without_shadows_nothing_is_dark(variant_rgb):
+    with_shadows, without = (render(penumbra(type="prosim", adaptive="none", shadows=s)) for s in (True, False))
+    assert np.all(without >= with_shadows * 0.999) and without.mean() > 1.02 * with_shadows.mean()
+
+
+def test_channels(variant_rgb):
+    image, red = render(penumbra(type="prosim")), render(penumbra(type="prosim", channels="r"))
+    assert np.array_equal(image[..., 0], red[..., 0]) and red[..., 1:].max() == 0
+
+
+# ------------------------------------------------------------------ the same image, bit by bit
+
+@pytest.mark.parametrize("adaptive", ["neighbours", "thesis", "none"])
+@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+def test_bands_and_crops_do_not_change_a_bit(variant_rgb, adaptive, rfilter):
+    def image(band=1 << 18, **film):
+        return render(penumbra(COPPER, rfilter=rfilter, type="prosim", adaptive=adaptive, band=band), width=40, **film)
+    whole = image()
+    assert np.array_equal(whole, image(band=1))
+    assert np.array_equal(whole, image(band=333))
+    crop = image(crop_offset_x=7, crop_offset_y=11, crop_width=20, crop_height=9)
+    assert np.array_equal(whole[11:20, 7:27], crop)
+
+
+def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
+    threads = dr.thread_count()
+    try:
+        images = []
+        for count in (1, 2, 5):
+            dr.set_thread_count(count)
+            images.append(render(penumbra(COPPER, rfilter="gaussian", type="prosim")))
+    finally:
+        dr.set_thread_count(threads)
+    assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
+
+
+def test_nothing_is_compiled_again(variant_rgb):
+    """Seeds, bands, passes and resolutions share their kernels."""
+    def misses(**film):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            render(penumbra(COPPER, type="prosim", band=300), seed=misses.seed, **film)
+            history = dr.kernel_history([dr.KernelType.JIT])
+        misses.seed += 1
+        return sum(not kernel["cache_hit"] for kernel in history)
+    misses.seed = 1
+    misses()
+    assert misses() == 0
+    assert misses(width=61, height=33) == 0
+
+
+def test_seed_as_an_array(variant_rgb):
+    scene = mi.load_dict(penumbra(type="prosim"))
+    by_array = scene.integrator().render(scene, 0, seed=mi.UInt32(3))
+    assert np.array_equal(np.array(by_array), np.array(mi.render(scene, seed=3)))
+
+
+# ------------------------------------------------------------------ adaptivity
+
+def counts(scene, **film):
+    image = render(scene, **film)
+    return image[..., -1]
+
+
+@pytest.mark.parametrize("adaptive", ["neighbours", "thesis"])
+def test_samples_go_where_they_are_needed(variant_rgb, adaptive):
+    """N on the flat parts, more on edges and in penumbrae, never more than N²."""
+    scene = penumbra(type="prosim", adaptive=adaptive, samples=5, aovs="samples")
+    taken = np.rint(counts(scene, width=64, height=64)).astype(int)
+    assert set(np.unique(taken)) <= {5, 10, 15, 20, 25}
+    assert 5 < taken.mean() < 15
+    assert np.all(taken[-8:, :20] == 5)  # open floor
+    assert taken[20:40, 13:16].mean() > 15  # the pole, two pixels wide
+
+
+def test_threshold_and_limits(variant_rgb):
+    def mean(**settings):
+        return counts(penumbra(type="prosim", aovs="samples", **settings)).mean()
+    assert mean(threshold=1e9) == 5 and mean(threshold=0.0) > 20
+    assert mean(threshold=0.0) >= mean(threshold=0.003) > mean(threshold=0.03)
+    assert mean(threshold=1e9, min_passes=2) == 10
+    assert mean(threshold=0.0, max_samples=15) <= 15
+    assert mean(adaptive="none", samples=3) == 9
+
+
+def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
+    """A pixel's own samples that decide bias it (Kirk and Arvo 1991): up, in the mean of this scene, by some 0.05 %.
+
+    The mean of the image over 400 seeds, in standard errors; 3.3 is a two-sided significance of 0.001.
+    """
+    def mean(**settings):
+        means = renderings(penumbra(size=16, type="prosim", **settings), 400).mean((1, 2, 3))
+        return means.mean(), means.std(ddof=1) / np.sqrt(len(means))
+    truth, truth_error = mean(adaptive="none", samples=8)
+    neighbours, neighbours_error = mean(adaptive="neighbours", samples=4)
+    thesis, thesis_error = mean(adaptive="thesis", samples=4, threshold=0.006)
+    assert abs(neighbours - truth) < 3.3 * np.hypot(truth_error, neighbours_error)
+    assert abs(thesis - truth) > 3.3 * np.hypot(truth_error, thesis_error)
+    assert abs(thesis / truth - 1) < 0.01
+
+
+@pytest.mark.parametrize("rfilter", ["gaussian", "mitchell"])
+def test_uneven_counts_do_not_bias_the_filter(variant_rgb, rfilter):
+    """Pixels with many samples must not outweigh their neighbours: each sample weighs one over its pixel's count."""
+    even = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive="none"), 40)
+    uneven = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive="neighbours"), 40, first_seed=1000)
+    assert same_expectation(even, uneven)
+
+
+def test_error_channel_is_the_error(variant_rgb):
+    """Between passes the standard error is estimated without bias: over 60 images it is the spread of the pixels."""
+    images = renderings(penumbra(type="prosim", adaptive="none", jitter="uniform", aovs="error"), 60)
+    luminance = images[..., :3] @ [0.2126, 0.7152, 0.0722]
+    noisy = luminance.std(0) > 0.003
+    ratio = np.sqrt((images[..., 3] ** 2).mean(0)[noisy] / luminance.var(0, ddof=1)[noisy])
+    # Passes of one pixel are not independent: together they fill all cells, so the truth is a little better.
+    assert noisy.sum() > 20 and 1 < np.median(ratio) < 3
+
+
+def test_further_channels(variant_rgb):
+    scene = penumbra(type="prosim", aovs="samples, depth:depth, n:sh_normal")
+    image = render(scene)
+    reference = np.array(mi.render(mi.load_dict(penumbra(type="aov", aovs="depth:depth,n:sh_normal")), spp=256))
+    assert image.shape[2] == 3 + 1 + 3 + 1
+    assert np.allclose(image[-4:, :8, 3:7], reference[-4:, :8, -4:], rtol=0.02, atol=1e-6)
+    assert image[..., -1].min() == 5
+
+
+def test_nested_in_aov(variant_rgb):
+    scene = penumbra(type="aov", aovs="depth:depth", image={"type": "prosim", "max_level": 1})
+    ours = renderings(scene, 8, spp=36)[..., :3]
+    assert same_expectation(renderings(penumbra(type="direct"), 8, spp=36), ours)
+
+
+# ------------------------------------------------------------------ variants and ways to render
+
+def test_spectral_and_mono(variant_rgb):
+    for variant in ("llvm_ad_spectral", "llvm_ad_mono"):
+        mi.set_variant(variant)
+        direct = renderings(penumbra(type="direct"), 12, spp=64)
+        ours = renderings(penumbra(COPPER, type="prosim", adaptive="none", max_level=2), 2, spp=16)
+        assert np.isfinite(ours).all()
+        assert same_expectation(direct, renderings(penumbra(type="prosim", adaptive="none"), 12, spp=64))
+
+
+def test_scalar():
+    mi.set_variant("scalar_rgb")
+    direct = renderings(penumbra(size=16, type="direct"), 4, spp=64)
+    ours = renderings(penumbra(size=16, type="prosim"), 4, spp=9)
+    assert same_expectation(direct, ours)
+    assert np.isfinite(renderings(penumbra(ROUGH_GLASS, size=8, type="prosim", max_level=2), 1, spp=4)).all()
+
+
+def test_develop_false_leaves_the_film(variant_rgb):
+    scene = mi.load_dict(penumbra(type="prosim"))
+    expected = np.array(mi.render(scene, seed=4))
+    scene.integrator().render(scene, seed=4, develop=False)
+    film = scene.sensors()[0].film()
+    assert np.array_equal(np.array(film.develop()), expected)
+    assert np.allclose(np.array(film.bitmap()), expected, atol=1e-6)
+
+
+def test_several_sensors_and_specfilm(variant_spectral):
+    scene = penumbra(type="prosim")
+    scene["second"] = {**scene["sensor"], "film": {
+        "type": "specfilm", "width": 24, "height": 16, "rfilter": {"type": "box"},
+        "low": {"type": "spectrum", "value": [(360, 1.0), (530, 0.0)]},
+        "high": {"type": "spectrum", "value": [(530, 0.0), (800, 1.0)]}}}
+    loaded = mi.load_dict(scene)
+    first, second = np.array(mi.render(loaded, sensor=0)), np.array(mi.render(loaded, sensor=1))
+    assert first.shape == (32, 32, 3) and second.shape == (16, 24, 2) and second.mean() > 0
+
+
+def test_progress_and_cancel(variant_rgb):
+    scene = mi.load_dict(penumbra(type="prosim", band=64))
+    integrator = scene.integrator()
+    done = []
+    integrator.progress = done.append
+    whole = np.array(mi.render(scene))
+    assert done == sorted(done) and len(done) == 16 and done[-1] == 1
+
+    def stop(part):
+        if part > 0.4:
+            integrator.cancel()
+    integrator.progress = stop
+    kept = np.array(mi.render(scene))
+    assert np.array_equal(kept[:12], whole[:12]) and kept[-8:].max() == 0
+
+
+# ------------------------------------------------------------------ difficult scenes
+
+def finite(scene):
+    image = render(scene)
+    assert np.isfinite(image).all()
+    return image
+
+
+def test_light_in_a_closed_box(variant_rgb):
+    scene = penumbra(type="prosim")
+    scene["box"] = {"type": "cube", "to_world": mi.ScalarTransform4f().translate([-3, 3.5, 3]).scale(0.8)}
+    assert finite(scene).max() == 0
+
+
+def test_no_light(variant_rgb):
+    scene = penumbra(COPPER, type="prosim")
+    del scene["light"]
+    assert finite(scene).max() == 0
+
+
+def test_200_lights(variant_rgb):
+    scene = penumbra(COPPER, type="prosim")
+    light = scene.pop("light")
+    for k in range(200):
+        scene[f"light{k}"] = {**light, "center": [-5 + k % 20 * 0.5, 4 + k // 20 * 0.3, 3], "radius": 0.1}
+    image = finite(scene)
+    direct = np.array(mi.render(mi.load_dict(
+        {**scene, "integrator": {"type": "direct", "emitter_samples": 64, "bsdf_samples": 1}}), spp=64))
+    assert image[-6:].mean() == pytest.approx(direct[-6:].mean(), rel=0.02)
+
+
+def test_grazing_roughness(variant_rgb):
+    scene = penumbra({**COPPER, "alpha": 1.0}, type="prosim", max_level=6)
+    for shape in ("floor", "wall"):
+        scene[shape]["bsdf"] = {"type": "prosim_conductor", "material": "Cu", "alpha": 0.0005}
+    scene["sensor"]["to_world"] = mi.ScalarTransform4f().look_at([0, 0.001, 6], [0, 0, 0], [0, 1, 0])
+    finite(scene)
+
+
+def test_wrong_parameters_are_named(variant_rgb):
+    for settings, message in (({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: neighbours or'),
+                              ({"samples": 0}, 'parameter "samples" is 0; allowed: a number >= 1'),
+                              ({"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
+                              ({"channels": "rgx"}, 'parameter "channels"'),
+                              ({"aovs": "sample"}, 'parameter "aovs" is .sample.; allowed: samples, error')):
+        with pytest.raises(RuntimeError, match=message):
+            mi.load_dict({"type": "prosim", **settings})
+
+
+def test_sources_may_change_between_renderings(variant_rgb):
+    scene = mi.load_dict(penumbra(type="prosim", adaptive="none"))
+    before = np.array(mi.render(scene))
+    params = mi.traverse(scene)
+    params["light.to_world"] = params["light.to_world"] @ mi.Transform4f().scale(2)
+    params.update()
+    assert np.array(mi.render(scene))[-4:].mean() == pytest.approx(4 * before[-4:].mean(), rel=0.05)
+
+
+def test_renders_in_a_thread(variant_rgb):
+    images = []
+    worker = threading.Thread(target=lambda: images.append(render(penumbra(type="prosim"))))
+    worker.start()
+    worker.join()
+    assert len(images) == 1 and np.array_equal(images[0], render(penumbra(type="prosim")))
+
+
+# ------------------------------------------------------------------ derivatives
+
+def weighted_mean(image):
+    """A loss that is linear in the image, uneven over it."""
+    height, width, channels = image.shape
+    weights = np.linspace(0, 1, height * width * channels, dtype=np.float32).reshape(image.shape)
+    return dr.mean(image * mi.TensorXf(weights), axis=None)
+
+
+@pytest.mark.parametrize("key, ball, settings", [
+    ("ball.bsdf.reflectance.value", None, {}),
+    ("ball.bsdf.reflectance.value", None, {"rfilter": "gaussian"}),
+    ("ball.bsdf.reflectance.value", None, {"diffuse_bounces": -1}),
+    ("light.emitter.radiance.value", COPPER, {}),
+    ("light.to_world", None, {}),
+    ("ball.bsdf.eta.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
+    ("ball.bsdf.k.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0}, {}),
+    ("ball.bsdf.alpha.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
+    ("ball.bsdf.diffuse_reflectance.value",
+     {"type": "prosim_composite", "diffuse_reflectance": 0.4, "specular_reflectance": 0.4, "alpha": 0.2}, {}),
+])
+def test_derivatives_match_finite_differences(variant_rgb, key, ball, settings):
+    """Backward and forward, within 4 standard errors of 4 seeds and 2 % (differences see moving shadows as well)."""
+    rfilter = settings.get("rfilter", "box")
+    integrator = {"type": "prosim", "max_level": 1, **{k: v for k, v in settings.items() if k != "rfilter"}}
+    dictionary = penumbra(ball, size=16, rfilter=rfilter, **integrator)
+    dictionary["ball"] |= {"center": [0, 1, 0], "radius": 1.0}
+    dictionary["sky"] = {"type": "constant", "radiance": rgb(.2, .3, .4)}
+    del dictionary["pole"]
+    scene = mi.load_dict(dictionary)
+    params = mi.traverse(scene)
+    value = type(params[key])(params[key])
+
+    def change(e):
+        params[key] = value @ mi.Transform4f().scale(1 + e) if key == "light.to_world" else value * (1 + e)
+        params.update()
+
+    def difference(seed, h=0.02):
+        sides = []
+        for e in (h, -h):
+            change(e)
+            sides.append(weighted_mean(mi.render(scene, seed=seed, spp=256)).array[0])
+        return (sides[0] - sides[1]) / (2 * h)
+
+    def derivative(seed, forward):
+        e = mi.Float(0)
+        dr.enable_grad(e)
+        change(e)
+        loss = weighted_mean(mi.render(scene, params, seed=seed, seed_grad=seed + 50, spp=4, spp_grad=144))
+        if forward:
+            dr.forward(e)
+            return dr.grad(loss).array[0]
+        dr.backward(loss)
+        return dr.grad(e)[0]
+
+    expected = np.array([difference(seed) for seed in range(4)])
+    backward = np.array([derivative(100 + seed, False) for seed in range(4)])
+    error = np.sqrt((expected.var(ddof=1) + backward.var(ddof=1)) / 4)
+    assert abs(backward.mean() - expected.mean()) < 4 * error + 0.02 * abs(expected.mean())
+    assert derivative(100, True) == pytest.approx(backward[0], rel=1e-3, abs=1e-7)

@@ -1,0 +1,150 @@
+"""N-rook sampling (thesis, sections 4.2.1.2 and 5.3.2): exact properties of the patterns, and their statistics."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from scipy import stats
+
+from mitsuba_prosim.sampling.hash import hash32
+from mitsuba_prosim.sampling.nrook import NRook, Permutations, grid_size, pixel_key
+
+
+def pattern(n, pixels, space=3, seed=7, jitter="multi"):
+    """All N² samples of many pixels: an array (pixels, passes, samples of a pass, 2)."""
+    lane = dr.arange(mi.UInt32, pixels * n * n)
+    i, r, pixel = lane % n, lane // n % n, lane // (n * n)
+    points = NRook(Permutations(n), pixel_key(seed, pixel), r, i, jitter)(space)
+    return np.array(points).T.reshape(pixels, n, n, 2)
+
+
+@pytest.mark.parametrize("jitter", ["multi", "uniform"])
+@pytest.mark.parametrize("n", [1, 2, 5, 7, 16])
+def test_passes_are_nrook_patterns_that_fill_all_cells(variant_rgb, n, jitter):
+    points = pattern(n, 50, jitter=jitter)
+    assert points.min() >= 0 and points.max() < 1
+    cells = np.floor(points * n).astype(int)
+    assert np.all(np.sort(cells, axis=2) == np.arange(n)[:, None])  # each pass: one sample a row, one a column
+    index = (cells[..., 0] * n + cells[..., 1]).reshape(50, -1)
+    assert np.all(np.sort(index, axis=1) == np.arange(n * n))  # after N rotations: every cell once
+
+
+def test_multi_jitter_fills_all_strata_of_each_axis(variant_rgb):
+    strata = np.sort(np.floor(pattern(5, 50).reshape(50, 25, 2) * 25).astype(int), axis=1)
+    assert np.all(strata == np.arange(25)[:, None])
+
+
+def test_columns_turn_by_one(variant_rgb):
+    """Figure 5.11: in each row the column moves by one from pass to pass."""
+    cells = np.floor(pattern(5, 20) * 5).astype(int)
+    by_row = np.take_along_axis(cells[..., 1], np.argsort(cells[..., 0], axis=2), axis=2)
+    assert np.all((by_row[:, 1:] - by_row[:, :-1]) % 5 == 1)
+
+
+@pytest.mark.parametrize("n", [3, 5, 8])
+def test_variance_of_one_pass(variant_rgb, n):
+    """f = x + y has variance 1/(6 N³) in the thesis's pattern; f = (x-½)(y-½) gains next to nothing: 1/(144 (N-1)).
+
+    The sample variance of 40000 pixels lies within 4 standard errors (two-sided significance 6e-5).
+    """
+    one_pass = pattern(n, 40000, jitter="uniform")[:, 0]
+    for f, expected in ((one_pass.sum(2), 1 / (6 * n ** 3)), (np.prod(one_pass - 0.5, axis=2), 1 / (144 * (n - 1)))):
+        mean = f.mean(1)
+        square = (mean - mean.mean()) ** 2
+        # The second value is asymptotic in N: allow its remainder, of relative order 1/N².
+        slack = 0 if expected == 1 / (6 * n ** 3) else expected / n ** 2
+        assert abs(square.mean() - expected) < 4 * square.std() / np.sqrt(len(square)) + slack
+
+
+def test_permutations_are_equally_likely(variant_rgb):
+    """Chi² at significance 0.001: all 120 permutations of 5; each place of each element of 9."""
+    h = hash32(dr.arange(mi.UInt32, 240000))
+    five = Permutations(5)
+    code = sum(np.array(five(h, mi.UInt32(i))).astype(int) * 5 ** i for i in range(4))
+    counts = np.unique(code, return_counts=True)[1]
+    assert len(counts) == 120 and stats.chisquare(counts).pvalue > 0.001
+    nine = Permutations(9)
+    for i in range(9):
+        assert stats.chisquare(np.bincount(np.array(nine(h, mi.UInt32(i))))).pvalue > 0.001
+
+
+def test_samples_are_uniform_and_spaces_independent(variant_rgb):
+    """Kolmogorov-Smirnov and correlation at significance 0.001; the samples of one pass and index over many pixels."""
+    a, b = (pattern(4, 20000, space=space)[:, 1, 2] for space in (3, 4))
+    for values in (a[:, 0], a[:, 1], b[:, 0]):
+        assert stats.kstest(values, "uniform").pvalue > 0.001
+    for u, v in ((a[:, 0], a[:, 1]), (a[:, 0], b[:, 0]), (a[:, 1], b[:, 0])):
+        assert stats.pearsonr(u, v).pvalue > 0.001
+
+
+def test_scalar_samples_are_those_of_the_vectorised_variants():
+    mi.set_variant("llvm_ad_rgb")
+    expected = pattern(5, 3)
+    mi.set_variant("scalar_rgb")
+    permutations = Permutations(5)
+    for pixel, r, i in ((0, 0, 0), (1, 3, 2), (2, 4, 4)):
+        point = NRook(permutations, pixel_key(7, pixel), r, i)(3)
+        assert np.allclose(np.array(point), expected[pixel, r, i], atol=1e-7)
+
+
+def test_grid_size():
+    assert [grid_size(spp) for spp in (1, 2, 4, 5, 16, 25, 26)] == [1, 2, 2, 3, 4, 5, 6]
+
+
+def test_sampler_takes_the_patterns_in_any_variant(variant):
+    sampler = mi.load_dict({"type": "nrook", "sample_count": 9})
+    if variant == "scalar_rgb":
+        sampler.seed(5)
+        points = []
+        for _ in range(9):
+            sampler.next_1d()
+            points.append(np.array(sampler.next_2d()))
+            sampler.advance()
+        points = np.array(points)[None]
+    else:
+        sampler.set_samples_per_wavefront(9)
+        sampler.seed(5, 9 * 10)
+        sampler.next_1d()
+        points = np.array(sampler.next_2d()).T.reshape(10, 9, 2)
+    cells = np.sort(np.floor(points * 3).astype(int) @ [3, 1], axis=1)
+    assert np.all(cells == np.arange(9))
+    assert np.all(np.sort(np.floor(points * 9).astype(int), axis=1) == np.arange(9)[:, None])
+
+
+def test_sampler_passes_of_a_wavefront_are_those_of_one(variant_rgb):
+    """advance() goes on where the wavefront ended."""
+    def take(per_wavefront):
+        sampler = mi.load_dict({"type": "nrook", "sample_count": 16})
+        sampler.set_samples_per_wavefront(per_wavefront)
+        sampler.seed(3, per_wavefront)
+        points = []
+        for _ in range(16 // per_wavefront):
+            points.append(np.array(sampler.next_2d()).T)
+            sampler.advance()
+        return np.concatenate(points)
+    assert np.array_equal(take(16), take(4))
+
+
+def test_sampler_clone_goes_on_like_the_original(variant_rgb):
+    sampler = mi.load_dict({"type": "nrook", "sample_count": 4})
+    sampler.seed(1, 8)
+    sampler.next_2d()
+    clone = sampler.clone()
+    assert np.array_equal(np.array(sampler.next_2d()), np.array(clone.next_2d()))
+
+
+@pytest.mark.parametrize("integrator", ["path", "direct", "prb"])
+def test_sampler_estimates_what_others_do(variant_rgb, integrator):
+    from image_statistics import renderings, same_expectation
+    scene = mi.cornell_box()
+    scene["sensor"]["film"]["width"] = scene["sensor"]["film"]["height"] = 32
+    images = []
+    for sampler in ("independent", "nrook"):
+        scene["sensor"]["sampler"] = {"type": sampler, "sample_count": 16}
+        images.append(renderings(scene, 16, type=integrator))
+    assert same_expectation(*images)
+
+
+def test_sampler_says_what_is_wrong(variant_rgb):
+    with pytest.raises(RuntimeError, match='nrook: parameter "jitter" is .*allowed: multi or uniform'):
+        mi.load_dict({"type": "nrook", "jitter": "none"})

@@ -100,6 +100,7 @@ def chart(section):
     """Curves of a section, as an SVG data URI."""
     import matplotlib
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
     axes = figure.subplots(2, 2, sharey="row")
     for row, measure in zip(axes, ("rmse", "flip")):
@@ -114,6 +115,10 @@ def chart(section):
                             markerfacecolor="none")
             axis.set_xlabel(label)
             axis.grid(True, which="both", alpha=0.2)
+            for side in (axis.xaxis, axis.yaxis):
+                side.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.12g}"))
+                side.set_minor_formatter(NullFormatter())
         row[0].set_ylabel(MEASURES[measure][0])
     axes[0, 0].legend()
     file = io.BytesIO()

@@ -74,7 +74,9 @@ def contest(scene, a, b, transport, levels, seconds, cache, tell):
     contestants = {"a": scene.contestant(a, transport)}
     curves = {("a", n): at_level(a, n) for n in levels}
     if b:
-        curves |= {("b", n): at_level(b, n) for n in levels}
+        # Further, if need be, than A: it is asked what B takes for A's error.
+        further = () if b.counts_itself else (round(1.6 * levels[-1]), round(2.5 * levels[-1]))
+        curves |= {("b", n): at_level(b, n) for n in (*levels, *further)}
         if not b.counts_itself:
             contestants["b at equal samples"], contestants["b at equal time"] = equals(scene, contestants["a"], b, transport)
         else:
@@ -133,10 +135,16 @@ def section(group, a, b, k):
 
 
 def ratio(points, cost, measure, row):
-    """How many times as much of a cost the curve ``points`` takes for the error of ``row``; None beyond its ends."""
-    needed = measures.cost_at(row[measure]["median"], [p[cost] for p in points], [max(p[measure], 1e-12) for p in points])
+    """How many times as much of a cost the curve ``points`` takes for the error of ``row``; where it does not get there,
+    ``reached`` is false and the ratio that of its last point."""
+    costs = [p[cost] for p in points]
+    errors = [max(p[measure], 1e-12) for p in points]
     own = row[cost] if cost == "samples" else row[cost]["median"]
-    return None if needed is None else needed / own
+    wanted = row[measure]["median"]
+    if wanted > errors[0]:  # the least that was run is better already
+        return {"ratio": costs[0] / own, "reached": True}
+    needed = measures.cost_at(max(wanted, 1e-12), costs, errors)
+    return {"ratio": (max(costs) if needed is None else needed) / own, "reached": needed is not None}
 
 
 def pictures(group):

@@ -17,6 +17,7 @@ from tqdm.auto import tqdm
 
 from . import session
 from .options import SCENE, Definition, Numbers, translation
+from .tone import compress
 
 
 @click.command()
@@ -187,7 +188,7 @@ def interruptible(integrator):
 def write_images(stem, bitmap, facts, exposure):
     """Writes STEM.exr and STEM.png, each complete or not at all; returns their paths.
 
-    The PNG is ``2**exposure`` times as bright. A film without colours (spectral bins, say) has none.
+    The PNG is ``2**exposure`` times as bright, its highlights compressed. A film without colours (spectral bins, say) has none.
     """
     stem.parent.mkdir(parents=True, exist_ok=True)
     for name, fact in facts.items():
@@ -196,7 +197,7 @@ def write_images(stem, bitmap, facts, exposure):
     colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
         linear = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
-        images[".png"] = mi.Bitmap(np.array(linear) * np.float32(2**exposure)).convert(
+        images[".png"] = mi.Bitmap(compress(np.array(linear) * np.float32(2**exposure))).convert(
             component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
     finished = {}
     try:

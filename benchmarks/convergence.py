@@ -1,6 +1,7 @@
 """Error against time and against samples: the prosim integrator beside Mitsuba's integrators and samplers.
 
-    python benchmarks/convergence.py [--scene penumbra ...] [--size 256] [--rounds 5] [--quick] [--output FOLDER]
+    python benchmarks/convergence.py [--scene penumbra ...] [--size 256] [--rounds 5] [--only REGEX] [--quick]
+                                    [--output FOLDER]
 
 For each scene, prints a table (Markdown) and writes ``SCENE.png`` (curves) and ``SCENE.json`` to the output folder.
 References are converged images, kept in a cache folder and continued when ``--reference-seconds`` grants more time.
@@ -15,6 +16,7 @@ none of their curves gets there, and this is against the largest run of the fast
 
 import argparse
 import json
+import re
 import tempfile
 from pathlib import Path
 
@@ -35,14 +37,14 @@ OURS = (
 MEASURES = {"rmse": "RMSE", "tone_mapped_rmse": "tone-mapped", "percentile99": "99 %", "relative_mse": "relMSE"}
 
 
-def measure(case, size, rounds, seconds, cache, folder, quick):
+def measure(case, size, rounds, seconds, cache, folder, chosen):
     """Runs of one scene: ``(results, references)``."""
     scene = case.open(size, folder)
     our_transport, their_transport = case.transports
     integrator = next(iter(case.theirs))
-    ours = [scene.contestant(Spec(text), our_transport) for text in (OURS[1::3] if quick else OURS)]
+    ours = [scene.contestant(Spec(text), our_transport) for text in OURS if chosen(text)]
     theirs = [scene.contestant(Spec(f"{integrator}:{sampler}"), their_transport, spp=count)
-              for sampler in SAMPLERS for count in (COUNTS[:2] if quick else COUNTS)]
+              for sampler in SAMPLERS for count in COUNTS if chosen(f"{sampler} {count}")]
     our_best = scene.contestant(Spec("prosim,adaptive=none,samples=12"), our_transport)
     their_best = scene.contestant(Spec(f"{integrator}:multijitter"), their_transport, spp=144)
     groups = [(ours + theirs, [our_best, their_best])] if case.same_light else \
@@ -152,10 +154,13 @@ def main():
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--output", type=Path, default=Path("benchmarks/results"))
     parser.add_argument("--cache", type=Path, default=runs.cache_folder())
+    parser.add_argument("--only", metavar="REGEX", default=".", help="contestants: those whose 'prosim,PARAMETERS' or "
+                        "'SAMPLER COUNT' holds a match")
     parser.add_argument("--quick", action="store_true", help="64 x 64 pixels, few runs: to see that it works")
     options = parser.parse_args()
     if options.quick:
         options.size, options.rounds, options.reference_seconds = 64, 2, 2
+        options.only = "samples=5|multijitter (4|16)$"
     mi.set_variant(options.variant)
     mi.set_log_level(mi.LogLevel.Error)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -163,7 +168,7 @@ def main():
     for name in options.scene:
         with tempfile.TemporaryDirectory() as folder:
             results, references = measure(SCENES[name], options.size, options.rounds, options.reference_seconds,
-                                          options.cache, folder, options.quick)
+                                          options.cache, folder, re.compile(options.only).search)
         scale = results[0].contestant.scale
         rows = table(results)
         print(f"\n## {name}, {options.size} x {options.size}\n")

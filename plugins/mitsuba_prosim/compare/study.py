@@ -90,16 +90,20 @@ def contest(scene, a, b, transport, levels, seconds, cache, tell):
 def equals(scene, a, b, transport):
     """Contestants ``b`` with as many samples as ``a`` really takes, and with as many as take the same time."""
     samples = max(round(float(np.mean(a.counts()))), 1)
-    few, many = (scene.contestant(b, transport, spp=n) for n in (4, 36))
-    times = {}
-    for name, contestant in (("a", a), ("few", few), ("many", many)) * 3:
-        times.setdefault(name, []).append(contestant.render(0)[1][1])
-    # The first time compiles.
-    t, t_few, t_many = (float(np.median(times[n][1:])) for n in ("a", "few", "many"))
-    x_few, x_many = (float(np.mean(c.counts())) for c in (few, many))
-    a_sample = max((t_many - t_few) / (x_many - x_few), 1e-9)
-    equal_time = min(max(round(x_few + (t - t_few) / a_sample), 1), 4096)
-    return scene.contestant(b, transport, spp=samples), scene.contestant(b, transport, spp=equal_time)
+
+    def processor_seconds(contestant):
+        contestant.render(0)  # compiles
+        return float(np.median([contestant.render(0)[1][1] for _ in range(3)]))
+
+    wanted = processor_seconds(a)
+    spp, equal = samples, scene.contestant(b, transport, spp=samples)
+    for _ in range(4):  # a render has costs that do not grow with the samples, so the first guess is not the last
+        ratio = wanted / processor_seconds(equal)
+        if 0.9 < ratio < 1.1:
+            break
+        spp = min(max(round(spp * ratio), 1), 4096)
+        equal = scene.contestant(b, transport, spp=spp)
+    return scene.contestant(b, transport, spp=samples), equal
 
 
 def spread(values):

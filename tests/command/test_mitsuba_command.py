@@ -82,6 +82,24 @@ def test_image_equals_render(tmp_path, variant_rgb):
 
 
 @linked
+def test_search_path(tmp_path, variant_rgb):
+    """As in the native command: the current folder, then those of -a in their order, then the scene's."""
+    for folder in "scene", "a", "b", "here":
+        (tmp_path / folder).mkdir()
+    texture = ('<texture name="reflectance" type="bitmap"><string name="filename" value="grey.exr"/>'
+               '<boolean name="raw" value="true"/></texture>')
+    scene = write(tmp_path / "scene", "scene.xml", inside=texture)
+    centre = []
+    for folder, value in ("scene", 0.1), ("b", 0.2), ("a", 0.4), ("here", 0.8):
+        with session.enough_threads():
+            mi.Bitmap(np.full((4, 4, 3), value, dtype=np.float32)).write(str(tmp_path / folder / "grey.exr"))
+        arguments = ["-a", f"{tmp_path / 'a'};{tmp_path / 'b'}", "-o", tmp_path / "out.exr", scene]
+        assert mitsuba(tmp_path / "here", *arguments).returncode == 0
+        centre.append(np.array(mi.Bitmap(str(tmp_path / "out.exr")))[8, 12].mean(dtype=float))
+    assert np.allclose(np.array(centre) / centre[0], [1, 2, 4, 8], rtol=0.01)
+
+
+@linked
 def test_several_scenes_none_twice(tmp_path):
     """A stock scene that the native command has rendered before it met ours is not rendered again."""
     stock = write(tmp_path, "stock.xml", "independent", "diffuse")

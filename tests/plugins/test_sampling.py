@@ -4,10 +4,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from scipy import stats
-
 from mitsuba_prosim.sampling.hash import hash32
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, grid_size, pixel_key
+from scipy import stats
 
 
 def pattern(n, pixels, space=3, seed=7, jitter="multi"):

@@ -96,6 +96,19 @@ class NRook:
         return to_unit(combine(combine(combine(self.key, space), self.r + 1), self.i))
 
 
+class SamplerPoints:
+    """The samples of a Mitsuba sampler in the place of :class:`NRook`; the spaces are taken as they come."""
+
+    def __init__(self, sampler):
+        self.sampler = sampler
+
+    def __call__(self, space, active=True):
+        return self.sampler.next_2d(active)
+
+    def choice(self, space):
+        return self.sampler.next_1d()
+
+
 def grid_size(sample_count):
     """Least N with N² >= ``sample_count``."""
     return max(1, math.isqrt(max(sample_count, 1) - 1) + 1)

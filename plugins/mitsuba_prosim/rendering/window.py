@@ -1,0 +1,92 @@
+"""The window of a film that is rendered: its pixels, and the values that gather there."""
+
+import contextlib
+
+import drjit as dr
+import mitsuba as mi
+
+
+class Image:
+    """The window of a film, as sums of weighted values that bands are added to from top to bottom.
+
+    Each pixel gathers what the samples around it have for it, row after row, so that the sum has one order, whatever
+    the bands are.
+    """
+
+    def __init__(self, window, channels, aovs):
+        self.window, self.channels, self.weight = window, len(channels), channels.index("W")
+        self.width, self.height = window[2] - window[0], window[3] - window[1]
+        self.values = [dr.zeros(mi.Float, self.width * self.height) for _ in range(self.channels + aovs)]
+        dr.make_opaque(self.values)
+
+    def add(self, outer, band, sums, aovs, reach):
+        """Adds the pixels of ``band``; ``sums`` and ``aovs`` are laid out over the rectangle ``outer``."""
+        top, bottom = max(band[1] - reach, self.window[1]), min(band[3] + reach, self.window[3])
+        if top >= bottom:
+            return
+        x, y, *_ = pixels((self.window[0], top, self.window[2], bottom))
+        index = mi.UInt32((y - dr.opaque(mi.Int32, self.window[1])) * dr.opaque(mi.Int32, self.width)
+                          + x - dr.opaque(mi.Int32, self.window[0]))
+        totals = [dr.gather(mi.Float, v, index) for v in self.values[:self.channels]]
+        left, first, right, last = (dr.opaque(mi.Int32, v) for v in band)
+        outer_left, outer_top, outer_width = (dr.opaque(mi.Int32, v) for v in (outer[0], outer[1], outer[2] - outer[0]))
+        offsets = range(-reach, reach + 1)
+        dr.eval(sums, aovs)
+        for dy in reversed(offsets):
+            for dx in reversed(offsets):
+                sx, sy = x - dx, y - dy
+                there = (sx >= left) & (sx < right) & (sy >= first) & (sy < last)
+                source = mi.UInt32((sy - outer_top) * outer_width + sx - outer_left)
+                place = ((dy + reach) * (2 * reach + 1) + dx + reach) * self.channels
+                for c in range(self.channels):
+                    totals[c] += dr.gather(mi.Float, sums[place + c], source, there)
+        own = (y >= first) & (y < last)
+        source = mi.UInt32((y - outer_top) * outer_width + x - outer_left)
+        for c, total in enumerate(totals):
+            dr.scatter(self.values[c], total, index)
+        for c, aov in enumerate(aovs):
+            dr.scatter(self.values[self.channels + c], dr.gather(mi.Float, aov, source, own), index, own)
+
+    def wait(self):
+        """Waits until what was added is there."""
+        dr.eval(self.values)
+        dr.sync_thread()
+
+    def tensor(self):
+        """Shape (height, width, channels), the integrator's own channels multiplied by the weight, as films expect."""
+        channels = self.values[:self.channels]
+        channels = channels + [v * self.values[self.weight] for v in self.values[self.channels:]]
+        flat = dr.zeros(mi.Float, self.width * self.height * len(channels))
+        index = dr.arange(mi.UInt32, self.width * self.height) * len(channels)
+        for c, values in enumerate(channels):
+            dr.scatter(flat, values, index + c)
+        return mi.TensorXf(flat, (self.height, self.width, len(channels)))
+
+
+def pixels(rectangle):
+    """``(x, y, width, height)``: the pixels of a rectangle (left, top, right, bottom), row by row, and its size."""
+    left, top, right, bottom = rectangle
+    width, height = dr.opaque(mi.UInt32, right - left), dr.opaque(mi.UInt32, bottom - top)
+    i = dr.arange(mi.UInt32, (right - left) * (bottom - top))
+    y = i // width
+    x = i - y * width
+    return mi.Int32(x) + dr.opaque(mi.Int32, left), mi.Int32(y) + dr.opaque(mi.Int32, top), width, height
+
+
+@contextlib.contextmanager
+def uncropped(sensor):
+    """The film of ``sensor`` without its crop window, so that the rays of a crop are those of the whole image to the
+    bit (a sensor scales positions by the window)."""
+    film = sensor.film()
+    offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())
+    if all(offset == 0) and all(size == film.size()):
+        yield
+        return
+    params = mi.traverse(sensor)
+    try:
+        params["film.crop_offset"], params["film.crop_size"] = mi.ScalarPoint2u(0), mi.ScalarVector2u(film.size())
+        params.update()
+        yield
+    finally:
+        params["film.crop_offset"], params["film.crop_size"] = offset, size
+        params.update()

@@ -31,9 +31,9 @@ def library():
 
 def problem():
     """Says what is wrong if the LLVM variants would abort the process or can't be had; None if all is well."""
-    advice = ("Install a newer one (on x86-64 Linux: pip install 'karellen-llvm-core==23.1.*'; on Debian and Ubuntu: "
-              "apt install libllvm19 or newer; on macOS: brew install llvm), see that DRJIT_LIBLLVM_PATH is unset or "
-              "names its libLLVM, and start again. The scalar_rgb variant needs no LLVM.")
+    advice = ("Install LLVM 17 or later (on x86-64 Linux: pip install 'karellen-llvm-core==23.1.*'; elsewhere: "
+              "apt install libllvm19, brew install llvm or the like), see that DRJIT_LIBLLVM_PATH is unset or names its "
+              "libLLVM, and start again. The variant scalar_rgb needs none.")
     found = version()
     if found is None:
         path = os.environ.get("DRJIT_LIBLLVM_PATH")

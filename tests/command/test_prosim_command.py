@@ -195,7 +195,7 @@ def test_format(palito):
 
 def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):
     done = prosim("doctor")
-    assert f"mitsuba     {len(session.stand_ins())} stand-ins" in done.stdout or sys.platform != "linux"
+    assert f"mitsuba         {len(session.stand_ins())} stand-ins" in done.stdout or sys.platform != "linux"
     assert mi.__version__ in done.stdout and "llvm_ad_rgb" in done.stdout
     monkeypatch.setattr(llvm, "version", lambda: (15, 0, 6))
     monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")

@@ -1,0 +1,84 @@
+"""Figures of sections 4.2 and 5.3: strategies of sampling, strata, and the renderer's own N-rook patterns."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mitsuba_prosim.sampling import patterns
+from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
+
+
+def square(figure, place, strata=0, title=None):
+    axes = figure.add_subplot(*place, xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[], title=title)
+    for x in np.arange(1, strata) / max(strata, 1):
+        axes.axhline(x, color="0.8", lw=0.8, zorder=0)
+        axes.axvline(x, color="0.8", lw=0.8, zorder=0)
+    return axes
+
+
+def numbered(axes, points, color="C0"):
+    for i, (x, y) in enumerate(np.clip(points, 0.04, 0.96)):     # not over the frame
+        axes.text(x, y, str(i + 1), color=color, ha="center", va="center", weight="bold")
+
+
+def strategy(figure, name, n, strata=0):
+    axes = square(figure, (1, 1, 1), strata)
+    axes.plot(*getattr(patterns, name)(n, np.random.default_rng(1992)).T, "o", ms=4, color="C0")
+    return axes
+
+
+def jittering(figure):
+    axes = strategy(figure, "jittered", 16, 4)
+    axes.plot(*patterns.regular(16, None).T, "+", color="0.4", zorder=0)
+    axes.set_xlabel("+ regular   ● jittered")
+
+
+def equal_regions(axes, x, density, regions):
+    """Draws a density, cut into ``regions`` of equal area."""
+    cumulative = np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) * np.diff(x) / 2)])
+    edges = np.interp(np.linspace(0, cumulative[-1], regions + 1), cumulative, x)
+    axes.plot(x, density, "k-")
+    for i in range(regions):
+        inside = (x >= edges[i]) & (x <= edges[i + 1])
+        axes.fill_between(x[inside], density[inside], color=f"C{i}", alpha=0.35)
+    axes.set(xticks=edges, xticklabels=[""] * len(edges), yticks=[], xlim=(x[0], x[-1]), ylim=(0, 1.1 * density.max()))
+    return edges
+
+
+def importance(figure):
+    axes = figure.add_subplot(xlabel="X", ylabel="P(X)")
+    x = np.linspace(0, 1, 2001)
+    edges = equal_regions(axes, x, 0.15 + np.exp(-((x - 0.42) / 0.13)**2) + 0.3 * np.exp(-((x - 0.8) / 0.1)**2), 8)
+    u = np.random.default_rng(4).random(8)
+    axes.plot(edges[:-1] + u * np.diff(edges), np.zeros(8), "ko", clip_on=False, zorder=3)
+
+
+def source_strata(figure):
+    """P(theta) = 2 pi k sin(theta), up to the angle at which a source of radius r is seen from distance d."""
+    axes = figure.add_subplot(xlabel="θ, from the middle of the source to its rim", ylabel="P(θ) ∝ sin θ")
+    theta = np.linspace(0, 0.3, 2001)
+    equal_regions(axes, theta, np.sin(theta), 5)
+
+
+def uncorrelated(figure):
+    rng = np.random.default_rng(6)
+    for i, name in enumerate(("pixel", "direction of reflection")):
+        numbered(square(figure, (1, 2, i + 1), 3, name), patterns.uncorrelated_jittered(9, rng))
+
+
+def nrook_points(n, r, space, pixel=0):
+    """Pass ``r`` of the renderer's samples, in order (n, 2)."""
+    sample = NRook(Permutations(n), pixel_key(7, pixel), mi.UInt32(r), dr.arange(mi.UInt32, n), "uniform")
+    return np.array(sample(space)).T
+
+
+def association(figure):
+    for space, name in enumerate(("pixel", "source")):
+        numbered(square(figure, (1, 2, space + 1), 5, name), nrook_points(5, 0, space))
+
+
+def rotation(figure):
+    n = 3
+    for last in range(n):
+        axes = square(figure, (1, n, last + 1), n, f"{n * (last + 1)} samples")
+        for r in range(last + 1):
+            numbered(axes, nrook_points(n, r, 0), f"C{r}")

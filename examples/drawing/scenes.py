@@ -1,0 +1,47 @@
+"""Rendered figures: the scenes beside this folder."""
+
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+
+SCENES = Path(__file__).parents[1]
+
+
+def load(name, factor=1, samples=None, **integrator):
+    """The dictionary of a scene, in its own resolution times ``factor``; ``integrator``: further parameters."""
+    path = SCENES / f"{name}.scn"
+    view = prosim_scene.parse(prosim_scene.read(path), path).view
+    size = tuple(max(1, round(factor * x)) for x in view.resolution)
+    description = prosim_scene.load(path, resolution=size, samples=samples)
+    description["integrator"] |= integrator
+    return description
+
+
+def render(name, factor, samples=None):
+    """The image of a scene, (height, width, 3), linear."""
+    return np.array(mi.render(mi.load_dict(load(name, factor, samples))))
+
+
+def render_counts(name, factor, samples=None):
+    """Samples that each pixel got, as grey: white is N²."""
+    description = load(name, factor, samples, aovs="samples")
+    counts = np.array(mi.render(mi.load_dict(description)))[..., 3:]
+    return np.repeat(counts / counts.max(), 3, axis=2)
+
+
+def render_path(name, factor, spp):
+    """The same scene by Mitsuba's path tracer. The background lights it; there is no ambient term."""
+    description = load(name, factor)
+    background = description["integrator"]["background"]
+    description["integrator"] = {"type": "path", "max_depth": description["integrator"]["max_level"] + 2,
+                                 "hide_emitters": False}
+    description["background"] = {"type": "constant", "radiance": background}
+    scene = mi.load_dict(description)
+    image, done = 0, 0
+    while done < spp:                                # a part at a time, for the memory
+        part = min(64, spp - done)
+        image = image + part * np.array(mi.render(scene, spp=part, seed=done))
+        done += part
+    return image / spp

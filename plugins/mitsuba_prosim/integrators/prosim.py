@@ -111,6 +111,9 @@ class Prosim(mi.SamplingIntegrator):
     the number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` given to ``render()``
     replaces :monosp:`max_samples`, and :monosp:`samples` by its square root, rounded up.
 
+    The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. All of its BSDFs honour
+    it but :monosp:`principled` and :monosp:`principledthin`, which need :monosp:`diffuse_bounces` -1.
+
     In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
     sample count of the sensor's sampler, and that sampler's samples.
 

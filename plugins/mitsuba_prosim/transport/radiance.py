@@ -61,8 +61,12 @@ class Transport:
         # generates wrong code for masks. Mitsuba's own integrators unroll theirs for the same reason.
         self.loop_mode = "evaluated" if attached else None
         self.sources = Sources(scene)
+        bsdfs = [shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None]
         flags = scene_flags(scene)
-        self.all_ambient = all(dr.all(shape.bsdf().has_attribute("ambient")) for shape in scene.shapes() if shape.bsdf())
+        self.all_ambient = all(dr.all(bsdf.has_attribute("ambient")) for bsdf in bsdfs)
+        if integrator.diffuse_bounces >= 0 and any(b.class_name().startswith("Principled") for b in bsdfs):
+            mi.Log(mi.LogLevel.Warn, "prosim: the principled BSDF does not tell its lobes apart, so its light is counted "
+                                     "more than once; use another material, or diffuse_bounces=-1.")
         self.reflects = lobes.has_any(flags, "GlossyReflection", "DeltaReflection")
         self.refracts = lobes.has_any(flags, "GlossyTransmission", "DeltaTransmission", "Null")
         self.both_sides = lobes.has_any(flags, "GlossyTransmission", "DiffuseTransmission")

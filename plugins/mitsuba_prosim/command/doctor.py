@@ -25,24 +25,24 @@ def doctor():
     Exit code 0 if all is well, else 1.
     """
     troubles = []
-    click.echo(f"Python              {platform.python_version()}, {sys.executable}")
+    say("Python", f"{platform.python_version()}, {sys.executable}")
     for name in ("mitsuba-prosim", "mitsuba", "drjit", "numpy", "manifold3d"):
-        click.echo(f"{name:<15} {version(name)}")
-    click.echo(f"platform            {platform.platform()}, {os.cpu_count()} processors")
+        say(name, version(name))
+    say("platform", f"{platform.platform()}, {os.cpu_count()} processors")
 
     usable = [v for v in mi.variants() if has_backend(v)]
-    click.echo(f"variants            {', '.join(usable)} (default {session.default_variant()})")
+    say("variants", f"{', '.join(usable)} (default {session.default_variant()})")
     if missing := sorted({v.partition("_")[0] for v in mi.variants()} - {v.partition("_")[0] for v in usable}):
-        click.echo(f"                no device or library for {', '.join(missing)}")
+        say("", f"no device or library for {', '.join(missing)}")
 
     found = llvm.version()
-    click.echo(f"LLVM                {'.'.join(map(str, found))}, {llvm.library()}, {origin()}" if found else "LLVM            none")
+    say("LLVM", f"{'.'.join(map(str, found))}, {llvm.library()}, {origin()}" if found else "none")
     if problem := llvm.problem():
         troubles.append(problem)
 
     if sys.platform == "linux":
         stand_ins, folder = session.stand_ins(), session.plugin_folder()
-        click.echo(f"mitsuba             {len(stand_ins)} stand-ins for plugins written in Python in {folder}")
+        say("mitsuba", f"{len(stand_ins)} stand-ins for plugins written in Python in {folder}")
         if misplaced := misplaced_folder():
             troubles.append(f"{misplaced} keeps the mitsuba command from starting, because Mitsuba itself is in "
                             f"{folder.parent}. Run: prosim link")
@@ -50,13 +50,18 @@ def doctor():
             advice = "Run: prosim link" if compiler() else "Install a C compiler, then run: prosim link"
             troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). {advice}")
     else:
-        click.echo("mitsuba         the mitsuba command can run plugins written in Python on Linux only; use prosim render")
+        say("mitsuba", "the mitsuba command can run plugins written in Python on Linux only; use prosim render")
 
     for trouble in troubles:
         click.echo(f"\n{trouble}")
     if not troubles:
         click.echo("\nAll is well.")
     sys.exit(bool(troubles))
+
+
+def say(label, text):
+    """Prints a line of two columns."""
+    click.echo(f"{label:<16}{text}")
 
 
 def has_backend(variant):

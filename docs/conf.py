@@ -1,0 +1,39 @@
+"""Settings of the documentation's site: ``python -m sphinx -W -b html docs docs/_build``."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+project = "mitsuba-prosim"
+author = "the authors of mitsuba-prosim"
+html_title = project
+html_theme = "furo"
+html_static_path = ["style"]
+html_css_files = ["plugins.css"]
+extensions = ["myst_parser", "sphinx.ext.mathjax", "sphinx_tabs.tabs", "plugin_pages"]
+exclude_patterns = ["_build"]
+myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
+
+# The words that Mitsuba's own plugin documentation uses, and so ours.
+rst_prolog = r"""
+.. role:: paramtype
+.. role:: monosp
+
+.. |bool| replace:: :paramtype:`boolean`
+.. |int| replace:: :paramtype:`integer`
+.. |integer| replace:: :paramtype:`integer`
+.. |float| replace:: :paramtype:`float`
+.. |string| replace:: :paramtype:`string`
+.. |point| replace:: :paramtype:`point`
+.. |vector| replace:: :paramtype:`vector`
+.. |transform| replace:: :paramtype:`transform`
+.. |spectrum| replace:: :paramtype:`spectrum`
+.. |texture| replace:: :paramtype:`texture`
+.. |true| replace:: :monosp:`true`
+.. |false| replace:: :monosp:`false`
+.. |exposed| replace:: :abbr:`P (mi.traverse shows it)`
+.. |differentiable| replace:: :abbr:`∂ (has derivatives)`
+.. |discontinuous| replace:: :abbr:`D (moves an edge, whose share of the derivative is left out)`
+"""

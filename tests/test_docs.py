@@ -1,0 +1,41 @@
+"""The documentation's site builds without a warning, and shows every plugin."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mitsuba_prosim import registry
+from mitsuba_prosim.registry import FOLDERS
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    out = tmp_path_factory.mktemp("site")
+    done = subprocess.run([sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(out),
+                           "-d", str(out / ".doctrees")], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_every_plugin_has_a_section_a_table_and_examples(site, variant_rgb):
+    pages = "".join((site / "plugins" / f"{folder}.html").read_text("utf-8") for folder in FOLDERS)
+    sections = dict(re.findall(r'<h2>[^<]*\(<span class="monosp">(\w+)</span>\)(.*?)(?=<h2>|$)', pages, re.S))
+    assert set(sections) == set(registry.PLUGINS)
+    for name, text in sections.items():
+        assert '<table class="plugin-parameters' in text, name
+        assert 'class="highlight-xml' in text and 'class="highlight-python' in text, name
+
+
+def test_references_to_mitsubas_plugins_lead_to_its_site(site):
+    page = (site / "plugins" / "bsdfs.html").read_text("utf-8")
+    assert 'href="https://mitsuba.readthedocs.io/en/stable/src/generated/plugins_bsdfs.html#bsdf-conductor"' in page
+
+
+def test_links_within_the_site_lead_somewhere(site):
+    for page in site.rglob("*.html"):
+        for link in re.findall(r'(?:href|src)="([^"#?:]+)[^":]*"', page.read_text("utf-8")):
+            assert (page.parent / link).exists(), f"{page.name} -> {link}"

@@ -72,26 +72,19 @@ def _boxes(parts):
 def _components(parts):
     """Groups of parts whose boxes are connected by touching, each group in the given order."""
     low, high = _boxes(parts)
-    parent = list(range(len(parts)))
-
-    def find(i):
-        while parent[i] != i:
-            parent[i] = parent[parent[i]]
-            i = parent[i]
-        return i
-
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]
     last = np.searchsorted(low[:, 0], high[:, 0], side="right")  # sweep along x
+    label = np.arange(len(parts))
     for i in range(len(parts)):
         window = slice(i + 1, last[i])
         hits = np.all((low[window, 1:] <= high[i, 1:]) & (high[window, 1:] >= low[i, 1:]), axis=1)
-        for j in np.flatnonzero(hits):
-            a, b = find(order[i]), find(order[i + 1 + j])
-            parent[max(a, b)] = min(a, b)
+        touched = label[window][hits]
+        if (touched != label[i]).any():
+            label[np.isin(label, touched)] = label[i]
     groups = {}
-    for i, part in enumerate(parts):
-        groups.setdefault(find(i), []).append(part)
+    for i, group in sorted(zip(order.tolist(), label.tolist())):
+        groups.setdefault(group, []).append(parts[i])
     return list(groups.values())
 
 

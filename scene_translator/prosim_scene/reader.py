@@ -23,10 +23,9 @@ from .words import FALSE, METALS, TERMINALS, WORDS, fold, meaning
 SIZE_LIMIT = 16 * 2**20
 
 PIECE = re.compile(r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>\))|(?P<string>"[^"\n]*"?)'
-                   r'|(?P<equals>[:=])|(?P<word>[^\s()#":=]+)')
+                   r'|(?P<equals>[:=])|(?P<operator>[*+-](?![\d.]|inf|nan))|(?P<word>[^\s()#":=]+)', re.IGNORECASE)
 PARENTHESIS = re.compile(r"[()]")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
-OPERATOR = re.compile(r"[*+-](?![\d.])")
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 TAKES_ARGUMENT = {"SCALE", "ROTATE_X", "ROTATE_Y", "ROTATE_Z", "TRANSLATE"}
 
@@ -72,16 +71,13 @@ class _Lexer(Lexer):
                 if len(match[0]) < 2 or match[0][-1] != '"':
                     raise source.error(Place(start, position), "this quote is not closed on its line")
                 token = Token("STRING", match[0][1:-1], start, end_pos=position)
+            elif kind == "operator":
+                token = Token(OPERATORS[match[0]], match[0], start, end_pos=position)
             else:
-                operator = OPERATOR.match(match[0])
-                if operator:  # '+', but also the first of '++' and '+CUBE'
-                    position = start + 1
-                    token = Token(OPERATORS[operator[0]], operator[0], start, end_pos=position)
-                else:
-                    accepted = states[parser_state.position]
-                    token = Token(_word_type(match[0], accepted), match[0], start, end_pos=position)
-                    if token.type == "END" and "END" in accepted:
-                        end = token
+                accepted = states[parser_state.position]
+                token = Token(_word_type(match[0], accepted), match[0], start, end_pos=position)
+                if token.type == "END" and "END" in accepted:
+                    end = token
             pieces.append(token)
             yield token
             previous = token
@@ -183,10 +179,10 @@ def _syntax_error(source, error, pieces):
             return source.error(place, "the file ends here and END is missing; expected END as the last statement")
         return source.error(place, f"the file ends after this; expected {listing(names)}")
     place = Place(token.start_pos, token.end_pos)
-    if token.type == "WORD" and "NUMBER" in expected and token.value[0] in "0123456789.+-":
-        return source.error(place, f"found {quote(token)}, which is not a number")
     if token.type == "WORD" and fold(token.value.lstrip("+-")) in ("nan", "inf", "infinity") and "NUMBER" in expected:
         return source.error(place, f"found {quote(token)}; expected a finite number")
+    if token.type == "WORD" and "NUMBER" in expected and token.value[0] in "0123456789.+-":
+        return source.error(place, f"found {quote(token)}, which is not a number")
     reason = "found " + quote(token)
     if token.type == "WORD":
         known = [w for t in expected if t in WORDS for w in WORDS[t]]
@@ -505,6 +501,8 @@ class _Builder:
                 raise self.error(where, "a condutor lacks its optics; expected n-refr and k-abs, or a metal's name")
         elif surface.material in ("dielectric", "composite") and not surface.eta:
             raise self.error(where, f"a {WORDS[surface.material.upper()][0]} lacks its index; expected n-refr")
+        elif surface.material == "composite" and surface.ks and max(map(sum, zip(surface.kd or (0.5,) * 3, surface.ks))) > 1:
+            raise self.error(where, "kd + ks is above 1 in a composto; expected s + d = 1 at most")
         uses = {
             "conductor": "MATERIAL METAL N_REFR K_ABS KA PHONG_N RUG SLOPE ROUGHNESS",
             "dielectric": "MATERIAL N_REFR KA PHONG_N RUG SLOPE ROUGHNESS",

@@ -120,13 +120,12 @@ def surface(translation, leaf, surface, slots, images):
 def _mean(kind, values):
     """Mean colour of a pattern."""
     if kind == "brick":
-        share = ((values["brick_width"] - values["mortar_width"]) / values["brick_width"]
-                 * (values["brick_height"] - values["mortar_width"]) / values["brick_height"])
+        width, height, joint = values["brick_width"], values["brick_height"], values["mortar_width"]
+        share = width / (width + joint) * height / (height + joint)
         first, second = values["brick"], values["mortar"]
     else:
         share = values.get("duty", 0.5)
         first, second = values["color0"], values["color1"]
-    share = min(max(share, 0.0), 1.0)
     return share * np.array(first) + (1 - share) * np.array(second)
 
 

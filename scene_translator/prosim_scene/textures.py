@@ -10,8 +10,9 @@ from .reader import BUILT_IN
 
 #: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.
 DEFAULTS = {
-    "brick": {"brick": (1.0, 0.7, 0.6), "mortar": (1.4, 1.5, 1.8), "brick_width": 1 / 12, "brick_height": 1 / 25,
-              "mortar_width": 1 / 250, "stagger": 0.5},
+    # 12 bricks with their joints along u, 26 rows along v: no seam.
+    "brick": {"brick": (1.0, 0.7, 0.6), "mortar": (1.4, 1.5, 1.8), "brick_width": 1 / 12 - 1 / 250,
+              "brick_height": 1 / 26 - 1 / 250, "mortar_width": 1 / 250, "stagger": 0.5},
     "stripes": {"color0": (1.0, 1.0, 1.0), "color1": (0.35, 0.35, 0.35), "frequency": 6.0, "duty": 0.5},
     "fractal": {"color0": (0.5, 0.5, 0.5), "color1": (1.2, 1.2, 1.2), "scale": 4.0, "octaves": 6, "gain": 0.5,
                 "lacunarity": 2.0, "seed": 0},

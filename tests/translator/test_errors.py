@@ -1,0 +1,221 @@
+"""Wrong input: each message names the place, what was found and what was expected; nothing is written."""
+
+import time
+import warnings
+
+import prosim_scene
+import pytest
+from prosim_scene import SceneError, SceneWarning, reader
+
+MINIMAL = """NAME: x
+LIGHTS POINT position 0 5 5 Intensity 60000 60000 60000
+VIEW OBS 0 0 9 VRP 0 0 0
+CSG-TREE CUBE 0
+SURFACE 0 material lambertiano kd = 0.5 0.5 0.5
+TRANSFORM 0 SCALE (1 1 1)
+END
+"""
+
+
+def with_line(number, line):
+    lines = MINIMAL.splitlines()
+    lines[number - 1] = line
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_a_missing_transform():
+    with pytest.raises(SceneError, match=r":4:10: CUBE 0 has no TRANSFORM 0; .*there are 2"):
+        prosim_scene.parse(with_line(6, "TRANSFORM 2"))
+
+
+def test_the_minimal_scene_is_right():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert prosim_scene.parse(MINIMAL).name == "x"
+
+
+# line of the text, its replacement, column of the error, words of the message
+WRONG = [
+    # a statement given twice, and parameters
+    (1, "NAME: x NAME: y", 9, ["NAME is given twice", "line 1"]),
+    (3, "VIEW OBS 0 0 9 OBS 0 0 8", 16, ["OBS is given twice"]),
+    (5, "SURFACE 0 kd = 1 1 1 SURFACE 0 kd = 1 1 1", 22, ["SURFACE 0 is given twice"]),
+    (6, "TRANSFORM 0\nTRANSFORM 0", 1, ["TRANSFORM 0 is given twice"]),
+    (5, "SURFACE 0 ks = .1 .1 .1 n = 5 m = .3", 31, ["the roughness is given twice"]),
+    (2, "LIGHTS POINT position 0 5 5 CONE SPOT", 34, ["the distribution of a light is given twice"]),
+    # an index without a SURFACE or TRANSFORM
+    (4, "CSG-TREE CUBE 1", 10, ["CUBE 1 has no SURFACE 1", "there are 0"]),
+    (4, "CSG-TREE + CUBE 0 CUBE 3", 19, ["CUBE 3 has no SURFACE 3"]),
+    # unknown words
+    (1, "NOMEE: x", 1, ["unknown word 'NOMEE'", "did you mean 'NOME'"]),
+    (4, "CSG-TREE CUBO 0 SFERE 1", 17, ["unknown word 'SFERE'", "did you mean 'SPHERE'"]),
+    (4, "CSG-TREE SPHEER 0", 10, ["unknown word 'SPHEER'", "SPHERE"]),
+    (3, "VIEW OSB 0 0 9", 6, ["unknown word 'OSB'", "OBS"]),
+    (5, "SURFACE 0 material lambertino kd = 1 1 1", 20, ["unknown word 'lambertino'", "did you mean 'lambertiano'"]),
+    (5, "SURFACE 0 material condutor ouroo", 29, ["unknown metal 'ouroo'", "did you mean 'ouro'"]),
+    (4, "CSG-TREE CUBE 0 t-tijollo", 17, ["unknown texture 't-tijollo'", "did you mean 't-tijolo'"]),
+    (2, "LIGHTS POINT positon 0 5 5", 14, ["unknown word 'positon'", "did you mean 'position'"]),
+    # a wrong count of numbers
+    (3, "VIEW OBS 0 9", 10, ["found 2 numbers after OBS", "expected 3 numbers (x y z)"]),
+    (3, "VIEW WINDOW 0 0 1 1 1", 13, ["found 5 numbers after WINDOW", "expected 4 numbers"]),
+    (5, "SURFACE 0 kd = 0.5 0.5", 16, ["found 2 numbers after kd", "expected 3 numbers"]),
+    (6, "TRANSFORM 0 SCALE (1 2)", 20, ["found 2 numbers after SCALE", "expected 3 numbers"]),
+    (6, "TRANSFORM 0 ROTATE-X ()", 13, ["found 0 numbers after ROTATE-X", "expected 1 number (degrees)"]),
+    (1, "SAVE-RGB: TRUE FALSE", 1, ["found 2 words after SAVE-RGB", "expected 3"]),
+    # numbers that are none, or not finite
+    (3, "VIEW OBS 0 nan 9", 12, ["found 'nan'", "expected a finite number"]),
+    (3, "VIEW OBS 0 1e999 9", 12, ["found '1e999'", "expected a finite number"]),
+    (3, "VIEW OBS 0 -inf 9", 12, ["'-inf'", "expected a finite number"]),
+    (1, "NSAMPLES: 5O", 11, ["found '5O', which is not a number"]),
+    (1, "NSAMPLES: 2.5", 11, ["expected a whole number"]),
+    (1, "MAX-LEVEL: -1", 12, ["expected a whole number, 0 or more"]),
+    (1, "AIR-INDEX: 0", 12, ["expected above 0"]),
+    (1, "SAVE-RGB: FALSE FALSE FALSE", 1, ["leaves out all channels"]),
+    (5, "SURFACE 0 kd = 0.5 1.5 0", 20, ["found '1.5' after kd", "1 at most"]),
+    (4, "CSG-TREE CUBE 0.5", 15, ["expected a whole number"]),
+    (4, "CSG-TREE CUBE", 10, ["found 0 numbers after CUBE", "its index"]),
+    # a singular scale
+    (6, "TRANSFORM 0 SCALE (1 0 1)", 22, ["singular", "expected factors other than 0"]),
+    # the tree
+    (4, "CSG-TREE + CUBE 0", 10, ["this '+' lacks an operand"]),
+    (4, "CSG-TREE CUBE 0 * - CUBE 0", 17, ["after the tree is complete"]),
+    (4, "CSG-TREE - +", 12, ["lacks two operands"]),
+    (4, "CSG-TREE CUBE 0 NULL NULL NULL", 27, ["a third texture"]),
+    # materials
+    (5, "SURFACE 0 material dieletrico", 1, ["lacks its index", "n-refr"]),
+    (5, "SURFACE 0 material condutor n-refr = 1 1 1", 1, ["lacks its optics", "k-abs"]),
+    (5, "SURFACE 0 material condutor ouro k-abs = 1", 29, ["expected one of the two"]),
+    (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, ["kd + ks is above 1"]),
+    # lights
+    (2, "LIGHTS AREA raio 2", 8, ["has no position"]),
+    (2, "LIGHTS AREA position 0 5 5 raio 0", 33, ["expected above 0"]),
+    (2, "LIGHTS POINT position 0 5 5 CONE direction 0 0 0", 44, ["length 0"]),
+    (2, "LIGHTS POINT position 0 5 5 CONE angle 200", 40, ["180 at most"]),
+    # textures
+    (1, "TEXTURE t-parede mortar = 1", 9, ["has no kind", "brick, stripes or fractal"]),
+    (1, "TEXTURE t-x stripes mortar = 1", 21, ["found 'mortar' in a texture of kind stripes"]),
+    (4, "CSG-TREE CUBE 0 NULL madeira.png", 22, ["an image stands in the second texture slot"]),
+    # marks
+    (1, "NAME: x (unclosed", 9, ["this remark is not closed"]),
+    (1, 'NAME: "x', 7, ["this quote is not closed"]),
+    (1, "NAME: x )", 9, ["found ')' without its '('"]),
+    (6, "TRANSFORM 0 SCALE (1 1 1 ROTATE-X 3", 26, ["found 'ROTATE-X'", "expected a number or )"]),
+    (3, "VIEW OBS 0 = 0 9", 12, ["found '='", "only follow a keyword"]),
+    (7, "", 25, ["END is missing"]),
+    (1, "NAME: ../x", 7, ["expected the base name of a file"]),
+]
+
+
+@pytest.mark.parametrize("number, line, column, words", WRONG)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_wrong_input(number, line, column, words, tmp_path):
+    text = with_line(number, line)
+    path = tmp_path / "wrong.scn"
+    path.write_text(text)
+    with pytest.raises(SceneError) as error:
+        prosim_scene.translate(path)
+    message = str(error.value)
+    assert message.startswith(f"{path}:{error.value.line}:{error.value.column}: ")
+    assert error.value.line in (number, number + line.count("\n"), number - (number == 7))
+    assert error.value.column == column, message
+    for word in words:
+        assert word in message
+    source, caret = message.splitlines()[-2:]
+    assert caret.strip("~ ") == "^" and caret.index("^") == 4 + min(column - 1, 60)
+    assert source[4:] in text
+    assert [p.name for p in tmp_path.iterdir()] == ["wrong.scn"]
+
+
+@pytest.mark.parametrize("line, number, words", [
+    ("SURFACE 7 kd = 1 1 1", 1, "no primitive has this index"),
+    ("LIGHTS", 2, "no lights"),
+    ("LIGHTS POINT position 0 5 5 angle 3", 2, "has no effect on a UNIFORM light"),
+    ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "has no effect on a lambertiano"),
+    ("END (fim) e mais", 7, "what follows END is ignored"),
+    ("CSG-TREE", 4, "no CSG-TREE"),
+])
+def test_doubtful_input_is_a_warning(line, number, words):
+    with pytest.warns(SceneWarning, match=words):
+        prosim_scene.parse(with_line(number, line))
+
+
+def test_a_missing_file_is_a_scene_error(tmp_path):
+    with pytest.raises(SceneError, match="No such file"):
+        prosim_scene.translate(tmp_path / "none.scn")
+    with pytest.raises(SceneError, match="directory"):
+        prosim_scene.translate(tmp_path)
+
+
+def test_large_files_are_refused(tmp_path):
+    path = tmp_path / "large.scn"
+    with path.open("wb") as file:
+        file.truncate(100_000_000)
+    start = time.perf_counter()
+    for read in (prosim_scene.read, prosim_scene.translate):
+        with pytest.raises(SceneError, match="larger than 16 MiB"):
+            read(path)
+    with pytest.raises(SceneError, match="larger than 16 MiB"):
+        prosim_scene.parse("(" * (reader.SIZE_LIMIT + 1))
+    assert time.perf_counter() - start < 20  # it is not read at all
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("text, words", [
+    ("NSAMPLES " + "9" * 1_000_000 + " END", "9"),
+    ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "finite"),
+    ("SURFACE " + "1" * 1_000_000 + " END", "9 digits at most"),
+    ("(" * 1_000_000, "not closed"),
+    ("()" * 500_000 + "x", "unknown word"),
+    ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
+    ("CSG-TREE " + "+" * 100_000 + " CUBE 0 END", "lacks"),
+    ("x" * 1_000_000, "unknown word"),
+    ("\x00" * 1000, "unknown word"),
+    ("NAME: " + "y" * 1_000_000 + " END", "200 at most"),
+])
+def test_monstrous_input_ends_soon_with_a_short_message(text, words):
+    with pytest.raises(SceneError, match=words) as error:
+        prosim_scene.parse(text, "monster.scn")
+    assert len(str(error.value)) < 2000
+
+
+@pytest.mark.parametrize("tree", ["+ " * 100_000 + "CUBE 0 " * 100_001, "- CUBE 0 " * 100_000 + "CUBE 0"])
+def test_a_tree_of_100000_levels(tree):
+    scene = prosim_scene.parse(with_line(4, "CSG-TREE " + tree))
+    assert len(scene.csg) == 200_001 and scene == scene and len(repr(scene)) > 200_001
+
+
+def test_images_are_read_in_the_scenes_folder_only(tmp_path):
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "outside.png").write_bytes(b"")
+    path = tmp_path / "scene" / "x.scn"
+    for image, words in (("../outside.png", "outside the scene's folder"), (f'"{tmp_path}/outside.png"', "outside"),
+                         ("none.png", "does not exist")):
+        path.write_text(with_line(4, f"CSG-TREE CUBE 0 {image}"))
+        with pytest.raises(SceneError, match=words):
+            prosim_scene.translate(path)
+        path.write_text(with_line(1, f"BACKGROUND 0 0 0 {image}"))
+        with pytest.raises(SceneError, match=words):
+            prosim_scene.check(path)
+    path.write_text(with_line(4, "CSG-TREE CUBE 0 ../outside.png"))
+    assert "../outside.png" in prosim_scene.translate(path, allow_outside=True).read_text()
+
+
+def test_wrong_options_are_value_errors(tmp_path):
+    path = tmp_path / "x.scn"
+    path.write_text(MINIMAL)
+    for options in ({"target": "pov"}, {"light_units": "lumen"}, {"tolerance": 0}, {"samples": 0}, {"resolution": (0, 1)}):
+        with pytest.raises(ValueError, match="expected"):
+            prosim_scene.translate(path, **options)
+    path.write_text(with_line(3, "VIEW OBS 0 0 9 VRP 0 5 5"))
+    with pytest.raises(SceneError, match="stands at VRP"):
+        prosim_scene.translate(path)
+
+
+def test_encodings(tmp_path):
+    path = tmp_path / "x.scn"
+    text = with_line(2, "LUZES ponto posição 0 5 5 intensidade 1 1 1 direção 0 -1 0 CONE ângulo 20 (só isto)")
+    for encoding in ("utf-8", "latin-1", "utf-8-sig"):
+        path.write_bytes(text.replace("\n", "\r\n").encode(encoding))
+        assert prosim_scene.parse(prosim_scene.read(path)) == prosim_scene.parse(text)
+    assert prosim_scene.parse(text).lights[0].angle == 20

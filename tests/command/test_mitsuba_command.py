@@ -202,7 +202,6 @@ def test_hang_up_writes_the_image_so_far(tmp_path):
         for line in process.stdout:
             if b"Embree ready" in line:
                 break
-        time.sleep(0.5)
         process.send_signal(signal.SIGHUP)
         assert b"Developing" in process.stdout.readline()
         image = None

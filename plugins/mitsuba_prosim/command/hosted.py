@@ -26,6 +26,10 @@ OPTIMIZATIONS = (dr.JitFlag.MergeFunctions, dr.JitFlag.ConstantPropagation, dr.J
                  dr.JitFlag.OptimizeCalls, dr.JitFlag.OptimizeLoops)
 
 
+#: Not empty: a hang-up signal has come, and the image so far has not been written yet.
+hang_ups = []
+
+
 def parse_arguments(words):
     """Returns ``(options, scenes)``: option -> list of values (None for each time that a flag is given)."""
     options, scenes, words = {}, [], list(words)
@@ -133,16 +137,13 @@ def render(scene, index, path):
         with session.enough_threads():
             sensor.film().write(path)
 
-    hung_up = []
-
     def progress(_):
-        if hung_up:
+        if hang_ups:
+            hang_ups.clear()
             integrator.flush()
             write()
-            hung_up.clear()
 
     # Other integrators than ours hold the interpreter until they are done.
-    signal.signal(signal.SIGHUP, lambda *_: hung_up.append(True))
     if hasattr(integrator, "flush"):
         integrator.progress = progress
     session.render(scene, sensor)
@@ -152,6 +153,7 @@ def render(scene, index, path):
 def main(plugin, *words):
     """Runs the command ``mitsuba WORDS...``, which has met ``plugin``; returns its exit code."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGHUP, lambda *_: hang_ups.append(True))
     try:
         run(plugin, words)
         return 0

@@ -19,9 +19,9 @@ def load(name, factor=1, samples=None, **integrator):
     return description
 
 
-def render(name, factor, samples=None):
-    """The image of a scene, (height, width, 3), linear."""
-    return np.array(mi.render(mi.load_dict(load(name, factor, samples))))
+def render(name, factor, samples=None, exposure=0):
+    """The image of a scene, (height, width, 3), linear, 2**``exposure`` times as bright."""
+    return np.array(mi.render(mi.load_dict(load(name, factor, samples)))) * 2**exposure
 
 
 def render_counts(name, factor, samples=None):
@@ -36,7 +36,7 @@ def render_path(name, factor, spp):
     description = load(name, factor)
     background = description["integrator"]["background"]
     description["integrator"] = {"type": "path", "max_depth": description["integrator"]["max_level"] + 2,
-                                 "hide_emitters": False}
+                                 "hide_emitters": True}
     description["background"] = {"type": "constant", "radiance": background}
     scene = mi.load_dict(description)
     image, done = 0, 0

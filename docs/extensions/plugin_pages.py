@@ -1,8 +1,8 @@
 """Pages made of the plugins' docstrings, which are written as Mitsuba writes its own.
 
 ``.. plugins:: FOLDER`` shows every plugin in ``plugins/mitsuba_prosim/FOLDER``, each with its picture from
-``docs/pictures``; ``.. pluginparameters::`` is the table of parameters; and references to Mitsuba's plugins lead to
-Mitsuba's site. The sources are read, not run: a site can be built without Mitsuba.
+``docs/pictures``; ``.. pluginparameters::`` is the table of parameters; references to Mitsuba's plugins lead to
+Mitsuba's site, and links of Markdown pages to other files of the repository, which serve its readers, to nothing. The sources are read, not run: a site can be built without Mitsuba.
 """
 
 import ast
@@ -31,6 +31,11 @@ def plugins(folder):
                         yield decorator.args[1].value, inspect.cleandoc(ast.get_docstring(node, clean=False))
 
 
+def example(docstring):
+    """The example in a plugin's docstring, as the dictionary that ``mi.load_dict`` takes."""
+    return ast.literal_eval("{" + docstring.partition(".. code-tab:: python")[2] + "}")
+
+
 class Plugins(SphinxDirective):
     """All plugins of one folder."""
 
@@ -44,10 +49,10 @@ class Plugins(SphinxDirective):
 
     def with_picture(self, name, docstring):
         """The docstring with the plugin's picture, if there is one, under the title."""
-        if not (Path(self.env.srcdir) / "pictures" / f"{name}.png").exists():
+        if not (Path(self.env.srcdir) / "pictures" / f"{name}.jpg").exists():
             return docstring
         head, mark, rest = docstring.partition(".. pluginparameters::")
-        return f"{head}.. image:: /pictures/{name}.png\n   :alt: {name}\n   :class: plugin-picture\n\n{mark}{rest}"
+        return f"{head}.. image:: /pictures/{name}.jpg\n   :alt: {name}\n   :class: plugin-picture\n\n{mark}{rest}"
 
 
 class PluginParameters(ListTable):
@@ -69,6 +74,13 @@ class PluginParameters(ListTable):
         return [table]
 
 
+def outside_the_site(app, env, node, content):
+    """A Markdown page's link to a file or folder of the repository that is no page: its text alone."""
+    if node["reftype"] == "myst" and (Path(env.doc2path(node["refdoc"])).parent / node["reftarget"]).exists():
+        return content
+    return None
+
+
 def mitsuba_reference(app, env, node, content):
     """A link to Mitsuba's site for a label of one of its plugins."""
     kind, _, name = node["reftarget"].partition("-")
@@ -82,4 +94,5 @@ def setup(app):
     app.add_directive("plugins", Plugins)
     app.add_directive("pluginparameters", PluginParameters)
     app.connect("missing-reference", mitsuba_reference)
+    app.connect("missing-reference", outside_the_site)
     return {"parallel_read_safe": True}

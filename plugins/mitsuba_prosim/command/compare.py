@@ -33,7 +33,7 @@ class Levels(click.ParamType):
 @click.command()
 @click.argument("scene", type=SCENE)
 @click.argument("a", default="prosim")
-@click.argument("b", default="path")
+@click.argument("b", default="path:multijitter")
 @click.option("-o", "--output", type=click.Path(path_type=Path), show_default=False,
               help="Page to write; the numbers go beside it, with the suffixes .json and .csv. "
                    "[default: SCENE-compare.html beside the scene]")
@@ -55,6 +55,7 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5. B also renders with as many samples, and in as much time, as A; errors are against a
     converged reference. Where A is prosim and B is not, A renders both in B's transport of light and in the scene's.
+    Without SAMPLER, it is the scene's.
     """
     needed = {"matplotlib": "matplotlib", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator", "jinja2": "jinja2"}
     if missing := [package for module, package in needed.items() if importlib.util.find_spec(module) is None]:
@@ -75,6 +76,7 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
     with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(0):
         try:
             specs = scenes.Spec(a), scenes.Spec(b)
+            mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
             with session.enough_threads():
                 opened = scenes.Scene(scene, folder, resolution, samples, dict(definitions), **language)
             for spec in specs:  # whatever is wrong with them shows before the long work

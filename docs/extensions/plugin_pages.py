@@ -2,7 +2,7 @@
 
 ``.. plugins:: FOLDER`` shows every plugin in ``plugins/mitsuba_prosim/FOLDER``, each with its picture from
 ``docs/pictures``; ``.. pluginparameters::`` is the table of parameters; references to Mitsuba's plugins lead to
-Mitsuba's site, and links of Markdown pages to other files of the repository, which serve its readers, to nothing. The sources are read, not run: a site can be built without Mitsuba.
+Mitsuba's site, and links of Markdown pages to folders of the repository, which serve its readers, to nothing. The sources are read, not run: a site can be built without Mitsuba.
 """
 
 import ast
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst.directives.tables import ListTable
+from sphinx import addnodes
 from sphinx.util.docutils import SphinxDirective
 
 SOURCES = Path(__file__).parents[2] / "plugins" / "mitsuba_prosim"
@@ -74,11 +75,12 @@ class PluginParameters(ListTable):
         return [table]
 
 
-def outside_the_site(app, env, node, content):
-    """A Markdown page's link to a file or folder of the repository that is no page: its text alone."""
-    if node["reftype"] == "myst" and (Path(env.doc2path(node["refdoc"])).parent / node["reftarget"]).exists():
-        return content
-    return None
+def unlink_outside(app, doctree):
+    """Leaves the text alone of a Markdown page's link to a folder of the repository, which is no page."""
+    here = Path(app.env.doc2path(app.env.docname)).parent
+    for node in list(doctree.findall(addnodes.pending_xref)):
+        if node["reftype"] == "myst" and (here / node["reftarget"]).is_dir():
+            node.replace_self(node.children)
 
 
 def mitsuba_reference(app, env, node, content):
@@ -94,5 +96,5 @@ def setup(app):
     app.add_directive("plugins", Plugins)
     app.add_directive("pluginparameters", PluginParameters)
     app.connect("missing-reference", mitsuba_reference)
-    app.connect("missing-reference", outside_the_site)
+    app.connect("doctree-read", unlink_outside)
     return {"parallel_read_safe": True}

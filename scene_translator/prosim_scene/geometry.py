@@ -133,11 +133,12 @@ def triangles(scene, camera, tolerance, medium, material):
         inverses[i] = np.linalg.inv(m)
     base = csg.reserve_ids(len(leaves))
     surfaces = {key: _surfaces(key[0], inverses[key[1]]) for key in {(leaf.shape, leaf.index) for leaf in leaves}}
+    rounds = {key: segments(key[0], matrices[key[1]], camera, tolerance) for key in surfaces}
     numbers = iter(range(len(leaves) - 1, -1, -1))  # evaluate() asks for the leaves from the last to the first
 
     def leaf_value(leaf):
         m = matrices[leaf.index]
-        vertices, faces = unit_mesh(leaf.shape, segments(leaf.shape, m, camera, tolerance))
+        vertices, faces = unit_mesh(leaf.shape, rounds[leaf.shape, leaf.index])
         if np.linalg.det(m[:3, :3]) < 0:  # a mirrored solid is inside out
             faces = faces[:, ::-1]
         return {medium(leaf): csg.solid(vertices @ m[:3, :3].T + m[:3, 3], faces, base + next(numbers),
@@ -150,12 +151,14 @@ def triangles(scene, camera, tolerance, medium, material):
 
     materials = {}
     material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
-    table = _LeafTable(leaves, matrices, inverses, _signs(scene.csg), [surfaces[leaf.shape, leaf.index] for leaf in leaves])
+    table = _LeafTable(leaves, matrices, inverses, _signs(scene.csg), [surfaces[leaf.shape, leaf.index] for leaf in leaves],
+                       [rounds[leaf.shape, leaf.index] for leaf in leaves])
     seen = np.zeros(len(leaves), bool)
     collected = {}
     offset = 0
     for own, vertices, faces, ids in csg.shells(value, media):
         before = ids - base
+        vertices, faces, before = table.cut_shared_faces(vertices, faces, before)
         leaf = table.owners(nodes, vertices, faces, before)
         if len(media) > 1:
             # A face that coincides with one of another medium's solid is part of that one's shell, if it has precedence.
@@ -205,13 +208,13 @@ class _LeafTable:
 
     SHAPES = ("cube", "sphere", "cylinder", "cone")
 
-    def __init__(self, leaves, matrices, inverses, signs, surfaces):
+    def __init__(self, leaves, matrices, inverses, signs, surfaces, rounds):
         self.shape = np.array([self.SHAPES.index(leaf.shape) for leaf in leaves])
         self.matrix = np.array([matrices[leaf.index][:3] for leaf in leaves])
         self.inverse = np.array([inverses[leaf.index][:3] for leaf in leaves])
         self.sign = signs
         self.unshared = 0  # corners so far that are shared with no other triangle
-        self.surfaces = surfaces
+        self.surfaces, self.rounds = surfaces, rounds
         self.bearers = {}  # surface -> the leaves that have a face on it
         for number, hashes in enumerate(surfaces):
             for surface in hashes:
@@ -222,6 +225,7 @@ class _LeafTable:
         box = np.array([[(x, y, z) for x in (a, b) for y in (a, b) for z in (c, b)] for a, b, c in canonical.values()])
         corners = np.einsum("tij,tcj->tci", self.matrix[:, :, :3], box[self.shape]) + self.matrix[:, None, :, 3]
         self.low, self.high = corners.min(axis=1), corners.max(axis=1)
+        self.margin = 1e-6 * (self.high - self.low).max(axis=1)
 
     def inside(self, number, points):
         """Which points a leaf contains."""
@@ -233,26 +237,79 @@ class _LeafTable:
             return x * x + y * y + z * z <= 1
         return (x * x + y * y <= (1 if shape == "cylinder" else z * z)) & (z >= 0) & (z <= 1)
 
+    def others_on(self, number, code):
+        """Leaves other than ``number`` that have a face on the surface of its face ``code``, their boxes in reach."""
+        others = np.array([b for b in self.bearers[self.surfaces[number][code]] if b != number], dtype=int)
+        return others[np.all((self.low[others] <= self.high[number] + self.margin[number])
+                             & (self.high[others] >= self.low[number] - self.margin[number]), axis=1)]
+
+    def on_shared_surfaces(self, leaf):
+        """Triangles whose leaf has a face on a surface that another one has too."""
+        bearing = np.array([any(h in self.shared for h in hashes) for hashes in self.surfaces])
+        return np.flatnonzero(bearing[leaf])
+
+    def flat_face(self, number, code):
+        """Of a flat face: its normal out of the result, its local axes and its convex outline on them."""
+        if self.shape[number] == 0:
+            axis, side = code % 3, 1 if code >= 3 else -1
+            across, outline = [i for i in range(3) if i != axis], np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+        else:
+            axis, side, across = 2, -1 if self.shape[number] == 2 and code == 2 else 1, [0, 1]
+            angle = 2 * math.pi * np.arange(self.rounds[number]) / self.rounds[number]
+            outline = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return self.sign[number] * side * self.inverse[number, axis, :3], across, outline
+
+    def cut_shared_faces(self, vertices, faces, leaf):
+        """Cuts the triangles on planes that several leaves share along the outlines of the leaves' faces."""
+        candidates = self.on_shared_surfaces(leaf)
+        if not len(candidates):
+            return vertices, faces, leaf
+        face = self.evaluate(vertices[faces[candidates]], leaf[candidates])[4]
+        jobs = []  # triangles and the lines along which to cut them
+        for (number, code), group in _groups(np.stack([leaf[candidates], face], axis=1)):
+            surface = self.surfaces[number][code]
+            if surface not in self.shared or self.shape[number] == 1 or (self.shape[number] > 1 and code == 0):
+                continue
+            normal = self.flat_face(number, code)[0]
+            others = self.others_on(number, code)
+            for b in [*others, *([number] if len(others) else [])]:
+                outward, across, outline = self.flat_face(b, self.surfaces[b].index(surface))
+                if outward @ normal <= 0:
+                    continue
+                following = np.roll(outline, -1, axis=0)
+                sides = np.stack([following[:, 1] - outline[:, 1], outline[:, 0] - following[:, 0]], axis=1)
+                sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+                lines = np.concatenate([sides, -np.sum(sides * outline, axis=1, keepdims=True)], axis=1)
+                corners = vertices[faces[candidates[group]]]
+                local = (corners @ self.inverse[b, :, :3].T + self.inverse[b, :, 3])[..., across]
+                hit = candidates[group[coincidence.overlap(local, outline, lines)]]
+                if len(hit):
+                    planes = lines[:, :2] @ self.inverse[b][across]
+                    planes[:, 3] += lines[:, 2]
+                    jobs.append((hit, planes))
+        if not jobs:
+            return vertices, faces, leaf
+        cutter = coincidence.Cutter(vertices, faces, leaf, np.unique(np.concatenate([hit for hit, _ in jobs])))
+        for hit, planes in jobs:
+            cutter.cut(hit.tolist(), planes)
+        return cutter.arrays()
+
     def owners(self, nodes, vertices, faces, leaf):
         """The leaves of triangles, corrected where faces of several primitives coincide."""
-        bearing = np.array([any(h in self.shared for h in hashes) for hashes in self.surfaces])
-        candidates = np.flatnonzero(bearing[leaf])
+        candidates = self.on_shared_surfaces(leaf)
         if not len(candidates):
             return leaf
         corners, owner = vertices[faces[candidates]], leaf[candidates]
         _, normal, _, _, face, local = self.evaluate(corners, owner)
         middle = corners.mean(axis=1)
         # Only where a primitive other than the present owner has a face on the same surface and its box reaches there.
-        margin = 1e-6 * (self.high - self.low).max(axis=1)
+        margin = self.margin
         ambiguous = np.zeros(len(candidates), bool)
         pairs = np.stack([owner, face], axis=1)
         for (number, code), in_group in _groups(pairs):
             surface = self.surfaces[number][code]
             if surface in self.shared:
-                others = np.array([b for b in self.bearers[surface] if b != number])
-                others = others[np.all((self.low[others] <= self.high[number] + margin[number])
-                                       & (self.high[others] >= self.low[number] - margin[number]), axis=1)]
-                for b in others:
+                for b in self.others_on(number, code):
                     ambiguous[in_group] |= np.all((middle[in_group] >= self.low[b] - margin[b])
                                                   & (middle[in_group] <= self.high[b] + margin[b]), axis=1)
         if not ambiguous.any():

@@ -170,10 +170,26 @@ def test_coincident_faces_in_a_large_union():
     meshes = solids(scene("+ " * 47 + " ".join(leaves), transforms, surfaces), 0.5)
     assert_closed(list(meshes.values()))
     rank = {i: n for n, i in enumerate(order)}
-    face = {i: area(m, np.all(np.abs(m.positions[..., 1]) < 1e-9, axis=1)) for i, m in meshes.items() if i < 24}
-    for i in range(24):
-        lost = sum(0.5 for other in (i - 1, i + 1) if other in rank and rank[other] < rank[i])
-        assert face[i] == pytest.approx(1.5 - lost)
+    for axis, at in ((1, 0), (2, 1)):  # two faces that no ball reaches
+        face = {i: area(m, np.all(np.abs(m.positions[..., axis] - at) < 1e-9, axis=1)) for i, m in meshes.items() if i < 24}
+        for i in range(24):
+            lost = sum(0.5 for other in (i - 1, i + 1) if other in rank and rank[other] < rank[i])
+            assert face[i] == pytest.approx(1.5 - lost)
+
+
+def test_coincident_caps():
+    # Discs of a cylinder and a cone in the plane z = 1 on a box whose face lies there too: the cylinder owns its disc,
+    # the cone what sticks out of that, the box the rest.
+    meshes = solids(scene("+ + CYLINDER 0 CONE 1 CUBE 2", ["SCALE (.5 .5 1)", "TRANSLATE (.6 0 0)",
+                                                           "SCALE (6 6 2) TRANSLATE (-3 -3 -1)"]), 0.02)
+    assert_closed(list(meshes.values()))
+    front = {i: area(m, np.all(np.abs(m.positions[..., 2] - 1) < 1e-9, axis=1)) for i, m in meshes.items()}
+    r, d = 0.5, 0.6
+    lens = (r * r * math.acos((d * d + r * r - 1) / (2 * d * r)) + math.acos((d * d + 1 - r * r) / (2 * d))
+            - 0.5 * math.sqrt((r + 1 - d) * (d + r - 1) * (d - r + 1) * (d + r + 1)))
+    assert front[0] == pytest.approx(math.pi / 4, rel=1e-3)
+    assert front[1] == pytest.approx(math.pi - lens, rel=1e-3)
+    assert front[2] == pytest.approx(36 - math.pi / 4 - math.pi + lens, rel=1e-3)
 
 
 def test_touching_boxes_become_one_closed_shell():

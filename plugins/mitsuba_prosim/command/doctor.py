@@ -18,7 +18,7 @@ from .stand_in import compiler, names_in_source
 BACKENDS = {"scalar": None, "llvm": dr.JitBackend.LLVM, "cuda": dr.JitBackend.CUDA, "metal": dr.JitBackend.Metal}
 
 
-@click.command()
+@click.command(short_help="Print what was found on this machine.")
 def doctor():
     """Print what was found: versions, variants, LLVM, the `mitsuba` command; and what to do where something is amiss.
 

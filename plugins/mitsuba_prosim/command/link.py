@@ -62,7 +62,7 @@ def record(paths):
         file.writelines(f"{path},,\n" for path in (os.path.relpath(path, site) for path in paths) if path not in known)
 
 
-@click.command()
+@click.command(short_help="Let the mitsuba command run plugins in Python.")
 @click.option("--remove", is_flag=True, help="Take the stand-ins away instead.")
 def link(remove):
     """Let the `mitsuba` command run plugins that are written in Python.

@@ -1,6 +1,5 @@
 """The ``prosim`` command and its parts."""
 
-
 import warnings
 
 import click

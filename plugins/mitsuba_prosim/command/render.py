@@ -20,7 +20,7 @@ from .options import SCENE, Definition, Numbers, translation
 from .tone import compress
 
 
-@click.command()
+@click.command(short_help="Render a scene to an EXR and a PNG image.")
 @click.argument("scene", type=SCENE)
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="Image to write, without or with the suffix .exr or .png: both are written. "

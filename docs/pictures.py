@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent / "examples")]
-from plugin_pages import example, plugins  # noqa: E402
+from plugin_pages import example, plugins
 
 SIZE = 288
 

@@ -32,6 +32,7 @@ DRAWN = {
     "4.6-nao-correlacionado": (patterns.uncorrelated, (6.4, 3.2)),
     "4.7-n-rook": (partial(patterns.strategy, name="nrook", n=16, strata=16), (3.2, 3.2)),
     "4.9-estratos-da-fonte": (patterns.source_strata, (4.8, 2.8)),
+    "4.10-quatro-raios": (patterns.four_rays, (4.8, 3.2)),
     "5.10-associacao": (patterns.association, (6.4, 3.2)),
     "5.11-rotacao": (patterns.rotation, (6.4, 2.4)),
 }

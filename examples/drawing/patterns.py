@@ -3,6 +3,7 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from matplotlib.patches import Circle
 from mitsuba_prosim.sampling import patterns
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
 
@@ -82,3 +83,30 @@ def rotation(figure):
         axes = square(figure, (1, n, last + 1), n, f"{n * (last + 1)} samples")
         for r in range(last + 1):
             numbered(axes, nrook_points(n, r, 0), f"C{r}")
+
+
+def four_rays(figure):
+    """In a plane: 4 rays through a pixel, each with a stratum of the pixel, of the source and of the reflected lobe."""
+    rng = np.random.default_rng(11)
+    axes = figure.add_subplot(aspect="equal", xlim=(-0.6, 10.2), ylim=(-0.6, 6.4))
+    axes.axis("off")
+    eye, ball, radius, lamp, size = np.array([0, 4.4]), np.array([8.5, 2.6]), 1.3, np.array([5.0, 5.5]), 0.7
+    for center, r, color in ((ball, radius, "0.85"), (lamp, size, "#fd6")):
+        axes.add_patch(Circle(center, r, facecolor=color, edgecolor="0.4"))
+    axes.plot([-0.4, 10], [0, 0], "-", color="0.4", lw=3)
+    axes.plot([1.6, 1.6], [2.9, 3.3], "-", color="0.4", lw=3)
+    axes.plot(*eye, "ko")
+    for (x, y), name in (((-0.3, 4.7), "eye"), ((0.75, 2.75), "pixel"), ((5.95, 5.5), "source"), ((1.6, -0.45), "rough floor")):
+        axes.text(x, y, name)
+    pixel, source, lobe = ((rng.permutation(4) + rng.random(4)) / 4 for _ in range(3))
+    for i in range(4):
+        d = np.array([1.6, 2.9 + 0.4 * pixel[i]]) - eye
+        hit = eye - d * eye[1] / d[1]
+        angle = np.arctan2(-d[1], d[0]) + 0.5 * (lobe[i] - 0.5)       # of the ray reflected upwards, within its lobe
+        out = np.array([np.cos(angle), np.sin(angle)])
+        b = np.dot(ball - hit, out)
+        inside = radius**2 - np.sum((ball - hit)**2) + b**2
+        end = hit + out * (b - np.sqrt(inside) if inside > 0 else 5)
+        across = np.array([lamp[1], hit[0] - lamp[0]]) / np.hypot(lamp[1], hit[0] - lamp[0])
+        axes.plot(*np.stack([eye, hit, end]).T, "-", color=f"C{i}", lw=1)
+        axes.plot(*np.stack([hit, lamp + across * size * (2 * source[i] - 1)]).T, ":", color=f"C{i}", lw=1.2)

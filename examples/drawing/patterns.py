@@ -3,7 +3,6 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from matplotlib.patches import Circle
 from mitsuba_prosim.sampling import patterns
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
 
@@ -87,6 +86,7 @@ def rotation(figure):
 
 def four_rays(figure):
     """In a plane: 4 rays through a pixel, each with a stratum of the pixel, of the source and of the reflected lobe."""
+    from matplotlib.patches import Circle
     rng = np.random.default_rng(11)
     axes = figure.add_subplot(aspect="equal", xlim=(-0.6, 10.2), ylim=(-0.6, 6.4))
     axes.axis("off")

@@ -15,8 +15,6 @@ from mitsuba_prosim.command.main import main
 from mitsuba_prosim.compare import measures, runs
 from mitsuba_prosim.compare.scenes import Scene, Spec, typed
 
-pytest.importorskip("flip_evaluator", reason="prosim compare is an extra: pip install mitsuba-prosim[compare]")
-
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 SCENE = """<scene version="3.0.0">
@@ -54,7 +52,7 @@ def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("compare")
     (folder / "little.xml").write_text(SCENE)
     result = CliRunner().invoke(main, [
-        "compare", str(folder / "little.xml"), "prosim", "path:multijitter", "--rounds", "2", "--levels", "2,3",
+        "compare", str(folder / "little.xml"), "prosim", "path:multijitter", "--rounds", "2", "--levels", "2,3", "--exposure", "-1",
         "--reference-seconds", "0", "--cache", str(folder / "cache"), "-m", "llvm_ad_rgb"])
     assert result.exit_code == 0, result.output
     stem = folder / "little-compare"

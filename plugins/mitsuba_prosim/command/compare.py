@@ -45,11 +45,13 @@ class Levels(click.ParamType):
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
 @click.option("--reference-seconds", type=click.FloatRange(min=0), default=60,
               help="Time for each reference; one that is kept already is continued.")
+@click.option("--exposure", type=float, default=0.0, metavar="STOPS",
+              help="Makes everything that is measured and shown brighter by so many factors of two; negative: darker.")
 @click.option("--cache", type=click.Path(file_okay=False, path_type=Path), show_default=False,
               help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]")
 @translation
-def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_seconds, cache, resolution, samples,
-            **language):
+def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_seconds, exposure, cache, resolution,
+            samples, **language):
     """Compare A and B on SCENE, in the thesis's language or XML: error, time, samples, and light left out.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
@@ -93,7 +95,7 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
                 bar.set_description_str(text)
                 bar.update(100 * done - bar.n)
             facts, images = study(opened, *specs, levels=levels, rounds=rounds, seconds=reference_seconds, cache=cache,
-                                  tell=tell)
+                                  exposure=exposure, tell=tell)
     stem = (output or scene.with_name(scene.stem + "-compare")).with_suffix("")
     # The page first: it adds the scales of its maps to the facts.
     texts = {".html": page.html(facts, images), ".json": page.json_text(facts), ".csv": page.csv_text(facts)}

@@ -15,11 +15,12 @@ COSTS = ("seconds", "cpu")
 DEFAULTS = {"threshold": 0.006, "samples": 5}
 
 
-def study(scene, a, b, *, levels=(2, 3, 4, 6, 9), rounds=5, seconds=60, cache=None, tell=lambda text, done: None):
+def study(scene, a, b, *, levels=(2, 3, 4, 6, 9), rounds=5, seconds=60, cache=None, exposure=0.0,
+          tell=lambda text, done: None):
     """Compares two contestants (:class:`~.scenes.Spec`) on a :class:`~.scenes.Scene`.
 
     ``levels``: square roots of the sample counts of the curves; ``seconds``: time for each reference, of which there is
-    one for each transport; ``tell``: called with what is going on and the part of it that is done.
+    one for each transport; ``exposure``: in stops, for everything that is measured and shown; ``tell``: called with what is going on and the part of it that is done.
 
     Returns ``(facts, images)``: a dictionary of text and numbers, fit for JSON, and arrays by name.
     """
@@ -33,12 +34,15 @@ def study(scene, a, b, *, levels=(2, 3, 4, 6, 9), rounds=5, seconds=60, cache=No
     if own_light:
         groups.append(contest(scene, free[0], None, "scene", levels, seconds, cache, tell))
     everyone = [c for group in groups for c in group["contestants"].values()]
+    for contestant in everyone:
+        contestant.scale = 2.0 ** exposure
     results = runs.by_turns(everyone, rounds, measures.ALL, lambda done: tell("rendering by turns", done))
     for group in groups:
         group["results"] = dict(zip(group["contestants"], results[:len(group["contestants"])]))
         results = results[len(group["contestants"]):]
 
-    facts = {"scene": scene.path.name, "a": a.text, "b": b.text, "rounds": rounds, "machine": runs.machine(),
+    facts = {"scene": scene.path.name, "a": a.text, "b": b.text, "rounds": rounds, "exposure": exposure,
+             "machine": runs.machine(),
              "width": int(first["reference"].image.shape[1]), "height": int(first["reference"].image.shape[0]),
              "sections": [section(group, a if k == 0 else free[0], b, k) for k, group in enumerate(groups)]}
     images = {}
@@ -113,6 +117,7 @@ def spread(values):
 def section(group, a, b, k):
     """What is to be said about the runs of one transport."""
     reference, results = group["reference"], group["results"]
+    scale = group["contestants"]["a"].scale
     names = {"a": a.text, "b": b.text}
     rows = [{"role": role, "name": names[role[0]], "samples": run.samples, "cold": run.cold,
              **{cost: spread(run.spread(cost)) for cost in COSTS},
@@ -127,8 +132,8 @@ def section(group, a, b, k):
             curves.append({"role": role, "name": names[role], "points": points, "slopes": {
                 cost: measures.slope([p[cost] for p in points], [max(p["rmse"], 1e-12) for p in points])
                 if len(points) > 1 else None for cost in ("samples", "cpu")}})
-    result = {"transport": group["transport"], "mean": float(np.mean(reference.image)), "rows": rows, "curves": curves,
-              "reference": {"error": reference.error, "seconds": reference.seconds, "passes": reference.passes,
+    result = {"transport": group["transport"], "mean": float(np.mean(reference.image) * scale), "rows": rows, "curves": curves,
+              "reference": {"error": reference.error * scale, "seconds": reference.seconds, "passes": reference.passes,
                             "disagreement": reference.disagreement, "mean_difference": reference.mean_difference}}
     if k == 0 and len(curves) == 2:
         best = rows[0]
@@ -153,24 +158,27 @@ def ratio(points, cost, measure, row):
 
 def pictures(group):
     """Images, error maps and sample counts of the rows of the table."""
-    reference = group["reference"].image
+    scale = group["contestants"]["a"].scale
+    reference = group["reference"].image * scale
     result = {"reference": reference}
     for role, run in group["results"].items():
         if isinstance(role, str):
-            result |= {f"{role}/image": run.image, f"{role}/error": measures.tone_mapped_error(run.image, reference),
-                       f"{role}/flip": measures.flip_map(run.image, reference), f"{role}/counts": run.counts}
+            image = run.image * scale
+            result |= {f"{role}/image": image, f"{role}/error": measures.tone_mapped_error(image, reference),
+                       f"{role}/flip": measures.flip_map(image, reference), f"{role}/counts": run.counts}
     return result
 
 
 def difference(scene, spec, groups):
     """What the thesis's transport leaves out, and what it puts in its place: ``(facts, images)``."""
-    paths, own = (group["reference"].image for group in groups)
+    scale = groups[0]["contestants"]["a"].scale
+    paths, own = (group["reference"].image * scale for group in groups)
     with_ambient = scene.contestant(spec, "scene", adaptive="none").render(0)[0]
     ambient = np.zeros_like(own)
     if scene.ambient is not None:
         dark = scene.contestant(spec, "scene", adaptive="none", ambient=0.0).render(0)[0]
         # The same samples: their difference is the ambient term alone, all but free of noise.
-        ambient = with_ambient - dark
+        ambient = (with_ambient - dark) * scale
     left_out = paths - (own - ambient)
     flags = scene_flags(scene.scene())
     specular = lobes.has_any(flags, "GlossyReflection", "DeltaReflection", "GlossyTransmission", "DeltaTransmission")

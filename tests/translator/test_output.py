@@ -1,0 +1,217 @@
+"""What is written: XML that Mitsuba loads without a warning, meshes, dictionaries, the stock target."""
+
+import math
+import warnings
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+import pytest
+from prosim_scene import SceneWarning
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+EVERYTHING = """
+NAME: tudo  SAVE-RGB: TRUE TRUE FALSE  MAX-LEVEL: 2  NSAMPLES: 2  DO-SHADOW: FALSE  AIR-INDEX: 1.1
+AMBIENT 10000 10000 20000
+LIGHTS
+    AREA position 3 9 5 Intensity 90000 80000 70000 raio .5
+    AREA position -3 9 5 Intensity 90000 80000 70000 raio .5 CONE direction 0 -1 0 angle 40
+    AREA position -3 9 5 raio .2 SPOT direction 0 -1 -.2 exponent 20 angle 60
+    POINT position 0 9 5 Intensity 90000 80000 70000
+    POINT position 1 9 5 Intensity 9000 8000 7000 CONE direction 0 -1 0 angle 20
+    POINT position 2 9 5 Intensity 9000 8000 7000 SPOT direction 0 -1 0
+BACKGROUND: 100 200 300 NULL
+VIEW RESOLUTION 40 40 WINDOW -4 -4 4 4 OBS 0 2 12 VRP 0 0 0 VUP 0 1 0
+CSG-TREE + + + + + + + CUBE 0 t-tijolo t-fractal SPHERE 1 CYLINDER 2 t-listra CONE 3 NULL t-veios CUBE 4 SPHERE 5
+    CUBE 6 madeira.png SPHERE 7
+SURFACE 0 material composto n-refr = 1.5 kd = .5 .4 .3 rug = 20
+SURFACE 1 material condutor ouro m = .2
+SURFACE 2 material lambertiano kd = .5 .2 .1 ka = .1 .1 .1
+SURFACE 3 ka = .1 .2 .3 kd = .3 .3 .3 ks = .3 .2 .2
+SURFACE 4 ka = .1 .2 .3 kd = .3 .3 .3 ks = .3 .2 .2 n = 12
+SURFACE 5 material dieletrico n-refr = 1.5
+SURFACE 6 material lambertiano kd = .9 .8 .7
+SURFACE 7 material dieletrico n-refr = 1.6 1.62 1.64 m = .1
+TEXTURE t-veios fractal color0 = 1 1 1 color1 = .3 .2 .1 scale = 3
+TRANSFORM 0 SCALE (8 .1 8) TRANSLATE (-4 -2 -4)
+TRANSFORM 1 TRANSLATE (-2 0 0)
+TRANSFORM 2 ROTATE-X (-90) TRANSLATE (0 -1.9 0)
+TRANSFORM 3 ROTATE-X (90) TRANSLATE (0 1 0)
+TRANSFORM 4 TRANSLATE (1.2 -1.9 0)
+TRANSFORM 5 SCALE (.5 .5 .5) TRANSLATE (2.6 0 1)
+TRANSFORM 6 TRANSLATE (1.2 -.8 0)
+TRANSFORM 7 SCALE (.5 .5 .5) TRANSLATE (-1 0 3)
+END
+"""
+
+
+@pytest.fixture
+def everything(tmp_path):
+    """A scene with every kind of light, material and texture, and its image file."""
+    mi.set_variant("llvm_ad_rgb")
+    mi.Bitmap(np.full((4, 4, 3), 128, np.uint8)).write(str(tmp_path / "madeira.png"))
+    path = tmp_path / "tudo.scn"
+    path.write_text(EVERYTHING, encoding="utf-8")
+    return path
+
+
+class Log(mi.Appender):
+    """Collects what Mitsuba has to say above the level of information."""
+
+    def __init__(self):
+        super().__init__()
+        self.lines = []
+
+    def append(self, level, text):
+        if int(level) >= int(mi.LogLevel.Warn):
+            self.lines.append(text)
+
+    def log_progress(self, *_):
+        pass
+
+
+def load_silently(load, *arguments, **options):
+    """Mitsuba's result, after making sure that it warned of nothing."""
+    logger, log = mi.logger(), Log()
+    logger.add_appender(log)
+    try:
+        result = load(*arguments, **options)
+    finally:
+        logger.remove_appender(log)
+    assert log.lines == []
+    return result
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("target, units", [("prosim", "calibrated"), ("prosim", "unattenuated"), ("stock", "radiance")])
+def test_mitsuba_loads_the_xml_without_a_warning(everything, target, units, tmp_path):
+    path = prosim_scene.translate(everything, tmp_path / "out", target=target, light_units=units, tolerance=0.5)
+    scene = load_silently(mi.load_file, str(path))
+    assert len(scene.shapes()) == (11 if target == "prosim" else 9)  # stock cone and spot lights are points
+    assert tuple(scene.sensors()[0].film().size()) == (40, 40)
+    scene = load_silently(mi.load_file, str(path), width="20", height="20")
+    assert tuple(scene.sensors()[0].film().size()) == (20, 20)
+    if target == "stock":
+        assert "prosim" not in path.read_text() and "nrook" not in path.read_text()
+    image = np.array(mi.render(scene, spp=4))
+    assert np.isfinite(image).all() and image.max() > 0
+    (tmp_path / "out").rename(tmp_path / "moved")  # all paths are relative
+    if target == "prosim":
+        assert "../madeira.png" in (tmp_path / "moved" / "tudo.xml").read_text()
+    load_silently(mi.load_file, str(tmp_path / "moved" / "tudo.xml"))
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("target", ["prosim", "stock"])
+def test_load_gives_the_same_scene_as_the_xml(everything, target, tmp_path, variant_rgb):
+    path = prosim_scene.translate(everything, tmp_path, target=target, tolerance=0.5)
+    a = mi.traverse(load_silently(mi.load_file, str(path)))
+    b = mi.traverse(load_silently(mi.load_dict, prosim_scene.load(everything, target=target, tolerance=0.5)))
+    assert sorted(a.keys()) == sorted(b.keys())
+    for key in a.keys():
+        if type(a[key]).__name__ not in ("Transform4f", "AffineTransform4f", "ScalarAffineTransform4f"):
+            assert np.allclose(np.array(a[key]), np.array(b[key]), rtol=1e-5, atol=1e-6), key
+
+
+def test_load_without_mitsuba_keeps_arrays(everything):
+    loaded = prosim_scene.load(everything, tolerance=0.5, transform=lambda matrix: matrix)
+    assert loaded["view"]["to_world"].shape == (4, 4)
+    assert loaded["integrator"]["samples"] == 2
+
+
+def test_the_translator_never_imports_mitsuba():
+    import subprocess
+    import sys
+    code = ("import sys, warnings; warnings.simplefilter('ignore'); import prosim_scene\n"
+            f"prosim_scene.load({str(EXAMPLES / 'palito.scn')!r})\n"
+            "assert not {'mitsuba', 'drjit', 'mitsuba_prosim'} & set(sys.modules)")
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_palito(tmp_path, variant_rgb):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        path = prosim_scene.translate(EXAMPLES / "palito.scn", tmp_path)
+    scene = load_silently(mi.load_file, str(path))
+    shapes = {s.id(): s for s in scene.shapes()}
+    assert sorted(shapes) == ["light_0"] + [f"surface_{i}" for i in range(5)]
+    text = path.read_text()
+    for statement in ("VIEW (line 16)", "AREA (line 10)", "SURFACE 4 of SPHERE 4"):
+        assert f"<!-- {statement}" in text
+    # E = Intensity / 65535 on a facing surface at VRP: L = E d^2 / (pi r^2)
+    d2 = 20**2 + 12**2 + 20**2
+    light = shapes["light_0"].emitter()
+    assert mi.traverse(light)["radiance.value"] == pytest.approx(400000 / 65535 * d2 / (math.pi * 1.8**2), rel=1e-5)
+    # What a ray through the middle of the ball, the hat, the pole and the floor meets.
+    for point, name in (((12, 14, 5), "surface_4"), ((0, 12, 12.1), "surface_3"), ((0, 5, 12.5), "surface_2"),
+                        ((-10, 0.5, 15), "surface_0"), ((-12, 10, 0), "surface_1")):
+        o = mi.Point3f(0, 8, 30)
+        si = scene.ray_intersect(mi.Ray3f(o, mi.Vector3f(*point) - o))
+        assert mi.ShapePtr(shapes[name]) == si.shape, point
+        assert np.linalg.norm(np.array(si.p).ravel() - point) < 0.3
+
+
+def test_translation_is_repeatable_and_replaces_what_was_there(tmp_path):
+    path = tmp_path / "a.scn"
+    text = EVERYTHING.replace(" madeira.png", "")
+    path.write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        xml = prosim_scene.translate(path, tolerance=1)
+        before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+        prosim_scene.translate(path, tolerance=1)
+        assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+        path.write_text(text.replace("CSG-TREE + + + + + + +", "CSG-TREE - - - - - - -"))
+        prosim_scene.translate(path, tolerance=1)
+    assert len(list((tmp_path / "a-meshes").iterdir())) < 8
+    assert xml.read_bytes() != before[xml]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a-meshes", "a.scn", "a.xml"]
+
+
+def test_check_writes_nothing(everything):
+    before = sorted(everything.parent.rglob("*"))
+    with pytest.warns(SceneWarning, match="mean is used, without dispersion"):
+        assert prosim_scene.check(everything, tolerance=1).name == "tudo"
+    assert sorted(everything.parent.rglob("*")) == before
+
+
+def test_each_approximation_is_said_once(everything, tmp_path):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        prosim_scene.translate(everything, tmp_path, target="stock", tolerance=1)
+    said = [str(w.message).split("stock target: ")[1].splitlines()[0] for w in caught if "stock target" in str(w.message)]
+    assert len(said) == len(set(said)) > 8
+
+
+def test_alike_surfaces_share_a_mesh(tmp_path):
+    path = tmp_path / "a.scn"
+    path.write_text("VIEW OBS 0 0 9 LIGHTS POINT position 0 5 5 CSG-TREE + CUBE 0 + CUBE 1 CUBE 2 "
+                    + " ".join(f"SURFACE {i} material lambertiano kd = {.5 if i < 2 else .4} "
+                               f"TRANSFORM {i} TRANSLATE ({2 * i} 0 0)" for i in range(3)) + " END")
+    prosim_scene.translate(path)
+    assert sorted(p.name for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0.ply", "surface_2.ply"]
+
+
+@pytest.mark.parametrize("units", ["calibrated", "radiance", "unattenuated"])
+def test_light_units(units, tmp_path, variant_rgb):
+    # The irradiance of a facing lambertian wall at VRP, by an area light 4 away, far and small.
+    path = tmp_path / "a.scn"
+    path.write_text("VIEW RESOLUTION 1 1 WINDOW -.01 -.01 .01 .01 OBS 0 0 3 VRP 0 0 0 BACKGROUND 0 0 0 NSAMPLES 8\n"
+                    "LIGHTS AREA position 0 0 4 Intensity 65535 65535 65535 raio .1\n"
+                    "CSG-TREE CUBE 0 SURFACE 0 material lambertiano kd = 1 1 1 ka = 0 0 0\n"
+                    "TRANSFORM 0 SCALE (4 4 1) TRANSLATE (-2 -2 -1) END")
+    image = mi.render(mi.load_dict(prosim_scene.load(path, light_units=units)))
+    expected = math.pi * 0.1**2 / 4**2 if units == "radiance" else 1.0
+    assert np.array(image).mean() == pytest.approx(expected / math.pi, rel=0.02)
+
+
+def test_both_targets_are_comparably_bright(tmp_path, variant_rgb):
+    means = []
+    for target in ("prosim", "stock"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            scene = mi.load_dict(prosim_scene.load(EXAMPLES / "palito.scn", target=target, resolution=(64, 64)))
+        means.append(np.array(mi.render(scene, spp=64)).mean(axis=(0, 1)))
+    assert np.allclose(means[0], means[1], rtol=0.25)

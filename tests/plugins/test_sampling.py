@@ -144,6 +144,21 @@ def test_sampler_estimates_what_others_do(variant_rgb, integrator):
     assert same_expectation(*images)
 
 
+@pytest.mark.parametrize("integrator", ["direct", "prb"])
+def test_sampler_stratifies_for_integrators_in_cpp_and_in_python(variant_rgb, integrator):
+    """A vertical edge cuts the pixels of a column: 10 x 10 strata leave each an error below 1/100."""
+    scene = {"type": "scene", "integrator": {"type": integrator},
+             "sensor": {"type": "orthographic", "sampler": {"type": "nrook", "sample_count": 100},
+                        "film": {"type": "hdrfilm", "width": 8, "height": 64, "pixel_format": "luminance",
+                                 "rfilter": {"type": "box"}}},
+             "edge": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([1.1, 0, 2]).scale([1, 10, 1]),
+                      "flip_normals": True, "emitter": {"type": "area", "radiance": 1.0}}}
+    image = np.array(mi.render(mi.load_dict(scene)))[:, :, 0]
+    cut = np.flatnonzero((image.mean(axis=0) > 0.01) & (image.mean(axis=0) < 0.99))
+    assert len(cut) == 1
+    assert np.ptp(image[:, cut]) < 0.02
+
+
 def test_sampler_says_what_is_wrong(variant_rgb):
     with pytest.raises(RuntimeError, match='nrook: parameter "jitter" is .*allowed: multi or uniform'):
         mi.load_dict({"type": "nrook", "jitter": "none"})

@@ -55,7 +55,6 @@ class NRookSampler(mi.Sampler):
         self.jitter = props.get("jitter", "multi")
         if self.jitter not in JITTERS:
             raise reject(props, "jitter", self.jitter, " or ".join(JITTERS))
-        self.samples_per_wavefront = 1
         self.pixel = self.index = self.dimension = mi.UInt32(0)
         self.set_sample_count(props.get("sample_count", 4))
 
@@ -65,6 +64,7 @@ class NRookSampler(mi.Sampler):
         if n * n != spp:
             mi.Log(mi.LogLevel.Warn, f"nrook: sample count rounded up from {spp} to {n * n}.")
         self.permutations = Permutations(n)
+        self.samples_per_wavefront = None  # until told
 
     def set_samples_per_wavefront(self, samples_per_wavefront):
         super().set_samples_per_wavefront(samples_per_wavefront)
@@ -89,6 +89,11 @@ class NRookSampler(mi.Sampler):
         if dr.is_jit_v(mi.Float):
             dr.make_opaque(key)
             lane = dr.arange(mi.UInt32, self.wavefront_size())
+        if self.samples_per_wavefront is None:
+            # Integrators in C++, which seed with an array, tell the base class alone how many samples of a pixel lie
+            # side by side: all of them, as long as the wavefront has less than 2^32 lanes.
+            apart = isinstance(seed, int) or self.wavefront_size() % self.sample_count() > 0
+            self.samples_per_wavefront = 1 if apart else self.sample_count()
         self.pixel = pixel_key(key, lane // self.samples_per_wavefront)
         self.index = mi.UInt32(lane % self.samples_per_wavefront)
         self.dimension = dr.opaque(mi.UInt32, 0)

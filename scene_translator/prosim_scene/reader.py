@@ -27,7 +27,6 @@ PIECE = re.compile(r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>
 PARENTHESIS = re.compile(r"[()]")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
-TAKES_ARGUMENT = {"SCALE", "ROTATE_X", "ROTATE_Y", "ROTATE_Z", "TRANSLATE"}
 
 
 class _Lexer(Lexer):
@@ -52,7 +51,7 @@ class _Lexer(Lexer):
             kind, start, position = match.lastgroup, position, match.end()
             if kind == "space":
                 continue
-            if kind == "open" and previous is not None and previous.type in TAKES_ARGUMENT and not open_argument:
+            if kind == "open" and "LPAR" in states[parser_state.position]:  # directly after SCALE, ROTATE or TRANSLATE
                 token = open_argument = Token("LPAR", "(", start, end_pos=position)
             elif kind == "open" or kind == "remark":
                 if kind == "open":

@@ -1,0 +1,35 @@
+"""The examples in docs/language.md."""
+
+import re
+from pathlib import Path
+
+import prosim_scene
+import pytest
+from prosim_scene import textures
+from prosim_scene.words import WORDS, fold
+
+TEXT = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```scn\n(.*?)```", TEXT, re.DOTALL)
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("number", range(len(EXAMPLES)))
+def test_examples_parse(number):
+    scene = prosim_scene.parse(EXAMPLES[number], f"example {number}")
+    assert prosim_scene.parse(prosim_scene.format(EXAMPLES[number]), f"example {number}") == scene
+
+
+def test_every_statement_and_parameter_has_an_example():
+    words = {fold(w) for example in EXAMPLES for w in re.findall(r"[\w-]+", example)}
+    missing = {t for t, spellings in WORDS.items() if not words & {fold(s) for s in spellings}}
+    # The plain ones among the parameters of textures and transforms are in the tables.
+    assert {fold(WORDS[t][0]) for t in missing} <= {fold(w) for w in re.findall(r"[\w-]+", TEXT)}
+
+
+def test_the_tables_of_defaults_are_right():
+    for kind, values in textures.DEFAULTS.items():
+        (row,) = re.findall(rf"^\| `{kind}` \| (.*) \|$", TEXT, re.MULTILINE)
+        for name, value in values.items():
+            numbers = re.search(rf"`{name.replace('_', '-')}` ([\d. ]+)", row)[1].split()
+            expected = value if isinstance(value, tuple) else (value,)
+            assert [float(n) for n in numbers] == pytest.approx(expected, abs=1e-4), name

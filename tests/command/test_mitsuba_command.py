@@ -96,7 +96,7 @@ def test_search_path(tmp_path, variant_rgb):
             mi.Bitmap(np.full((4, 4, 3), value, dtype=np.float32)).write(str(tmp_path / folder / "grey.exr"))
         assert mitsuba(tmp_path / "here", *arguments).returncode == 0
         image = np.array(mi.Bitmap(str(tmp_path / "out.exr")), dtype=float)
-        assert image[8, 12].mean() == pytest.approx(expected, rel=0.01)
+        assert image[8, 12].mean() == pytest.approx(expected, rel=0.2)  # few samples, but a factor of two apart
 
 
 @linked
@@ -236,6 +236,7 @@ def test_arguments(words, options, scenes):
     (["-m", "scalar_rgb", "-W"], "only makes sense in a JIT"),
     (["-m", "llvm_wrong"], "unsupported variant"),
 ])
-def test_wrong_use(words, message, capsys):
+def test_wrong_use(words, message, capsys, monkeypatch):
+    monkeypatch.setattr(mi, "set_log_level", lambda _: None)
     assert hosted.main("nrook", *words) == 255
     assert message in capsys.readouterr().err

@@ -79,7 +79,7 @@ def quote(text):
 
 def listing(words, last="or"):
     """``A, B or C``."""
-    words = list(words)
+    words = [str(word) for word in words]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 

@@ -16,7 +16,6 @@ with atheris.instrument_imports():
 
 warnings.simplefilter("ignore")
 geometry.MAX_SEGMENTS = 16  # speed
-atheris.enabled_hooks.add("RegEx")
 
 
 def one_input(data):

@@ -47,6 +47,7 @@ WRONG = [
     # an index without a SURFACE or TRANSFORM
     (4, "CSG-TREE CUBE 1", 10, ["CUBE 1 has no SURFACE 1", "there are 0"]),
     (4, "CSG-TREE + CUBE 0 CUBE 3", 19, ["CUBE 3 has no SURFACE 3"]),
+    (4, "CSG-TREE CUBE 3 SURFACE 1 SURFACE 2", 10, ["CUBE 3 has no SURFACE 3", "there are 0, 1 and 2"]),
     # unknown words
     (1, "NOMEE: x", 1, ["unknown word 'NOMEE'", "did you mean 'NOME'"]),
     (4, "CSG-TREE CUBO 0 SFERE 1", 17, ["unknown word 'SFERE'", "did you mean 'SPHERE'"]),

@@ -14,7 +14,7 @@ from manifold3d import Manifold
 
 from . import coincidence, csg, model
 
-TOLERANCE = 0.05  # chord error in pixels
+TOLERANCE = 0.1  # chord error in pixels
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 1024  # around a circle
 SPHERE_FACTOR = 1.64  # an octahedral sphere needs so many times the segments of a circle for the same chord error
 ON_FACE = 1e-6  # distance in a primitive's own space within which a vertex lies on a flat face

@@ -165,7 +165,8 @@ STATEMENTS = ("NAME", "SAVE_RGB", "MAX_LEVEL", "NSAMPLES", "DO_SHADOW", "AIR_IND
 
 
 def _syntax_error(source, error, pieces):
-    token, expected = error.token, set(error.expected)
+    # lark's own ``expected`` has whatever could follow in some other place of the same rule.
+    token, expected = error.token, set(error.accepts)
     inner = sorted(expected - set(STATEMENTS), key=list(WORDS).index if expected <= set(WORDS) else None)
     names = [meaning(t) for t in inner] + (["a statement" if not inner else "the next statement"]
                                            if expected & set(STATEMENTS) else [])
@@ -478,6 +479,8 @@ class _Builder:
                     "RUG": ("exponent", {}), "SLOPE": ("slope", {}),
                 }[word.type]
                 values[field] = self.ranged(parts, **arguments)
+        if "metal" in values:
+            values.setdefault("material", "conductor")
         surface = model.Surface(index, **values, at=_place(keyword))
         self.check_surface(surface, seen)
         self.surfaces[index] = surface
@@ -500,7 +503,7 @@ class _Builder:
                 raise self.error(where, "a condutor lacks its optics; expected n-refr and k-abs, or a metal's name")
         elif surface.material in ("dielectric", "composite") and not surface.eta:
             raise self.error(where, f"a {WORDS[surface.material.upper()][0]} lacks its index; expected n-refr")
-        elif surface.material == "composite" and surface.ks and max(map(sum, zip(surface.kd or (0.5,) * 3, surface.ks))) > 1:
+        elif surface.material == "composite" and surface.ks and max(map(sum, zip(surface.kd or (0.5,) * 3, surface.ks))) > 1 + 1e-6:
             raise self.error(where, "kd + ks is above 1 in a composto; expected s + d = 1 at most")
         uses = {
             "conductor": "MATERIAL METAL N_REFR K_ABS KA PHONG_N RUG SLOPE ROUGHNESS",

@@ -164,7 +164,7 @@ def translate(source_path, out_dir=None, *, target="prosim", light_units="calibr
     ``light_units``
         "calibrated", "radiance" or "unattenuated": see :mod:`prosim_scene.lights`.
     ``tolerance``
-        Largest chord error of a curved face, in pixels of the image (default 0.05).
+        Largest chord error of a curved face, in pixels of the image (default 0.1).
     ``resolution``, ``samples``
         (width, height) and N instead of the scene's.
     ``allow_outside``

@@ -81,6 +81,18 @@ def test_every_kind_of_source_equals_path(variant_rgb):
     assert same_expectation(*images)
 
 
+@pytest.mark.parametrize("unrolled", [0, 4])
+def test_sky_on_diffuse_and_rough_surfaces_equals_path(variant_rgb, monkeypatch, unrolled):
+    """The sky is sampled by projected solid angle; with and without the loop over sources."""
+    monkeypatch.setattr("mitsuba_prosim.transport.sources.Sources.UNROLLED", unrolled)
+    sky = {"sky": {"type": "constant", "radiance": rgb(.3, .4, .5)}}
+    path = renderings({**penumbra(type="path", max_depth=2), **sky}, 12, spp=100)
+    ours = renderings({**penumbra(type="prosim", adaptive="none"), **sky}, 12, spp=25)
+    assert same_expectation(path, ours)
+    path = renderings(alone(COPPER, type="path", max_depth=10, rr_depth=100), 12, spp=100)
+    assert same_expectation(path, renderings(alone(COPPER, type="prosim", adaptive="none", max_level=8), 12, spp=25))
+
+
 def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):
     """Projected solid angle: where nothing is in the way, one sample is the answer (4.2.2.1)."""
     scene = penumbra(type="prosim", adaptive="none")
@@ -161,18 +173,18 @@ def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
 
 
 def test_nothing_is_compiled_again(variant_rgb):
-    """Seeds, bands, passes and resolutions share their kernels."""
-    def misses(**film):
+    """Seeds, bands, passes and thresholds share their kernels. (Mitsuba's camera makes a constant of the film's size.)"""
+    def misses(seed, **settings):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            render(penumbra(COPPER, type="prosim", band=300), seed=misses.seed, **film)
+            render(penumbra(COPPER, type="prosim", **settings), seed=seed)
             history = dr.kernel_history([dr.KernelType.JIT])
-        misses.seed += 1
         return sum(not kernel["cache_hit"] for kernel in history)
-    misses.seed = 1
-    misses()
-    assert misses() == 0
-    assert misses(width=61, height=33) == 0
+    misses(1)
+    assert misses(2) == 0
+    assert misses(3, threshold=0.001) == 0
+    misses(4, band=300)  # bands but the last wait for each other: what waits is another kernel
+    assert misses(5, band=200) == 0
 
 
 def test_seed_as_an_array(variant_rgb):

@@ -6,13 +6,16 @@ import mitsuba as mi
 from ..sampling.spherical_cap import pdf_projected_cap, sample_projected_cap
 from .masks import but_not
 
+#: The "radius" of a constant sky.
+SKY = -1
+
 
 class Sources:
     """All emitters of ``scene``, one after the other.
 
     A sphere is sampled over the projected solid angle of its part above the horizon, so that a diffuse surface that
-    sees the whole source has no variance (Ureña and Georgiev 2018; Peters and Dachsbacher 2019). Any other emitter is
-    sampled by its own ``sample_direction``.
+    sees the whole source has no variance (Ureña and Georgiev 2018; Peters and Dachsbacher 2019); and so is a constant
+    sky, which is a sphere around everything. Any other emitter is sampled by its own ``sample_direction``.
 
     Up to ``UNROLLED`` sources are written out in the kernel; more are visited by a loop, whose kernel does not depend
     on their number.
@@ -21,13 +24,16 @@ class Sources:
     UNROLLED = 4
 
     def __init__(self, scene):
-        self.emitters = list(scene.emitters())
+        # The sky comes last, so that the loop can leave it out.
+        self.emitters = sorted(scene.emitters(), key=is_sky)
         self.count = len(self.emitters)
+        self.sky = self.emitters[-1] if self.emitters and is_sky(self.emitters[-1]) else None
+        self.far = 2 * scene.bbox().bounding_sphere().radius
         self.jit = dr.is_jit_v(mi.Float)
         spheres = [sphere(emitter) for emitter in self.emitters]
         self.spheres = spheres
         self.any_sphere = any(s is not None for s in spheres)
-        self.any_other = any(s is None for s in spheres)
+        self.any_other = any(s is None for s, e in zip(spheres, self.emitters) if e is not self.sky)
         #: Whether a ray that meets a source meets one of the spheres.
         self.only_spheres_met = all(s is not None or mi.has_flag(e.flags(), mi.EmitterFlags.Delta)
                                     for s, e in zip(spheres, self.emitters))
@@ -37,8 +43,10 @@ class Sources:
 
     def _tabulate(self, scene):
         """Tables by the index of the source, and from Dr.Jit's identity of an emitter to that index."""
-        self.pointers = scene.emitters_dr()
-        balls = [s or (mi.Point3f(0), mi.Float(0)) for s in self.spheres]
+        in_scene = scene.emitters()
+        order = mi.UInt32([in_scene.index(emitter) for emitter in self.emitters])
+        self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
+        balls = [s or (mi.Point3f(0), mi.Float(SKY if e is self.sky else 0)) for s, e in zip(self.spheres, self.emitters)]
         self.centers = mi.Point3f(*(dr.concat([mi.Float(c[axis]) for c, _ in balls]) for axis in range(3)))
         self.radii = dr.concat([mi.Float(r) for _, r in balls])
         identity = dr.reinterpret_array(mi.UInt32, self.pointers)
@@ -48,20 +56,22 @@ class Sources:
 
     def for_each(self, body, L, active):
         """Folds ``L = body(k, emitter, center, radius, L)`` over the sources; ``radius`` is None or 0 where the source
-        is no sphere."""
-        if not self.jit or self.count <= self.UNROLLED:
-            for k, emitter in enumerate(self.emitters):
-                center, radius = self.spheres[k] or (None, None)
-                L = body(k, emitter, center, radius, L)
-            return L
+        is no sphere, and SKY for the sky."""
+        in_loop = self.count - (self.sky is not None) if self.jit and self.count > self.UNROLLED else 0
 
         def step(k, L):
             center = dr.gather(mi.Point3f, self.centers, k) if self.any_sphere else None
             radius = dr.gather(mi.Float, self.radii, k) if self.any_sphere else None
             return k + 1, body(k, dr.gather(mi.EmitterPtr, self.pointers, k), center, radius, L)
 
-        count = dr.opaque(mi.UInt32, self.count)
-        return dr.while_loop((mi.UInt32(0), L), lambda k, L: active & (k < count), step, labels=("k", "L"))[1]
+        if in_loop:
+            count = dr.opaque(mi.UInt32, in_loop)
+            _, L = dr.while_loop((mi.UInt32(0), L), lambda k, L: active & (k < count), step, labels=("k", "L"))
+        for k in range(in_loop, self.count):
+            emitter = self.emitters[k]
+            center, radius = (None, SKY) if emitter is self.sky else self.spheres[k] or (None, None)
+            L = body(k, emitter, center, radius, L)
+        return L
 
     def sample(self, emitter, center, radius, si, n, both_sides, sample, active, attached=False):
         """A point of a source: ``(d, p, pdf, delta, weight)``: the direction to it, the point, the density per solid
@@ -74,12 +84,12 @@ class Sources:
         """
         if radius is None:
             return self._sample_other(emitter, si, sample, active)
-        in_loop = self.jit and self.count > self.UNROLLED
-        is_ball = active & (radius > 0)
+        in_loop = self.jit and self.count > self.UNROLLED and radius is not SKY
+        is_ball = active if radius is SKY else active & (radius > 0)
         if both_sides is not False:
             is_ball = but_not(is_ball, both_sides)
-        ds = direction_to_ball(si, center, radius, n, sample)
-        if attached:  # a drawn direction has no derivative, the area that it was drawn from has
+        ds = self._direction_to_sky(si, n, sample) if radius is SKY else direction_to_ball(si, center, radius, n, sample)
+        if attached and radius is not SKY:  # a drawn direction has no derivative, the area that it was drawn from has
             ds.pdf = self._pdf_of_ball(si, center, radius, n, ds.d)
         is_visible = is_ball & (ds.pdf > 0)
         ds.emitter = mi.EmitterPtr(emitter) if self.jit else emitter
@@ -98,16 +108,26 @@ class Sources:
     def pdf(self, si, n, both_sides, ds, active):
         """Density, per solid angle, with which :meth:`sample` takes the direction ``ds`` at ``si`` towards the emitter
         that it meets there."""
-        if not self.any_sphere:
+        if not self.any_sphere and self.sky is None:
             return ds.emitter.pdf_direction(si, ds, active)
         center, radius = self._ball_of(ds.emitter, active)
-        is_ball = active & (radius > 0)
+        is_ball = active & (radius != 0)
         if both_sides is not False:
             is_ball = but_not(is_ball, both_sides)
         pdf = dr.select(is_ball, self._pdf_of_ball(si, center, radius, n, ds.d), 0)
+        if self.sky is not None:
+            pdf = dr.select(is_ball & (radius == SKY), dr.maximum(dr.dot(n, ds.d), 0) * dr.inv_pi, pdf)
         if self.any_other or both_sides is not False:
             pdf = dr.select(is_ball, pdf, ds.emitter.pdf_direction(si, ds, but_not(active, is_ball)))
         return pdf
+
+    def _direction_to_sky(self, si, n, sample):
+        """``mi.DirectionSample3f`` to the sky, by projected solid angle above the horizon of ``n``."""
+        local = mi.warp.square_to_cosine_hemisphere(sample)
+        ds = direction_sample(si, mi.Frame3f(n).to_world(local))
+        ds.dist = mi.Float(self.far)
+        ds.p, ds.n, ds.pdf = si.p + ds.d * self.far, -ds.d, mi.warp.square_to_cosine_hemisphere_pdf(local)
+        return ds
 
     @staticmethod
     def _pdf_of_ball(si, center, radius, n, d):
@@ -134,7 +154,7 @@ class Sources:
         """Center and radius of the source ``emitter`` (a pointer); radius 0 where it is no sphere."""
         if not self.jit:
             ball = self.spheres[self.emitters.index(emitter)] if active else None
-            return ball or (mi.Point3f(0), mi.Float(0))
+            return ball or (mi.Point3f(0), mi.Float(SKY if active and emitter == self.sky else 0))
         index = dr.gather(mi.UInt32, self.index_of, dr.reinterpret_array(mi.UInt32, emitter), active)
         return dr.gather(mi.Point3f, self.centers, index, active), dr.gather(mi.Float, self.radii, index, active)
 
@@ -151,12 +171,24 @@ def direction_to_ball(si, center, radius, n, sample):
     # Nearer root of |t d - to_center| = radius, without cancellation for a distant source.
     b = dr.dot(d, to_center)
     chord = dr.safe_sqrt(dr.square(radius) - dr.squared_norm(to_center - b * d))
-    ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
+    ds = direction_sample(si, d)
     ds.dist = b - chord
     ds.p = si.p + d * ds.dist
     ds.n = dr.normalize(ds.p - center)
-    ds.d, ds.time, ds.pdf = d, si.time, pdf
+    ds.pdf = pdf
     return ds
+
+
+def direction_sample(si, d):
+    """A ``mi.DirectionSample3f`` in the direction ``d``, else empty."""
+    ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
+    ds.d, ds.time = d, si.time
+    return ds
+
+
+def is_sky(emitter):
+    """Whether an emitter is Mitsuba's ``constant``."""
+    return emitter.class_name() == "ConstantBackgroundEmitter"
 
 
 def sphere(emitter):

@@ -83,8 +83,8 @@ def listing(words, last="or"):
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
-def nearest(word, words):
+def nearest(word, words, cutoff=0.6):
     """``; did you mean 'X'?`` for the known word nearest to ``word``, or nothing where none is near."""
     folded = {w.lower(): w for w in words}
-    match = difflib.get_close_matches(str(word).lower()[:CLIP], folded, n=1, cutoff=0.6)
+    match = difflib.get_close_matches(str(word).lower()[:CLIP], folded, n=1, cutoff=cutoff)
     return f"; did you mean {folded[match[0]]!r}?" if match else ""

@@ -187,7 +187,8 @@ def _syntax_error(source, error, pieces):
     if token.type == "WORD":
         known = [w for t in expected if t in WORDS for w in WORDS[t]]
         reason = f"unknown word {quote(token)}; expected {listing(names)}"
-        return source.error(place, reason + (nearest(token, known) or nearest(token, TERMINALS)))
+        every = [w for ws in WORDS.values() for w in ws]
+        return source.error(place, reason + (nearest(token, known, 0.75) or nearest(token, every)))
     if token.type in WORDS and token.type not in STATEMENTS and "NUMBER" not in expected:
         reason += f", which has no place here; expected {listing(names)}"
     else:
@@ -324,7 +325,7 @@ class _Builder:
                 if token.type == "BOOL":
                     raise self.error(token, f"found {quote(token)} after {keyword}; expected a number")
             field, value = {
-                "MAX_LEVEL": lambda: ("max_level", self.whole(children, 0, 30)),
+                "MAX_LEVEL": lambda: ("max_level", self.whole(children, 0, 24)),
                 "NSAMPLES": lambda: ("samples", self.whole(children, 1, 1000)),
                 "AIR_INDEX": lambda: ("air_index", self.ranged(children, 0, open_low=True)),
                 "AMBIENT": lambda: ("ambient", self.ranged(children)),

@@ -3,6 +3,7 @@
 Equality compares what a scene means; the places in the text (``at``) and the text itself do not take part in it.
 """
 
+import html
 from dataclasses import dataclass, field
 
 from .errors import Place, Source
@@ -139,3 +140,9 @@ class Scene:
     patterns: dict[str, Pattern] = field(default_factory=dict)
     places: dict[str, Place] = field(default_factory=dict, compare=False, repr=False)
     source: Source | None = field(default=None, compare=False, repr=False)
+
+    def _repr_html_(self):
+        """In a notebook a scene shows itself in its own language, in canonical layout."""
+        from .formatter import format
+
+        return f"<pre>{html.escape(format(self.source.text, self.source.filename) if self.source else repr(self))}</pre>"

@@ -198,8 +198,10 @@ class Prosim(mi.SamplingIntegrator):
                 callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
 
     def to_string(self):
-        names = ("samples", "adaptive", "threshold", "max_level", "diffuse_bounces", "shadows", "jitter")
-        return "Prosim[\n" + ",\n".join(f"  {name} = {getattr(self, name)}" for name in names) + "\n]"
+        names = ("samples", "adaptive", "threshold", "min_passes", "max_samples", "max_level", "shadows", "ambient",
+                 "background", "diffuse_bounces", "cutoff", "rr_depth", "hides_emitters", "jitter", "channels")
+        values = [f"{name} = {getattr(self, name)}" for name in names] + [f"aovs = {self.aov_names()}"]
+        return "Prosim[\n  " + ",\n  ".join(value.replace("\n", "\n  ") for value in values) + "\n]"
 
     def aov_names(self):
         others = self.mitsuba_aovs.aov_names() if self.mitsuba_aovs is not None else []

@@ -57,7 +57,7 @@ RENDERED = {
     "5.16-esfera-metalica": partial(scenes.render, "esfera-metalica"),
     "5.18-caustica": partial(scenes.render, "caustica"),
     "5.18-path": partial(scenes.render_path, "caustica", spp=1024),
-    "palito": partial(scenes.render, "palito", exposure=-1),
+    "palito": partial(scenes.render, "palito"),
 }
 
 

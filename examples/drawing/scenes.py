@@ -5,6 +5,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import prosim_scene
+from mitsuba_prosim.command.tone import compress
 
 SCENES = Path(__file__).parents[1]
 
@@ -19,9 +20,9 @@ def load(name, factor=1, samples=None, **integrator):
     return description
 
 
-def render(name, factor, samples=None, exposure=0):
-    """The image of a scene, (height, width, 3), linear, 2**``exposure`` times as bright."""
-    return np.array(mi.render(mi.load_dict(load(name, factor, samples)))) * 2**exposure
+def render(name, factor, samples=None):
+    """The image of a scene, (height, width, 3), linear, its highlights as ``prosim render`` shows them."""
+    return compress(np.array(mi.render(mi.load_dict(load(name, factor, samples)))))
 
 
 def render_counts(name, factor, samples=None):

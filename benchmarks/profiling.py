@@ -1,6 +1,6 @@
 """Where the time goes in the prosim integrator: compilation, launches, Python; memory; rays a second.
 
-    python benchmarks/profile.py [--scene penumbra copper palito] [--size 500] [--large 7680x4320]
+    python benchmarks/profiling.py [--scene penumbra copper palito] [--size 500] [--large 7680x4320]
 
 Each figure comes from processes of their own. "cold": first render with Dr.Jit's kernel cache empty; "cached": first
 render of a second process, which finds the kernels on disk; "warm": median of further renders. "overhead" is the part of

@@ -1,5 +1,6 @@
 """The grammar by properties: parsing, formatting, and files that are nearly right."""
 
+import itertools
 import warnings
 from pathlib import Path
 
@@ -137,7 +138,7 @@ def test_remarks_and_layout_do_not_change_the_meaning(data):
     tokens = data.draw(scenes())
     scene = prosim_scene.parse(plain(tokens))
     with_remarks = [tokens[0]]
-    for before, token in zip(tokens, tokens[1:]):
+    for before, token in itertools.pairwise(tokens):
         remark = "" if fold(before) in TAKES_ARGUMENT else data.draw(st.sampled_from(["", "(x)", "#y\n"]))
         with_remarks += [remark, token]
     assert prosim_scene.parse("\n".join(with_remarks)) == scene

@@ -451,3 +451,25 @@ def test_derivatives_match_finite_differences(variant_rgb, key, ball, settings):
     error = np.sqrt((expected.var(ddof=1) + backward.var(ddof=1)) / 4)
     assert abs(backward.mean() - expected.mean()) < 4 * error + 0.02 * abs(expected.mean())
     assert derivative(100, True) == pytest.approx(backward[0], rel=1e-3, abs=1e-7)
+
+
+def test_derivatives_beside_own_channels(variant_rgb):
+    """Channels that say how the image was made have no derivatives, and do not disturb those of the image."""
+    def derivatives(**settings):
+        scene = mi.load_dict(penumbra(size=16, type="prosim", **settings))
+        params = mi.traverse(scene)
+        key = "ball.bsdf.reflectance.value"
+        for forward in (False, True):
+            dr.enable_grad(params[key])
+            params.update()
+            image = mi.render(scene, params, seed=1, seed_grad=2)
+            if forward:
+                dr.forward(params[key])
+                yield np.array(dr.grad(image))
+            else:
+                dr.backward(dr.mean(image[:, :, :3], axis=None))
+                yield np.array(dr.grad(params[key]))
+            params[key] = dr.detach(params[key])
+    (back, forward), (back_aovs, forward_aovs) = derivatives(), derivatives(aovs="samples,error")
+    assert np.allclose(back, back_aovs, rtol=1e-5) and np.abs(back).max() > 0
+    assert np.allclose(forward, forward_aovs[..., :3], rtol=1e-5) and forward_aovs[..., 3:].max() == 0

@@ -262,13 +262,21 @@ class Prosim(mi.SamplingIntegrator):
         frame = self._differentiable_frame(scene, sensor, seed, spp)
         image = frame.develop(frame.attached_storage())
         dr.forward_to(image)
-        return mi.TensorXf(dr.grad(image))
+        gradient = dr.grad(image)
+        # What the integrator says of itself comes last, and has no derivatives.
+        height, width, channels = gradient.shape
+        all_channels = channels + len(self.own_aovs)
+        complete = dr.zeros(mi.Float, height * width * all_channels)
+        i = dr.arange(mi.UInt32, height * width * channels)
+        dr.scatter(complete, gradient.array, i // channels * all_channels + i % channels)
+        return mi.TensorXf(complete, (height, width, all_channels))
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
         frame = self._differentiable_frame(scene, sensor, seed, spp)
         storage = mi.TensorXf(frame.storage)
         dr.enable_grad(storage)
-        dr.backward(dr.sum(frame.develop(storage) * grad_in, axis=None))
+        image = frame.develop(storage)
+        dr.backward(dr.sum(image * grad_in[:, :, :image.shape[2]], axis=None))
         frame.backward(dr.grad(storage))
 
     def _differentiable_frame(self, scene, sensor, seed, spp):

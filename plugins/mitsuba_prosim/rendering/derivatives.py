@@ -17,11 +17,11 @@ class DifferentiableFrame(Frame):
     def __init__(self, integrator, scene, sensor, seed, spp):
         with dr.suspend_grad():
             super().__init__(integrator, scene, sensor, seed, spp)
-            self.storage = self.render(keep_counts=True)
+            self.storage = self.render(keep_counts=True)[:, :, :len(self.film_channels())]
         self.transport = Transport(integrator, scene, attached=True)
 
     def develop(self, storage):
-        """The developed image of film values ``storage``, differentiably."""
+        """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
         self.film.prepare(self.integrator.aov_names()[:storage.shape[2] - self.film_channels().index("W") - 1])
         self.film.put_block(mi.ImageBlock(storage, mi.ScalarPoint2i(self.film.crop_offset()), border=False))
         return self.film.develop()

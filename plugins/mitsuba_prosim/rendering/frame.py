@@ -159,7 +159,7 @@ class Frame:
                 if self.integrator.progress is not None:
                     self.integrator.progress((end - top) / (bottom - top))
         if keep_counts:
-            self.counts = image.values.pop()
+            self.counts = image.plane(image.sampled)
         return image.tensor()
 
     def put(self, values):

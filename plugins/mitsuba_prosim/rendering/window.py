@@ -10,13 +10,14 @@ class Image:
     """The window of a film, as sums of weighted values that bands are added to from top to bottom.
 
     Each pixel gathers what the samples around it have for it, row after row, so that the sum has one order, whatever
-    the bands are.
+    the bands are. The values lie as a film has them, channel by channel within each pixel, so that none is copied.
     """
 
     def __init__(self, window, channels, aovs):
-        self.window, self.channels, self.weight = window, len(channels), channels.index("W")
+        self.window, self.sampled, self.weight = window, len(channels), channels.index("W")
+        self.channels = self.sampled + aovs
         self.width, self.height = window[2] - window[0], window[3] - window[1]
-        self.values = [dr.zeros(mi.Float, self.width * self.height) for _ in range(self.channels + aovs)]
+        self.values = dr.zeros(mi.Float, self.width * self.height * self.channels)
         dr.make_opaque(self.values)
 
     def add(self, outer, band, sums, aovs, reach):
@@ -25,9 +26,9 @@ class Image:
         if top >= bottom:
             return
         x, y, *_ = pixels((self.window[0], top, self.window[2], bottom))
-        index = mi.UInt32((y - dr.opaque(mi.Int32, self.window[1])) * dr.opaque(mi.Int32, self.width)
-                          + x - dr.opaque(mi.Int32, self.window[0]))
-        totals = [dr.gather(mi.Float, v, index) for v in self.values[:self.channels]]
+        index = self.channels * mi.UInt32((y - dr.opaque(mi.Int32, self.window[1])) * dr.opaque(mi.Int32, self.width)
+                                          + x - dr.opaque(mi.Int32, self.window[0]))
+        totals = [dr.gather(mi.Float, self.values, index + c) for c in range(self.sampled)]
         left, first, right, last = (dr.opaque(mi.Int32, v) for v in band)
         outer_left, outer_top, outer_width = (dr.opaque(mi.Int32, v) for v in (outer[0], outer[1], outer[2] - outer[0]))
         offsets = range(-reach, reach + 1)
@@ -37,30 +38,35 @@ class Image:
                 sx, sy = x - dx, y - dy
                 there = (sx >= left) & (sx < right) & (sy >= first) & (sy < last)
                 source = mi.UInt32((sy - outer_top) * outer_width + sx - outer_left)
-                place = ((dy + reach) * (2 * reach + 1) + dx + reach) * self.channels
-                for c in range(self.channels):
+                place = ((dy + reach) * (2 * reach + 1) + dx + reach) * self.sampled
+                for c in range(self.sampled):
                     totals[c] += dr.gather(mi.Float, sums[place + c], source, there)
         own = (y >= first) & (y < last)
         source = mi.UInt32((y - outer_top) * outer_width + x - outer_left)
+        dr.eval(totals)  # to scatter where the same kernel gathers would copy the image
         for c, total in enumerate(totals):
-            dr.scatter(self.values[c], total, index)
+            dr.scatter(self.values, total, index + c)
         for c, aov in enumerate(aovs):
-            dr.scatter(self.values[self.channels + c], dr.gather(mi.Float, aov, source, own), index, own)
+            dr.scatter(self.values, dr.gather(mi.Float, aov, source, own), index + self.sampled + c, own)
 
     def wait(self):
         """Waits until what was added is there."""
         dr.eval(self.values)
         dr.sync_thread()
 
+    def plane(self, channel):
+        """One channel, pixel by pixel."""
+        return dr.gather(mi.Float, self.values, dr.arange(mi.UInt32, self.width * self.height) * self.channels + channel)
+
     def tensor(self):
         """Shape (height, width, channels), the integrator's own channels multiplied by the weight, as films expect."""
-        channels = self.values[:self.channels]
-        channels = channels + [v * self.values[self.weight] for v in self.values[self.channels:]]
-        flat = dr.zeros(mi.Float, self.width * self.height * len(channels))
-        index = dr.arange(mi.UInt32, self.width * self.height) * len(channels)
-        for c, values in enumerate(channels):
-            dr.scatter(flat, values, index + c)
-        return mi.TensorXf(flat, (self.height, self.width, len(channels)))
+        values = self.values
+        if self.channels > self.sampled:
+            i = dr.arange(mi.UInt32, dr.width(values))
+            channel = i % self.channels
+            weight = dr.gather(mi.Float, values, i - channel + self.weight)
+            values = values * dr.select(channel >= self.sampled, weight, 1)
+        return mi.TensorXf(values, (self.height, self.width, self.channels))
 
 
 def pixels(rectangle):

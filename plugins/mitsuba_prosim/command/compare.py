@@ -90,7 +90,7 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
         width, height = opened.scene().sensors()[0].film().crop_size()
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
-        with tqdm(total=100, unit="%", bar_format="{desc}: {l_bar}{bar}| {elapsed}", disable=None, leave=False) as bar:
+        with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}", disable=None, leave=False) as bar:
             def tell(text, done):
                 bar.set_description_str(text)
                 bar.update(100 * done - bar.n)

@@ -41,7 +41,7 @@ def translation(command):
         click.option("--light-units", type=click.Choice(["calibrated", "radiance", "unattenuated"]),
                      default="calibrated", help="What a light's intensity means."),
         click.option("--tolerance", type=click.FloatRange(min=0, min_open=True), metavar="PIXELS", show_default=False,
-                     help="How far a mesh may be from the curved face that it stands for. [default: 0.05]"),
+                     help="How far a mesh may be from the curved face that it stands for. [default: 0.1]"),
         click.option("--resolution", type=Numbers("WxH", "x", 2), help="Size of the image in pixels, such as 640x480."),
         click.option("--samples", type=click.IntRange(min=1), metavar="N",
                      help="N of the N-rook sampling: N samples a pass, at most N*N a pixel."),

@@ -5,6 +5,7 @@ import signal
 import sys
 import tempfile
 import time
+import warnings
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -24,7 +25,7 @@ from .tone import compress
 @click.argument("scene", type=SCENE)
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="Image to write, without or with the suffix .exr or .png: both are written. "
-                   "[default: beside the scene, under its name]", show_default=False)
+                   "[default: beside the scene, under the NAME in it or else its own]", show_default=False)
 @click.option("-m", "--mode", metavar="VARIANT",
               help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb, llvm_ad_rgb or scalar_rgb, the first that "
                    "this machine can run]", show_default=False)
@@ -99,7 +100,10 @@ def image_stem(scene, output):
         return output.with_suffix("") if output.suffix.lower() in (".exr", ".png") else output
     if scene.suffix.lower() == ".xml":
         return scene.with_suffix("")
-    return scene.with_name(Path(prosim_scene.parse(prosim_scene.read(scene), scene).name).name or scene.stem)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the translation gives them again
+        name = prosim_scene.parse(prosim_scene.read(scene), scene).name
+    return scene.with_name(Path(name).name or scene.stem)
 
 
 def load(scene, folder, definitions, resolution, samples, crop, language):

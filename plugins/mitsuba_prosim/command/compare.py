@@ -116,9 +116,12 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
 
 def summary(facts):
     """The main result in a few lines."""
-    lines = []
-    for row in facts["sections"][0]["rows"]:
-        label = row["name"] + row["role"][1:]
-        lines.append(f"{label:<32} {row['samples']:6.1f} samples  {row['seconds']['median']:7.3f} s  "
+    section = facts["sections"][0]
+    light = {"paths": "every path of light, without the ambient term", "direct": "direct light alone",
+             "scene": "the light that the scene asks for"}[section["transport"]]
+    lines = [f"All in {light}; samples and times as near to equal as the samplers allow:"]
+    labels = [row["name"] + row["role"][1:] for row in section["rows"]]
+    for label, row in zip(labels, section["rows"]):
+        lines.append(f"{label:<{max(map(len, labels))}} {row['samples']:7.1f} samples  {row['seconds']['median']:7.3f} s  "
                      f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}")
     return "\n".join(lines)

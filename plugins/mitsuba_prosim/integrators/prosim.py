@@ -105,6 +105,10 @@ class Prosim(mi.SamplingIntegrator):
     :monosp:`diffuse_bounces` says otherwise. What the lobes and the sources can both sample is shared by multiple
     importance sampling, so that the expected image is the same at any roughness.
 
+    Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
+    find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
+    sampled by their own methods.
+
     Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns.
     A sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
     threads do not change a bit of the image. The film's reconstruction filter weights each sample by one over

@@ -10,11 +10,9 @@ the image and divided by the squared mean). Mitsuba has no cone and no cos^n: it
 """
 
 import argparse
-import time
 
-import drjit as dr
 import mitsuba as mi
-import numpy as np
+from turns import compare
 
 PLACE = [2, 4, 2]
 CONE = {"distribution": "cone", "direction": [-1, -2, -1], "angle": 25.0}
@@ -62,26 +60,6 @@ def scene(source, size, spp):
     })
 
 
-def render(scene, seed):
-    start = time.perf_counter()
-    image = mi.render(scene, seed=seed)
-    dr.eval(image)
-    dr.sync_thread()
-    return time.perf_counter() - start, np.array(image)
-
-
-def compare(ours, theirs, size, spp, rounds):
-    """(median seconds of ours, time quotient, variance quotient); the quotients are ours / theirs."""
-    scenes = [scene(source, size, spp) for source in (ours, theirs)]
-    times, images = np.empty((rounds, 2)), [[], []]
-    for turn in range(-1, rounds):  # turn -1 warms up
-        for i in (0, 1) if turn % 2 else (1, 0):
-            times[turn, i], image = render(scenes[i], turn + 1)
-            images[i] += [image] if turn >= 0 else []
-    variances = [np.var(x, axis=0, ddof=1).mean() / np.mean(x) ** 2 for x in images]
-    return np.median(times[:, 0]), np.median(times[:, 0] / times[:, 1]), variances[0] / variances[1]
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--variant", default="llvm_ad_rgb")
@@ -94,7 +72,7 @@ def main():
 
     print(f"{'source':26}{'time ms':>9}{'time ratio':>12}{'variance ratio':>16}")
     for name, (ours, theirs) in pairs().items():
-        seconds, speed, variance = compare(ours, theirs, options.size, options.spp, options.rounds)
+        seconds, speed, variance = compare(*(scene(x, options.size, options.spp) for x in (ours, theirs)), options.rounds)
         print(f"{name:26}{1e3 * seconds:9.0f}{speed:12.2f}{variance:16.2f}", flush=True)
 
 

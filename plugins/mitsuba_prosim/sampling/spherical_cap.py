@@ -32,7 +32,9 @@ def projected_cap_area(cos_n, sin2_theta_max):
     Times the radiance this is the irradiance, unoccluded; over pi, the form factor. For a sphere wholly above the
     horizon it is pi (r/d)² cos_n.
     """
-    return _areas(cos_n, sin2_theta_max, _Crescent(cos_n, sin2_theta_max))[1]
+    return dr.if_stmt((cos_n, sin2_theta_max), _is_cut(cos_n, sin2_theta_max),
+                      lambda cos_n, sin2: _ellipse_area(cos_n, sin2) + _Crescent(cos_n, sin2).area,
+                      _ellipse_area, label="area")
 
 
 def pdf_projected_cap(cos_n, sin2_theta_max, cos_theta):
@@ -53,34 +55,47 @@ def sample_projected_cap(cos_n, sin2_theta_max, sample2):
     through what is evaluated in the direction, not through the choice of the direction.
     """
     cos_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin2_theta_max, sample2))
-    crescent = _Crescent(cos_n, sin2_theta_max)
-    ellipse_area, area = _areas(cos_n, sin2_theta_max, crescent)
-    share = ellipse_area / dr.maximum(area, _TINY)
-    u, v = sample2.x, sample2.y
-    in_ellipse = u < share
-    u = dr.select(in_ellipse, u / dr.maximum(share, _TINY), (u - share) / dr.maximum(1 - share, _TINY))
-
-    x, y, z = crescent.sample(u, v)
-
-    # A point of the ellipse, seen from above: its height is that on the cap's boundary circle, plus the bulge within.
-    s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
-    sin_n = dr.safe_sqrt(1 - dr.square(cos_n))
-    p = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u, v))
-    height = cos_max * cos_n + s * sin_n * p.x
-    bulge = sin2_theta_max * dr.maximum(1 - dr.squared_norm(p), 0)
-    x = dr.select(in_ellipse, cos_max * sin_n - s * cos_n * p.x, x)
-    y = dr.select(in_ellipse, s * p.y, y)
-    z = dr.select(in_ellipse, dr.sqrt(dr.square(height) + bulge), z)
-    return mi.Vector3f(x, y, z), dr.select(area > 0, z / dr.maximum(area, _TINY), 0)
+    # Most receivers see the whole sphere; the branch spares them the crescent, which costs more than all the rest.
+    d, area = dr.if_stmt((cos_n, sin2_theta_max, sample2), _is_cut(cos_n, sin2_theta_max),
+                         _sample_cut_cap, _sample_whole_cap, label="cap")
+    return d, dr.select(area > 0, d.z / dr.maximum(area, _TINY), 0)
 
 
 _TINY = 1e-35
 
 
-def _areas(cos_n, sin2_theta_max, crescent):
-    """Areas of the ellipse and of the whole region."""
-    ellipse = dr.select(sin2_theta_max < 1, dr.pi * sin2_theta_max * dr.maximum(cos_n, 0), 0)
-    return ellipse, ellipse + crescent.area
+def _is_cut(cos_n, sin2_theta_max):
+    """Whether the horizon cuts the sphere."""
+    return (dr.square(cos_n) < sin2_theta_max) & (sin2_theta_max < 1)
+
+
+def _ellipse_area(cos_n, sin2_theta_max):
+    """Area of the ellipse; that of the whole region where the horizon does not cut the sphere."""
+    return dr.select(sin2_theta_max < 1, dr.pi * sin2_theta_max * dr.maximum(cos_n, 0), 0)
+
+
+def _sample_whole_cap(cos_n, sin2_theta_max, sample):
+    """Direction to a point of the ellipse, and the ellipse's area."""
+    # Seen from above: the point's height is that on the cap's boundary circle, plus the bulge within.
+    s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
+    sin_n = dr.safe_sqrt(1 - dr.square(cos_n))
+    p = mi.warp.square_to_uniform_disk_concentric(sample)
+    height = cos_max * cos_n + s * sin_n * p.x
+    bulge = sin2_theta_max * dr.maximum(1 - dr.squared_norm(p), 0)
+    d = mi.Vector3f(cos_max * sin_n - s * cos_n * p.x, s * p.y, dr.sqrt(dr.square(height) + bulge))
+    return d, _ellipse_area(cos_n, sin2_theta_max)
+
+
+def _sample_cut_cap(cos_n, sin2_theta_max, sample):
+    """Direction to a point of the ellipse or the crescent, and the area of both."""
+    crescent = _Crescent(cos_n, sin2_theta_max)
+    ellipse = _ellipse_area(cos_n, sin2_theta_max)
+    area = ellipse + crescent.area
+    share = ellipse / dr.maximum(area, _TINY)
+    in_ellipse = sample.x < share
+    u = dr.select(in_ellipse, sample.x / dr.maximum(share, _TINY), (sample.x - share) / dr.maximum(1 - share, _TINY))
+    whole, _ = _sample_whole_cap(cos_n, sin2_theta_max, mi.Point2f(u, sample.y))
+    return dr.select(in_ellipse, whole, mi.Vector3f(*crescent.sample(u, sample.y))), area
 
 
 class _Crescent:

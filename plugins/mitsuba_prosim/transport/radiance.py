@@ -270,13 +270,25 @@ class Transport:
             for lobe in self.partners:
                 f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit)
                 f += f_lobe * dr.select(delta, 1, mis(pdf, pdf_lobe))
-            f *= weight
-            if self.integrator.shadows:
-                lit &= dr.max(dr.abs(f)) > 0
-                lit = but_not(lit, self.scene.ray_test(si.spawn_ray_to(p), lit))
-            return L + dr.select(lit, f, 0)
+            return L + self.unless_in_shadow(si, p, f * weight, lit)
 
-        return self.sources.for_each(light, mi.Spectrum(0), active)
+        L = self.sources.for_each(light, mi.Spectrum(0), active)
+        if self.sources.sky is not None and self.alone is not None:
+            # The rays that are drawn from the other lobes meet the sky by themselves.
+            active = active & lobes.has_any(flags, "DiffuseReflection", "DiffuseTransmission")
+            both_sides = active & lobes.has_any(flags, "DiffuseTransmission") if self.both_sides else False
+            d, p, pdf, _, weight = self.sources.sample_sky(si, n, both_sides,
+                                                           points(first_space + self.sources.lamps, active), active)
+            lit = active & (pdf > 0)
+            L += self.unless_in_shadow(si, p, bsdf.eval(self.alone, si, si.to_local(d), lit) * weight, lit)
+        return L
+
+    def unless_in_shadow(self, si, p, L, active):
+        """``L`` where nothing is between ``si`` and the point ``p``, else 0."""
+        if self.integrator.shadows:
+            active &= dr.max(dr.abs(L)) > 0
+            active = but_not(active, self.scene.ray_test(si.spawn_ray_to(p), active))
+        return dr.select(active, L, 0)
 
     def follow(self, lobe, k, ray, si, bsdf, points, active):
         """Draws the ray that goes on from ``si`` through the lobes of the ``mi.BSDFContext`` ``lobe``.

@@ -11,11 +11,14 @@ SKY = -1
 
 
 class Sources:
-    """All emitters of ``scene``, one after the other.
+    """All emitters of ``scene``, one after the other; a constant sky is apart.
 
     A sphere is sampled over the projected solid angle of its part above the horizon, so that a diffuse surface that
-    sees the whole source has no variance (Ureña and Georgiev 2018; Peters and Dachsbacher 2019); and so is a constant
-    sky, which is a sphere around everything. Any other emitter is sampled by its own ``sample_direction``.
+    sees the whole source has no variance (Ureña and Georgiev 2018; Peters and Dachsbacher 2019). Any other emitter is
+    sampled by its own ``sample_direction``.
+
+    A constant sky, which is a sphere around everything, is sampled by projected solid angle too, but for lobes that no
+    ray is drawn from: a ray that is drawn finds it at least as well, alone.
 
     Up to ``UNROLLED`` sources are written out in the kernel; more are visited by a loop, whose kernel does not depend
     on their number.
@@ -28,6 +31,7 @@ class Sources:
         self.emitters = sorted(scene.emitters(), key=is_sky)
         self.count = len(self.emitters)
         self.sky = self.emitters[-1] if self.emitters and is_sky(self.emitters[-1]) else None
+        self.lamps = self.count - (self.sky is not None)
         self.far = 2 * scene.bbox().bounding_sphere().radius
         self.jit = dr.is_jit_v(mi.Float)
         spheres = [sphere(emitter) for emitter in self.emitters]
@@ -55,9 +59,9 @@ class Sources:
         dr.make_opaque(self.centers, self.radii, self.index_of)
 
     def for_each(self, body, L, active):
-        """Folds ``L = body(k, emitter, center, radius, L)`` over the sources; ``radius`` is None or 0 where the source
-        is no sphere, and SKY for the sky."""
-        in_loop = self.count - (self.sky is not None) if self.jit and self.count > self.UNROLLED else 0
+        """Folds ``L = body(k, emitter, center, radius, L)`` over the sources but the sky; ``radius`` is None or 0 where
+        the source is no sphere."""
+        in_loop = self.lamps if self.jit and self.lamps > self.UNROLLED else 0
 
         def step(k, L):
             center = dr.gather(mi.Point3f, self.centers, k) if self.any_sphere else None
@@ -67,10 +71,8 @@ class Sources:
         if in_loop:
             count = dr.opaque(mi.UInt32, in_loop)
             _, L = dr.while_loop((mi.UInt32(0), L), lambda k, L: active & (k < count), step, labels=("k", "L"))
-        for k in range(in_loop, self.count):
-            emitter = self.emitters[k]
-            center, radius = (None, SKY) if emitter is self.sky else self.spheres[k] or (None, None)
-            L = body(k, emitter, center, radius, L)
+        for k in range(in_loop, self.lamps):
+            L = body(k, self.emitters[k], *(self.spheres[k] or (None, None)), L)
         return L
 
     def sample(self, emitter, center, radius, si, n, both_sides, sample, active, attached=False):
@@ -84,21 +86,37 @@ class Sources:
         """
         if radius is None:
             return self._sample_other(emitter, si, sample, active)
-        in_loop = self.jit and self.count > self.UNROLLED and radius is not SKY
-        is_ball = active if radius is SKY else active & (radius > 0)
+        in_loop = self.jit and self.lamps > self.UNROLLED
+        is_ball = active & (radius > 0)
         if both_sides is not False:
             is_ball = but_not(is_ball, both_sides)
-        ds = self._direction_to_sky(si, n, sample) if radius is SKY else direction_to_ball(si, center, radius, n, sample)
-        if attached and radius is not SKY:  # a drawn direction has no derivative, the area that it was drawn from has
+        ds = direction_to_ball(si, center, radius, n, sample)
+        if attached:  # a drawn direction has no derivative, the area that it was drawn from has
             ds.pdf = self._pdf_of_ball(si, center, radius, n, ds.d)
-        is_visible = is_ball & (ds.pdf > 0)
-        ds.emitter = mi.EmitterPtr(emitter) if self.jit else emitter
-        weight = emitter.eval_direction(si, ds, is_visible) / dr.select(is_visible, ds.pdf, 1)
-        ball = ds.d, ds.p, dr.select(is_visible, ds.pdf, 0), mi.Bool(False), dr.select(is_visible, weight, 0)
+        ball = self._weigh(emitter, si, ds, is_ball)
         if both_sides is not False or in_loop and self.any_other:
             other = self._sample_other(emitter, si, sample, but_not(active, is_ball))
             return tuple(dr.select(is_ball, a, b) for a, b in zip(ball, other))
         return ball
+
+    def sample_sky(self, si, n, both_sides, sample, active):
+        """The same for the sky."""
+        local = mi.warp.square_to_cosine_hemisphere(sample)
+        ds = direction_sample(si, mi.Frame3f(n).to_world(local))
+        ds.dist = mi.Float(self.far)
+        ds.p, ds.n, ds.pdf = si.p + ds.d * self.far, -ds.d, mi.warp.square_to_cosine_hemisphere_pdf(local)
+        above = self._weigh(self.sky, si, ds, active)
+        if both_sides is False:
+            return above
+        other = self._sample_other(self.sky, si, sample, active & both_sides)
+        return tuple(dr.select(both_sides, a, b) for a, b in zip(other, above))
+
+    def _weigh(self, emitter, si, ds, active):
+        """What :meth:`sample` returns for the direction ``ds``, drawn with the density ``ds.pdf``."""
+        is_visible = active & (ds.pdf > 0)
+        ds.emitter = mi.EmitterPtr(emitter) if self.jit else emitter
+        weight = emitter.eval_direction(si, ds, is_visible) / dr.select(is_visible, ds.pdf, 1)
+        return ds.d, ds.p, dr.select(is_visible, ds.pdf, 0), mi.Bool(False), dr.select(is_visible, weight, 0)
 
     @staticmethod
     def _sample_other(emitter, si, sample, active):
@@ -107,7 +125,7 @@ class Sources:
 
     def pdf(self, si, n, both_sides, ds, active):
         """Density, per solid angle, with which :meth:`sample` takes the direction ``ds`` at ``si`` towards the emitter
-        that it meets there."""
+        that it meets there; 0 for the sky."""
         if not self.any_sphere and self.sky is None:
             return ds.emitter.pdf_direction(si, ds, active)
         center, radius = self._ball_of(ds.emitter, active)
@@ -116,18 +134,12 @@ class Sources:
             is_ball = but_not(is_ball, both_sides)
         pdf = dr.select(is_ball, self._pdf_of_ball(si, center, radius, n, ds.d), 0)
         if self.sky is not None:
-            pdf = dr.select(is_ball & (radius == SKY), dr.maximum(dr.dot(n, ds.d), 0) * dr.inv_pi, pdf)
+            is_sky = active & (radius == SKY)
+            is_ball |= is_sky
+            pdf = dr.select(is_sky, 0, pdf)
         if self.any_other or both_sides is not False:
             pdf = dr.select(is_ball, pdf, ds.emitter.pdf_direction(si, ds, but_not(active, is_ball)))
         return pdf
-
-    def _direction_to_sky(self, si, n, sample):
-        """``mi.DirectionSample3f`` to the sky, by projected solid angle above the horizon of ``n``."""
-        local = mi.warp.square_to_cosine_hemisphere(sample)
-        ds = direction_sample(si, mi.Frame3f(n).to_world(local))
-        ds.dist = mi.Float(self.far)
-        ds.p, ds.n, ds.pdf = si.p + ds.d * self.far, -ds.d, mi.warp.square_to_cosine_hemisphere_pdf(local)
-        return ds
 
     @staticmethod
     def _pdf_of_ball(si, center, radius, n, d):

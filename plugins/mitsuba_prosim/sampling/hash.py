@@ -1,5 +1,8 @@
 """Integer hashes: what makes a sample a pure function of where it is taken."""
 
+#: 2^32 over the golden ratio: multiples of it are far apart.
+GOLDEN = 0x9E3779B9
+
 
 def hash32(x):
     """Hashes a 32-bit unsigned integer: the output permutation of PCG-RXS-M-XS-32 (O'Neill 2014; Jarzynski and Olano 2020).
@@ -13,5 +16,5 @@ def hash32(x):
 
 
 def combine(key, x):
-    """Hashes integer ``x`` under ``key``; different ``x`` give unrelated results. The factor is 2^32 over the golden ratio."""
-    return hash32((key + (x * 0x9E3779B9 & 0xFFFFFFFF)) & 0xFFFFFFFF)
+    """Hashes integer ``x`` under ``key``; different ``x`` give unrelated results."""
+    return hash32((key + (x * GOLDEN & 0xFFFFFFFF)) & 0xFFFFFFFF)

@@ -6,6 +6,7 @@ exactly once. Nothing is drawn from a stream: a sample is a pure function of (se
 does not depend on tiling, on the order of evaluation or on the number of workers.
 """
 
+import functools
 import itertools
 import math
 
@@ -13,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .hash import combine, hash32
+from .hash import GOLDEN, combine, hash32
 
 JITTERS = ("multi", "uniform")
 
@@ -26,30 +27,40 @@ def pixel_key(seed, pixel):
 class Permutations:
     """Random permutations of 0 .. n-1, as a table.
 
-    Up to n = 6 the table holds all n! permutations, above that 1024 of them, and each is turned by a random number of
+    Up to n = 6 the table holds all n! permutations; above that 1024 of them, and each is turned by a random number of
     places, so that every element is equally likely to stand in every place. (``mi.permute_kensler`` is five times
     slower, and its permutations of few elements are far from equally likely.)
 
     ``n``: number of elements, at least 1.
     """
 
+    ALL_UP_TO = 6
+
     def __init__(self, n):
         self.n = n
-        if n <= 6:
-            table = np.array(list(itertools.permutations(range(n))))
-        else:
-            table = np.argsort(hash32(np.arange(1024 * n, dtype=np.uint64)).reshape(1024, n), axis=1, kind="stable")
+        table = self._rows(n)
         self.count = len(table)
-        self.table = table.ravel().tolist()
+        self.table = table.ravel()
         if dr.is_jit_v(mi.UInt32):
             self.table = mi.UInt32(self.table)
             dr.make_opaque(self.table)
 
+    @classmethod
+    @functools.cache
+    def _rows(cls, n):
+        if n <= cls.ALL_UP_TO:
+            return np.array(list(itertools.permutations(range(n))), dtype=np.uint32)
+        keys = hash32(np.arange(1024 * n, dtype=np.uint64)).reshape(1024, n)
+        return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
+
     def __call__(self, h, i):
         """Place ``i`` (0 .. n-1) of the permutation that the hash ``h`` (32 bits) chooses."""
-        turned = i + scale(hash32(h), self.n)
-        place = scale(h, self.count) * self.n + dr.select(turned >= self.n, turned - self.n, turned)
-        return dr.gather(mi.UInt32, self.table, place) if dr.is_jit_v(mi.UInt32) else self.table[place]
+        row = scale(h, self.count) * self.n
+        if self.n > self.ALL_UP_TO:
+            # The row comes from the upper bits of the hash; the product's upper bits come from all.
+            i = i + scale(h * GOLDEN & 0xFFFFFFFF, self.n)
+            i = dr.select(i >= self.n, i - self.n, i)
+        return dr.gather(mi.UInt32, self.table, row + i) if dr.is_jit_v(mi.UInt32) else int(self.table[row + i])
 
 
 def scale(h, n):

@@ -129,12 +129,7 @@ class Transport:
             return L, hit, following, going, count, waiting, extra
 
         state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), waiting, extra)
-        if not (self.reflects or self.refracts):
-            return step(*state)[:2]
-        L, hit, *_ = dr.while_loop(
-            state, lambda L, hit, ray, active, *_: active, step,
-            labels=("L", "hit", "ray", "active", "count", "waiting", "extra"), mode=self.loop_mode)
-        return L, hit
+        return self._walk(step, state, ("count", "waiting", "extra"), camera, branches=bool(waiting))
 
     def _path(self, first, camera, points, active, extra):
         """Kajiya's path: at each surface one ray goes on, also from a diffuse component."""
@@ -175,9 +170,26 @@ class Transport:
             return L, hit, following, going, diffuse, eta, extra
 
         state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), mi.Float(1), extra)
-        L, hit, *_ = dr.while_loop(
-            state, lambda L, hit, ray, active, *_: active, step,
-            labels=("L", "hit", "ray", "active", "diffuse", "eta", "extra"), mode=self.loop_mode)
+        return self._walk(step, state, ("diffuse", "eta", "extra"), camera)
+
+    def _walk(self, step, state, labels, camera, branches=False):
+        """``(L, hit)`` after ``step`` by ``step`` from node to node.
+
+        Rays below the deepest level can only end in a source. Where no tree ``branches``, they are traced after the
+        loop, which spares all other lanes a round.
+        """
+        max_level = self.integrator.max_level
+        ends = max_level >= 0 and not branches
+        if ends and max_level == 0:
+            state = step(*state)
+        else:
+            state = dr.while_loop(
+                state, lambda L, hit, ray, active, *_: active & (ray.level <= max_level) if ends else active, step,
+                labels=("L", "hit", "ray", "active", *labels), mode=self.loop_mode)
+        L, hit, ray, active = state[:4]
+        if ends and not self.sources.only_points:
+            _, si = self.meet(ray, camera, active)
+            L += ray.throughput * self.emission(ray, si, active)
         return L, hit
 
     # ---------------------------------------------------------------- one node
@@ -192,8 +204,7 @@ class Transport:
         Returns ``(L, si, bsdf, surface)``, ``surface`` being the lanes that met one.
         """
         it = self.integrator
-        ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
-        si = self.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
+        ray3, si = self.meet(ray, camera, active)
         if it.hides_emitters and not self.sources.only_points:
             si = self.past_emitters(ray3, si, active & (ray.level == 0))
         surface = active & si.is_valid()
@@ -215,6 +226,11 @@ class Transport:
             L += dr.select(has, bsdf.eval_attribute("ambient", si, has) * it.ambient.eval(si, has), 0)
         L += self.direct(ray, si, bsdf, points, surface_inside)
         return ray.throughput * L, si, bsdf, surface
+
+    def meet(self, ray, camera, active):
+        """The ``mi.Ray3f`` of a :class:`Ray`, and its interaction with the scene."""
+        ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
+        return ray3, self.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
     def past_emitters(self, ray, si, active):
         """The interaction behind all emitters that the camera ray ``ray`` meets first."""

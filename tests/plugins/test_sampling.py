@@ -33,6 +33,15 @@ def test_multi_jitter_fills_all_strata_of_each_axis(variant_rgb):
     assert np.all(strata == np.arange(25)[:, None])
 
 
+def test_multi_jitter_is_correlated(variant_rgb):
+    """Kensler 2013: the place within a row's strata depends on the column alone, and the other way round."""
+    points = pattern(5, 50).reshape(50, 25, 2)
+    cell, place = np.floor(points * 5).astype(int), np.floor(points * 25).astype(int) % 5
+    for axis in (0, 1):
+        pairs = cell[..., 1 - axis] * 5 + place[..., axis]
+        assert all(len(np.unique(p)) == 5 for p in pairs)
+
+
 def test_columns_turn_by_one(variant_rgb):
     """Figure 5.11: in each row the column moves by one from pass to pass."""
     cells = np.floor(pattern(5, 20) * 5).astype(int)

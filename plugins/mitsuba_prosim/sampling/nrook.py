@@ -79,7 +79,7 @@ class NRook:
     ``permutations``: :class:`Permutations` of N; ``key``: :func:`pixel_key`; ``r``: pass, ``i``: index in the pass,
     both 0 .. N-1, integers or Dr.Jit arrays; ``jitter``: ``"uniform"`` places the sample anywhere in its cell, as the
     thesis does; ``"multi"`` so that the N² samples of all passes also fill all N² strata of each axis (multi-jittered:
-    Chiu, Shirley and Wang 1994).
+    Chiu, Shirley and Wang 1994; Kensler 2013).
     """
 
     def __init__(self, permutations, key, r, i, jitter="multi"):
@@ -97,8 +97,10 @@ class NRook:
         h = combine(h_pass, self.i + n)
         u, v = to_unit(h), to_unit(hash32(h))
         if self.jitter == "multi":
-            u = (permute(combine(h_space, row + 0x10000), col) + u) / n
-            v = (permute(combine(h_space, col + 0x20000), row) + v) / n
+            # All rows share one permutation, and all columns one: correlated multi-jitter, which keeps points apart
+            # (Kensler 2013).
+            u = (permute(combine(h_space, n + 1), col) + u) / n
+            v = (permute(combine(h_space, n + 2), row) + v) / n
         below_one = 1 - 2.0 ** -24
         return mi.Point2f(dr.minimum((row + u) / n, below_one), dr.minimum((col + v) / n, below_one))
 

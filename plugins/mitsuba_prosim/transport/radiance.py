@@ -262,6 +262,8 @@ class Transport:
             return mi.Spectrum(0)
         L = emitter.eval(si, active)
         shared = active & (ray.pdf > 0)
+        if self.sources.sky is not None:
+            shared &= si.is_valid()
         origin = dr.zeros(mi.Interaction3f)
         origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
         ds = mi.DirectionSample3f(self.scene, si, origin)

@@ -125,18 +125,14 @@ class Sources:
 
     def pdf(self, si, n, both_sides, ds, active):
         """Density, per solid angle, with which :meth:`sample` takes the direction ``ds`` at ``si`` towards the emitter
-        that it meets there; 0 for the sky."""
-        if not self.any_sphere and self.sky is None:
+        that it meets there; not for the sky."""
+        if not self.any_sphere:
             return ds.emitter.pdf_direction(si, ds, active)
         center, radius = self._ball_of(ds.emitter, active)
         is_ball = active & (radius != 0)
         if both_sides is not False:
             is_ball = but_not(is_ball, both_sides)
         pdf = dr.select(is_ball, self._pdf_of_ball(si, center, radius, n, ds.d), 0)
-        if self.sky is not None:
-            is_sky = active & (radius == SKY)
-            is_ball |= is_sky
-            pdf = dr.select(is_sky, 0, pdf)
         if self.any_other or both_sides is not False:
             pdf = dr.select(is_ball, pdf, ds.emitter.pdf_direction(si, ds, but_not(active, is_ball)))
         return pdf

@@ -32,7 +32,7 @@ class Prosim(mi.SamplingIntegrator):
 
      * - adaptive
        - |string|
-       - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the eight pixels around it are noisy.
+       - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the 24 pixels around it are noisy.
          :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet. :monosp:`none`: always
          :math:`N^2`. (Default: :monosp:`neighbours`)
 

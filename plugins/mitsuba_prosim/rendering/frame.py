@@ -175,8 +175,8 @@ class Frame:
         it = self.integrator
         if it.adaptive == "neighbours" and self.first_passes < self.most_passes:
             # The neighbours around the band are taken too: samples are pure, so they are the same as in their own band.
-            outer = (max(band[0] - 1, self.domain[0]), max(band[1] - 1, self.domain[1]),
-                     min(band[2] + 1, self.domain[2]), min(band[3] + 1, self.domain[3]))
+            outer = (max(band[0] - adaptive.REACH, self.domain[0]), max(band[1] - adaptive.REACH, self.domain[1]),
+                     min(band[2] + adaptive.REACH, self.domain[2]), min(band[3] + adaptive.REACH, self.domain[3]))
             x, y, width, height = pixels(outer)
             sums, statistics, count = self.passes(x, y, 0, self.first_passes)
             dr.eval(sums, statistics, count)

@@ -129,6 +129,8 @@ class Transport:
             return L, hit, following, going, count, waiting, extra
 
         state = (mi.Spectrum(0), mi.Bool(False), first, active, mi.UInt32(0), waiting, extra)
+        if not (self.reflects or self.refracts):
+            return step(*state)[:2]
         return self._walk(step, state, ("count", "waiting", "extra"), camera, branches=bool(waiting))
 
     def _path(self, first, camera, points, active, extra):

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
+from mitsuba_prosim.rendering.camera import ray_sampler
 from scenes import alone, penumbra, rgb
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
@@ -173,18 +174,31 @@ def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
 
 
 def test_nothing_is_compiled_again(variant_rgb):
-    """Seeds, bands, passes and thresholds share their kernels. (Mitsuba's camera makes a constant of the film's size.)"""
-    def misses(seed, **settings):
+    """Seeds, bands, passes, thresholds and resolutions share their kernels."""
+    def misses(seed, film={}, **settings):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            render(penumbra(COPPER, type="prosim", **settings), seed=seed)
+            render(penumbra(COPPER, type="prosim", **settings), seed=seed, **film)
             history = dr.kernel_history([dr.KernelType.JIT])
         return sum(not kernel["cache_hit"] for kernel in history)
     misses(1)
     assert misses(2) == 0
     assert misses(3, threshold=0.001) == 0
+    assert misses(4, film={"width": 37, "height": 23}) == 0
     misses(4, band=300)  # bands but the last wait for each other: what waits is another kernel
     assert misses(5, band=200) == 0
+
+
+def test_rays_are_those_of_the_perspective_camera(variant_rgb):
+    """But for the rounding; with an off-centre view, that Mitsuba's own method would compile for each resolution."""
+    sensor = mi.load_dict({"type": "perspective", "fov": 50, "near_clip": 0.5, "far_clip": 90,
+                           "principal_point_offset_x": 0.2, "principal_point_offset_y": -0.1,
+                           "to_world": mi.ScalarTransform4f().look_at([1, 2, 3], [0, 0.5, 0], [0, 1, 0]),
+                           "film": {"type": "hdrfilm", "width": 30, "height": 20}})
+    position = mi.Point2f([0, 0.3, 1], [0, 0.8, 1])
+    ours, theirs = (f(0.5, 0.5, position, mi.Point2f(0))[0] for f in (ray_sampler(sensor), sensor.sample_ray))
+    for a, b in ((ours.o, theirs.o), (ours.d, theirs.d), (ours.maxt, theirs.maxt), (ours.time, theirs.time)):
+        assert dr.allclose(a, b, rtol=1e-5)
 
 
 def test_seed_as_an_array(variant_rgb):

@@ -4,6 +4,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..transport.radiance import Transport
+from .camera import ray_sampler
 from .frame import Frame
 from .window import pixels, uncropped
 
@@ -33,6 +34,7 @@ class DifferentiableFrame(Frame):
         width, height = (int(v) for v in self.film.crop_size())
         x, y, *_ = pixels((x0, y0, x0 + width, y0 + height))
         with uncropped(self.sensor):
+            self.sample_ray = ray_sampler(self.sensor)
             for r in range(self.most_passes):
                 taken = dr.compress(self.counts > r * self.n + 0.5)
                 if dr.width(taken) == 0:

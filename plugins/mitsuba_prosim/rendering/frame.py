@@ -6,6 +6,7 @@ import mitsuba as mi
 from ..sampling import adaptive
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 from ..transport.radiance import LENS, PIXEL, TIME_AND_WAVELENGTH, Transport
+from .camera import ray_sampler
 from .window import Image, pixels, uncropped
 
 #: Pixels beyond the film that may have a number of their own (for films with ``sample_border``).
@@ -47,7 +48,7 @@ class Frame:
         if moving:
             time += other.x * self.sensor.shutter_open_time()
         on_film = (mi.Point2f(mi.Float(x), mi.Float(y)) + position) * self.inverse_size
-        ray, weight = self.sensor.sample_ray(time, other.y, on_film, lens)
+        ray, weight = self.sample_ray(time, other.y, on_film, lens)
         return ray, weight, position
 
     def sample(self, x, y, r, i):
@@ -149,6 +150,7 @@ class Frame:
         own_aovs = ["samples"] if keep_counts else self.integrator.own_aovs
         self.image = image = Image(window, channels, len(own_aovs))
         with uncropped(self.sensor):
+            self.sample_ray = ray_sampler(self.sensor)
             for begin in range(top, bottom, rows):
                 if self.integrator.cancelled:
                     break

@@ -1,0 +1,32 @@
+"""Camera rays whose code does not depend on the film's size."""
+
+import drjit as dr
+import mitsuba as mi
+
+
+def ray_sampler(sensor):
+    """What ``sensor.sample_ray`` is, for a film without a crop window.
+
+    Mitsuba's perspective camera has the film's size as a constant in its code, so that each resolution would be
+    compiled anew: its rays are made here, by its own matrices.
+    """
+    if sensor.class_name() != "PerspectiveCamera":
+        return sensor.sample_ray
+    params = mi.traverse(sensor)
+    offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
+    to_camera, to_world = sensor.projection_transform().inverse(), sensor.world_transform()
+    near, far = dr.opaque(mi.Float, sensor.near_clip()), dr.opaque(mi.Float, sensor.far_clip())
+    dr.make_opaque(to_camera, offset)
+
+    def sample_ray(time, wavelength_sample, position, _):
+        wavelengths, weight = sensor.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample)
+        on_near = to_camera @ mi.Point3f(position.x + offset.x, position.y + offset.y, 0)
+        d = dr.normalize(mi.Vector3f(on_near))
+        ray = dr.zeros(mi.Ray3f)
+        ray.time, ray.wavelengths = time, wavelengths
+        ray.d = to_world @ d
+        ray.o = to_world.translation() + ray.d * (near / d.z)
+        ray.maxt = (far - near) / d.z
+        return ray, weight
+
+    return sample_ray

@@ -6,10 +6,6 @@ import mitsuba as mi
 from ..sampling.spherical_cap import pdf_projected_cap, sample_projected_cap
 from .masks import but_not
 
-#: The "radius" of a constant sky.
-SKY = -1
-
-
 class Sources:
     """All emitters of ``scene``, one after the other; a constant sky is apart.
 
@@ -50,7 +46,7 @@ class Sources:
         in_scene = scene.emitters()
         order = mi.UInt32([in_scene.index(emitter) for emitter in self.emitters])
         self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
-        balls = [s or (mi.Point3f(0), mi.Float(SKY if e is self.sky else 0)) for s, e in zip(self.spheres, self.emitters)]
+        balls = [s or (mi.Point3f(0), mi.Float(0)) for s in self.spheres]
         self.centers = mi.Point3f(*(dr.concat([mi.Float(c[axis]) for c, _ in balls]) for axis in range(3)))
         self.radii = dr.concat([mi.Float(r) for _, r in balls])
         identity = dr.reinterpret_array(mi.UInt32, self.pointers)
@@ -129,7 +125,7 @@ class Sources:
         if not self.any_sphere:
             return ds.emitter.pdf_direction(si, ds, active)
         center, radius = self._ball_of(ds.emitter, active)
-        is_ball = active & (radius != 0)
+        is_ball = active & (radius > 0)
         if both_sides is not False:
             is_ball = but_not(is_ball, both_sides)
         pdf = dr.select(is_ball, self._pdf_of_ball(si, center, radius, n, ds.d), 0)
@@ -162,7 +158,7 @@ class Sources:
         """Center and radius of the source ``emitter`` (a pointer); radius 0 where it is no sphere."""
         if not self.jit:
             ball = self.spheres[self.emitters.index(emitter)] if active else None
-            return ball or (mi.Point3f(0), mi.Float(SKY if active and emitter == self.sky else 0))
+            return ball or (mi.Point3f(0), mi.Float(0))
         index = dr.gather(mi.UInt32, self.index_of, dr.reinterpret_array(mi.UInt32, emitter), active)
         return dr.gather(mi.Point3f, self.centers, index, active), dr.gather(mi.Float, self.radii, index, active)
 

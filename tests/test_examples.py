@@ -79,7 +79,9 @@ def regions(converged):
     outline = ndimage.gaussian_gradient_magnitude(extended, 0.5) > 0.06
     near = ndimage.binary_dilation(outline, iterations=2)
     penumbra = (np.abs(extended - point) > 0.03) & ~near
-    flat = (np.abs(extended - point) < 0.001) & ~near & (ndimage.gaussian_gradient_magnitude(extended, 0.5) < 0.01)
+    # A pixel is flat if the 5 x 5 around it are, as far as the criterion looks.
+    uneven = (np.abs(extended - point) >= 0.001) | (ndimage.gaussian_gradient_magnitude(extended, 0.5) >= 0.01)
+    flat = ~ndimage.binary_dilation(outline | uneven, np.ones((5, 5)))
     assert min(outline.sum(), penumbra.sum(), flat.sum()) > 500
     return outline, penumbra, flat
 

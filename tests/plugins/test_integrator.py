@@ -175,16 +175,16 @@ def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
 
 def test_nothing_is_compiled_again(variant_rgb):
     """Seeds, bands, passes, thresholds and resolutions share their kernels."""
-    def misses(seed, film={}, **settings):
+    def misses(seed, size=(32, 32), **settings):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            render(penumbra(COPPER, type="prosim", **settings), seed=seed, **film)
+            render(penumbra(COPPER, type="prosim", **settings), seed=seed, width=size[0], height=size[1])
             history = dr.kernel_history([dr.KernelType.JIT])
         return sum(not kernel["cache_hit"] for kernel in history)
     misses(1)
     assert misses(2) == 0
     assert misses(3, threshold=0.001) == 0
-    assert misses(4, film={"width": 37, "height": 23}) == 0
+    assert misses(4, size=(37, 23)) == 0
     misses(4, band=300)  # bands but the last wait for each other: what waits is another kernel
     assert misses(5, band=200) == 0
 

@@ -6,6 +6,7 @@ import mitsuba as mi
 from ..sampling.spherical_cap import pdf_projected_cap, sample_projected_cap
 from .masks import but_not
 
+
 class Sources:
     """All emitters of ``scene``, one after the other; a constant sky is apart.
 

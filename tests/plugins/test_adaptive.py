@@ -1,0 +1,49 @@
+"""The criteria that say which pixels need more samples (sections 4.2.1.1, 5.3.2)."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.sampling import adaptive
+
+
+@pytest.mark.parametrize("shape", [(7, 9), (3, 3), (1, 6), (2, 1)])
+def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
+    """By NumPy: samples of the 5 x 5 pixels around, mirrored at the border, without the pixel itself."""
+    rng, n, reach = np.random.default_rng(1), 5, adaptive.REACH
+    samples = rng.random((*shape, n))
+    height, width = shape
+
+    def mirrored(i, size):
+        return min(max(size - 1 - abs(size - 1 - abs(i)), 0), size - 1)
+
+    expected = np.empty(shape)
+    for y in range(height):
+        for x in range(width):
+            around = np.concatenate([samples[mirrored(y + dy, height), mirrored(x + dx, width)]
+                                     for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1) if dx or dy])
+            expected[y, x] = np.sqrt(around.var() / n) / (2 * np.sqrt(around.mean() + 0.01))
+    error = adaptive.error_of_neighbours(
+        mi.Float(samples.sum(2).ravel()), mi.Float((samples**2).sum(2).ravel()), mi.Float(n),
+        dr.opaque(mi.UInt32, width), dr.opaque(mi.UInt32, height))
+    assert np.allclose(np.array(error), expected.ravel(), rtol=1e-4)
+
+
+def test_a_pixel_has_no_say_in_its_own_samples(variant_rgb):
+    """Else the image would be biased (Kirk and Arvo 1991)."""
+    size = 11
+    total = np.full((size, size), 0.5)
+    total[5, 5] = 100
+    error = np.array(adaptive.error_of_neighbours(
+        mi.Float(total.ravel()), mi.Float((total**2).ravel()), mi.Float(1), dr.opaque(mi.UInt32, size),
+        dr.opaque(mi.UInt32, size))).reshape(size, size)
+    noisy = np.zeros((size, size), dtype=bool)
+    noisy[3:8, 3:8] = True
+    noisy[5, 5] = False
+    assert np.array_equal(error > 1e-2, noisy)
+
+
+def test_standard_error(variant_rgb):
+    values = np.random.default_rng(2).random((50, 9))
+    error = adaptive.standard_error(mi.Float(values.sum(1)), mi.Float((values**2).sum(1)), mi.Float(9))
+    assert np.allclose(np.array(error), values.std(1, ddof=1) / 3, rtol=1e-4)

@@ -10,7 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 from mitsuba_prosim.compare.runs import Contestant
-from mitsuba_prosim.compare.scenes import Scene
+from mitsuba_prosim.compare.scenes import Scene, seen_by
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
 
@@ -125,7 +125,9 @@ class Built:
             "film": {"type": "hdrfilm", "width": self.size, "height": self.size, "pixel_format": "rgb",
                      "rfilter": {"type": "box"}},
             "sampler": {"type": sampler or "independent"}}
-        return mi.load_dict({"type": "scene"} | scene)
+        sensor = mi.load_dict(scene["sensor"])
+        shared = next(iter(self.scenes.values()), None)
+        return seen_by(sensor, shared) if shared else mi.load_dict({"type": "scene"} | scene | {"sensor": sensor})
 
     def contestant(self, spec, _, spp=0, **overrides):
         settings = {"type": spec.integrator} | self.parameters[spec.integrator] | overrides | spec.parameters

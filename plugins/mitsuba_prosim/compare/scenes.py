@@ -54,7 +54,7 @@ class Scene:
             with session.search_paths(first=[self.xml.parent, self.path.parent]):
                 scene = session.instantiate(self._parse(sampler))
             session.pick_sensor(scene, 0)
-            self.loaded[sampler] = scene
+            self.loaded[sampler] = scene if sampler is None else seen_by(scene.sensors()[0], self._instance(None))
         return self.loaded[sampler]
 
     def _key(self, state):
@@ -72,19 +72,21 @@ class Scene:
     def scene(self, sampler=None, lit_by_background=False):
         """The scene with another sampler, and the integrator's background made an emitter, as other integrators need
         it to be."""
-        scene = self._instance(sampler)
         if not lit_by_background or self.background is None:
-            return scene
+            return self._instance(sampler)
         key = sampler, "lit"
         if key not in self.loaded:
-            parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
-            parts |= {f"emitter_{i}": e for i, e in enumerate(scene.emitters()) if e.get_shape() is None}
             if self.background.is_spatially_varying():
                 light = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(self.background)["data"])}
             else:
                 light = {"type": "constant", "radiance": self.background}
-            self.loaded[key] = mi.load_dict({"type": "scene", "sensor": scene.sensors()[0], "background": light, **parts})
+            lit = self.loaded.get((None, "lit")) or seen_by(self._sensor(None), self._instance(None), background=light)
+            self.loaded[None, "lit"] = lit
+            self.loaded[key] = lit if sampler is None else seen_by(self._sensor(sampler), lit)
         return self.loaded[key]
+
+    def _sensor(self, sampler):
+        return self._instance(sampler).sensors()[0]
 
     def contestant(self, spec, transport, **overrides):
         """The :class:`Contestant` that ``spec`` describes, under a ``transport``: "scene" (what the scene file says), or
@@ -112,6 +114,17 @@ class Scene:
         elif not spp:
             spp = scene.sensors()[0].sampler().sample_count()
         return Contestant(spec.text, scene, mi.load_dict(settings), spp, counting)
+
+
+def seen_by(sensor, scene, **more):
+    """A scene of the parts of ``scene`` and ``more``, with ``sensor``.
+
+    The parts are shared, not loaded again: Dr.Jit traces and compiles every BSDF and emitter that is alive, in whichever
+    scene, for every image.
+    """
+    parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
+    parts |= {f"emitter_{i}": e for i, e in enumerate(scene.emitters()) if e.get_shape() is None}
+    return mi.load_dict({"type": "scene", "sensor": sensor, **parts, **more})
 
 
 class Spec:

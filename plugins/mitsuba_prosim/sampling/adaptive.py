@@ -36,18 +36,20 @@ def error_of_neighbours(total, squares, count, width, height):
     1991). ``total``, ``squares``: sums of the luminance and of its square over ``count`` samples, one entry a pixel,
     row by row; ``width``, ``height``: opaque integers. Beyond the border lies the mirror image.
     """
-    mean, square = total / count, squares / count
     width, height = mi.Int32(width), mi.Int32(height)
     i = dr.arange(mi.Int32, dr.width(total))
     y = i // width
     x = i - y * width
-    around = [(dx, dy) for dy in range(-REACH, REACH + 1) for dx in range(-REACH, REACH + 1) if dx or dy]
-    first, second = mi.Float(0), mi.Float(0)
-    for dx, dy in around:
-        neighbour = mirror(y + dy, height) * width + mirror(x + dx, width)
-        first += dr.gather(mi.Float, mean, neighbour)
-        second += dr.gather(mi.Float, square, neighbour)
-    first, second = first / len(around), second / len(around)
+    steps = [k for k in range(-REACH, REACH + 1) if k]
+    # First along the rows, then along the columns of their sums; the middle row is taken without the pixel.
+    beside = [sum(dr.gather(mi.Float, values, y * width + mirror(x + k, width)) for k in steps)
+              for values in (total, squares)]
+    rows = [sums + values for sums, values in zip(beside, (total, squares))]
+    dr.eval(beside, rows)
+    first, second = (sums + sum(dr.gather(mi.Float, row, mirror(y + k, height) * width + x) for k in steps)
+                     for sums, row in zip(beside, rows))
+    taken = count * ((2 * REACH + 1) ** 2 - 1)
+    first, second = first / taken, second / taken
     return in_display_units(dr.sqrt(dr.maximum(second - dr.square(first), 0) / count), first)
 
 

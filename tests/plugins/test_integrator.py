@@ -174,19 +174,33 @@ def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
 
 
 def test_nothing_is_compiled_again(variant_rgb):
-    """Seeds, bands, passes, thresholds and resolutions share their kernels."""
-    def misses(seed, size=(32, 32), **settings):
+    """Seeds, bands, passes and thresholds share their kernels."""
+    def misses(seed, **settings):
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            render(penumbra(COPPER, type="prosim", **settings), seed=seed, width=size[0], height=size[1])
+            render(penumbra(COPPER, type="prosim", **settings), seed=seed)
             history = dr.kernel_history([dr.KernelType.JIT])
         return sum(not kernel["cache_hit"] for kernel in history)
     misses(1)
     assert misses(2) == 0
     assert misses(3, threshold=0.001) == 0
-    assert misses(4, size=(37, 23)) == 0
     misses(4, band=300)  # bands but the last wait for each other: what waits is another kernel
     assert misses(5, band=200) == 0
+
+
+@pytest.mark.parametrize("sensor", ["perspective", "thinlens", "prosim_window"])
+def test_resolutions_share_their_kernels(variant_rgb, sensor):
+    def misses(width, height):
+        scene = penumbra(type="prosim")
+        scene["sensor"] |= {"type": sensor} | ({"aperture_radius": 0.1} if sensor == "thinlens" else {})
+        if sensor == "prosim_window":
+            del scene["sensor"]["fov"]
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            render(scene, width=width, height=height)
+            return sum(not kernel["cache_hit"] for kernel in dr.kernel_history([dr.KernelType.JIT]))
+    misses(31, 31)
+    assert misses(40, 29) == 0
 
 
 def test_rays_are_those_of_the_perspective_camera(variant_rgb):

@@ -73,7 +73,8 @@ class Window(mi.Sensor):
     def direction(self, position):
         """Unit direction in the eye's space through a point of the crop window, in [0, 1]^2 from its upper left corner."""
         film = self.film()
-        x, y = [(p * float(crop) + float(offset)) / float(size) for p, offset, crop, size in
+        # Without a crop window this leaves the film's size out of the code, so that all resolutions share their kernels.
+        x, y = [p * (float(crop) / float(size)) + float(offset) / float(size) for p, offset, crop, size in
                 zip((position.x, position.y), film.crop_offset(), film.crop_size(), film.size())]
         return dr.normalize(mi.Vector3f(-dr.lerp(self.left, self.right, x), dr.lerp(self.top, self.bottom, y), 1))
 

@@ -460,14 +460,14 @@ def test_derivatives_match_finite_differences(variant_rgb, key, ball, settings):
         sides = []
         for e in (h, -h):
             change(e)
-            sides.append(weighted_mean(mi.render(scene, seed=seed, spp=256)).array[0])
+            sides.append(weighted_mean(mi.render(scene, seed=seed, spp=144)).array[0])
         return (sides[0] - sides[1]) / (2 * h)
 
     def derivative(seed, forward):
         e = mi.Float(0)
         dr.enable_grad(e)
         change(e)
-        loss = weighted_mean(mi.render(scene, params, seed=seed, seed_grad=seed + 50, spp=4, spp_grad=144))
+        loss = weighted_mean(mi.render(scene, params, seed=seed, seed_grad=seed + 50, spp=144, spp_grad=144))
         if forward:
             dr.forward(e)
             return dr.grad(loss).array[0]

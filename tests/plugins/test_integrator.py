@@ -173,14 +173,18 @@ def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
     assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
 
 
+def compiled(scene, seed=0, **film):
+    """Number of kernels that rendering ``scene`` compiles."""
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        render(scene, seed=seed, **film)
+        return sum(not kernel["cache_hit"] for kernel in dr.kernel_history([dr.KernelType.JIT]))
+
+
 def test_nothing_is_compiled_again(variant_rgb):
     """Seeds, bands, passes and thresholds share their kernels."""
     def misses(seed, **settings):
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            render(penumbra(COPPER, type="prosim", **settings), seed=seed)
-            history = dr.kernel_history([dr.KernelType.JIT])
-        return sum(not kernel["cache_hit"] for kernel in history)
+        return compiled(penumbra(COPPER, type="prosim", **settings), seed)
     misses(1)
     assert misses(2) == 0
     assert misses(3, threshold=0.001) == 0
@@ -190,17 +194,12 @@ def test_nothing_is_compiled_again(variant_rgb):
 
 @pytest.mark.parametrize("sensor", ["perspective", "thinlens", "prosim_window"])
 def test_resolutions_share_their_kernels(variant_rgb, sensor):
-    def misses(width, height):
-        scene = penumbra(type="prosim")
-        scene["sensor"] |= {"type": sensor} | ({"aperture_radius": 0.1} if sensor == "thinlens" else {})
-        if sensor == "prosim_window":
-            del scene["sensor"]["fov"]
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            render(scene, width=width, height=height)
-            return sum(not kernel["cache_hit"] for kernel in dr.kernel_history([dr.KernelType.JIT]))
-    misses(31, 31)
-    assert misses(40, 29) == 0
+    scene = penumbra(type="prosim")
+    scene["sensor"] |= {"type": sensor} | ({"aperture_radius": 0.1} if sensor == "thinlens" else {})
+    if sensor == "prosim_window":
+        del scene["sensor"]["fov"]
+    compiled(scene, width=31, height=31)
+    assert compiled(scene, width=40, height=29) == 0
 
 
 def test_rays_are_those_of_the_perspective_camera(variant_rgb):

@@ -24,8 +24,9 @@ def render(scene, seed=0, spp=0, **film):
 @pytest.mark.parametrize("rfilter", ["box", "gaussian", "mitchell"])
 def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
     direct = renderings(penumbra(rfilter=rfilter, type="direct"), 16, spp=36)
-    ours = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive="none"), 16, spp=36)
-    assert same_expectation(direct, ours)
+    for adaptive in ("none", "neighbours"):
+        ours = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive=adaptive), 16, spp=36)
+        assert same_expectation(direct, ours)
 
 
 @pytest.mark.parametrize("ball", [COPPER, {**COPPER, "alpha": 0.004}, {"type": "conductor", "material": "Cu"},

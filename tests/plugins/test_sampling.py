@@ -77,12 +77,15 @@ def test_permutations_are_equally_likely(variant_rgb):
 
 
 def test_samples_are_uniform_and_spaces_independent(variant_rgb):
-    """Kolmogorov-Smirnov and correlation at significance 0.001; the samples of one pass and index over many pixels."""
+    """Kolmogorov-Smirnov, correlation and chi² of the cells at significance 0.001; the samples of one pass and index
+    over many pixels."""
     a, b = (pattern(4, 20000, space=space)[:, 1, 2] for space in (3, 4))
     for values in (a[:, 0], a[:, 1], b[:, 0]):
         assert stats.kstest(values, "uniform").pvalue > 0.001
     for u, v in ((a[:, 0], a[:, 1]), (a[:, 0], b[:, 0]), (a[:, 1], b[:, 0])):
         assert stats.pearsonr(u, v).pvalue > 0.001
+    cells = [np.floor(points * 4).astype(int) @ [4, 1] for points in (a, b)]
+    assert stats.chi2_contingency(stats.contingency.crosstab(*cells).count).pvalue > 0.001
 
 
 def test_scalar_samples_are_those_of_the_vectorised_variants():

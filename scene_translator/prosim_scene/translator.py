@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from . import geometry, lights, materials, mesh, stock, view, xml
+from . import lights, materials, mesh, stock, view, xml
 from .errors import SceneError
 from .model import Leaf, Texture
 from .reader import parse, read
+from .solids import TOLERANCE, tessellate
+from .solids.transforms import matrix
 from .textures import rgb
 from .xml import Comment, Default
 
@@ -35,7 +37,7 @@ class _Translation:
         if resolution is not None and min(resolution) < 1:
             raise ValueError(f"resolution is {resolution!r}; expected a width and a height of 1 or more")
         self.scene, self.folder, self.target, self.light_units = scene, Path(folder), target, light_units
-        self.tolerance = geometry.TOLERANCE if tolerance is None else tolerance
+        self.tolerance = TOLERANCE if tolerance is None else tolerance
         self.samples = samples or scene.samples
         self.allow_outside = allow_outside
         self.camera = view.camera(scene, tuple(resolution) if resolution else None)
@@ -81,7 +83,7 @@ class _Translation:
         for leaf in scene.csg:
             if isinstance(leaf, Leaf):
                 alike.setdefault(self.material_key(leaf), []).append(leaf)
-        triangles = geometry.triangles(scene, self.camera, self.tolerance, self.medium, self.material_key)
+        surfaces = tessellate(scene, self.camera, self.tolerance, self.medium, self.material_key)
 
         maker = stock if self.target == "stock" else prosim
         result = {"type": "scene"} | maker.settings(self, image_path)
@@ -92,14 +94,14 @@ class _Translation:
             result[f"light_{i}"] = maker.light(self, light)
         meshes = {}
         for key, leaves in alike.items():
-            if key not in triangles:
+            if key not in surfaces:
                 continue
             leaf = leaves[0]
             surface, slots = scene.surfaces[leaf.index], key[1]
             name = f"surface_{leaf.index}"
             while name in meshes:
                 name += "_"
-            meshes[name] = triangles[key], slots[0] is not None
+            meshes[name] = surfaces[key], slots[0] is not None
             bearers = ", ".join(f"{x.shape.upper()} {x.index}" for x in leaves[:3]) + (", ..." if len(leaves) > 3 else "")
             result[name + "_comment"] = self.comment(f"SURFACE {leaf.index} of {bearers}", surface)
             result[name] = {"type": "ply", "filename": mesh_path(name),
@@ -145,7 +147,7 @@ class prosim:
 
     @staticmethod
     def surface(translation, leaf, surface, slots, images):
-        inverse = np.linalg.inv(geometry.matrix(translation.scene.transforms[leaf.index])) if slots[1] else None
+        inverse = np.linalg.inv(matrix(translation.scene.transforms[leaf.index])) if slots[1] else None
         return {"bsdf": materials.bsdf(translation.scene, surface, slots, inverse, images, translation.approximate)}
 
 

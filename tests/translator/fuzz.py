@@ -12,10 +12,11 @@ import atheris
 
 with atheris.instrument_imports():
     import prosim_scene
-    from prosim_scene import geometry, translator
+    from prosim_scene import translator
+    from prosim_scene.solids.primitives import primitive
 
 warnings.simplefilter("ignore")
-geometry.MAX_SEGMENTS = 16  # speed
+primitive.MAX_SEGMENTS = 16  # speed
 
 
 def one_input(data):

@@ -7,7 +7,11 @@ import warnings
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneWarning, csg, geometry, translator
+from prosim_scene import SceneWarning, translator
+from prosim_scene.model import Leaf, Operator
+from prosim_scene.solids import csg, media, parts, tessellate
+from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
+from prosim_scene.solids.transforms import matrix
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 
@@ -25,7 +29,7 @@ def solids(text, tolerance=0.05):
     """{index of the first leaf with that look: Triangles} of a scene."""
     parsed = prosim_scene.parse(text, "test.scn")
     translation = translator._Translation(parsed, ".", tolerance=tolerance)
-    found = geometry.triangles(parsed, translation.camera, tolerance, translation.medium, translation.material_key)
+    found = tessellate(parsed, translation.camera, tolerance, translation.medium, translation.material_key)
     keys = {}
     for leaf in parsed.csg:
         if not hasattr(leaf, "symbol"):
@@ -110,7 +114,7 @@ def test_normals_are_those_of_the_quadric_after_cuts():
     assert set(meshes) == {0, 1, 2, 3}
     assert_closed(list(meshes.values()))
     for index, mesh in meshes.items():
-        to_local = np.linalg.inv(geometry.matrix(parsed.transforms[index]))
+        to_local = np.linalg.inv(matrix(parsed.transforms[index]))
         p = mesh.positions @ to_local[:3, :3].T + to_local[:3, 3]
         if index == 3:
             center = p.mean(axis=1)
@@ -213,7 +217,7 @@ def inside(text, points):
             a, b = stack.pop(), stack.pop()
             stack.append({"+": a | b, "-": a & ~b, "*": a & b}[node.symbol])
         else:
-            m = np.linalg.inv(geometry.matrix(parsed.transforms[node.index]))
+            m = np.linalg.inv(matrix(parsed.transforms[node.index]))
             stack.append(tests[node.shape](points @ m[:3, :3].T + m[:3, 3]))
     return stack.pop()
 
@@ -319,8 +323,8 @@ def test_what_vanishes_is_reported():
 @pytest.mark.parametrize("tree", ["+ " * 3000 + "CUBE 0 " * 3001, "+ CUBE 0 " * 3000 + "CUBE 0",
                                   "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"])
 def test_depth_of_nesting_needs_no_recursion(tree):
-    nodes = ["+" if node == "+" else "*" if node == "*" else 0 for node in tree.replace("CUBE 0", "0").split()]
-    vertices, faces = geometry.unit_mesh("cube", 4)
-    cube = csg.solid(vertices, faces, csg.reserve_ids(1))
-    (part,) = csg.evaluate(nodes, lambda leaf: {csg.OPAQUE: cube})[csg.OPAQUE]
+    nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
+    vertices, faces = SHAPES["cube"].mesh(4)
+    cube = parts.solid(vertices, faces, parts.reserve_ids(1))
+    (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
     assert part.manifold.volume() == pytest.approx(1)

@@ -8,6 +8,9 @@ primitives share are cut along these primitives' outlines, and each piece is giv
 
 import numpy as np
 
+from . import tree
+from .primitives import PRIMITIVES
+
 NEAR = 1e-7  # in a primitive's own space: nearer to a line, a vertex counts as lying on it
 CHUNK = 512  # triangles at a time; they are neighbours, so that most primitives are far from all of them
 
@@ -98,10 +101,94 @@ class Cutter:
             todo = {n for n in done if min(value[v] for v in self.faces[n]) < -NEAR}
 
 
+def cut_shared_faces(table, vertices, faces, leaf):
+    """Cuts the triangles on planes that several leaves share along the outlines of the leaves' faces."""
+    candidates = _on_shared_surfaces(table, leaf)
+    if not len(candidates):
+        return vertices, faces, leaf
+    face = table.evaluate(vertices[faces[candidates]], leaf[candidates])[3]
+    jobs = []  # triangles and the lines along which to cut them
+    for (number, code), group in _groups(np.stack([leaf[candidates], face], axis=1)):
+        surface = table.surfaces[number][code]
+        flat = table.flat_face(number, code)
+        if surface not in table.shared or flat is None:
+            continue
+        normal = flat[0]
+        others = table.others_on(number, code)
+        for b in [*others, *([number] if len(others) else [])]:
+            other = table.flat_face(b, table.surfaces[b].index(surface))
+            if other is None or other[0] @ normal <= 0:
+                continue
+            _, across, outline = other
+            following = np.roll(outline, -1, axis=0)
+            sides = np.stack([following[:, 1] - outline[:, 1], outline[:, 0] - following[:, 0]], axis=1)
+            sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+            lines = np.concatenate([sides, -np.sum(sides * outline, axis=1, keepdims=True)], axis=1)
+            corners = vertices[faces[candidates[group]]]
+            local = (corners @ table.inverse[b, :, :3].T + table.inverse[b, :, 3])[..., across]
+            hit = candidates[group[overlap(local, outline, lines)]]
+            if len(hit):
+                planes = lines[:, :2] @ table.inverse[b][across]
+                planes[:, 3] += lines[:, 2]
+                jobs.append((hit, planes))
+    if not jobs:
+        return vertices, faces, leaf
+    cutter = Cutter(vertices, faces, leaf, np.unique(np.concatenate([hit for hit, _ in jobs])))
+    for hit, planes in jobs:
+        cutter.cut(hit.tolist(), planes)
+    return cutter.arrays()
+
+
+def owners(table, nodes, vertices, faces, leaf):
+    """The leaves of triangles, corrected where faces of several primitives coincide."""
+    candidates = _on_shared_surfaces(table, leaf)
+    if not len(candidates):
+        return leaf
+    corners, owner = vertices[faces[candidates]], leaf[candidates]
+    normal, _, _, face, local = table.evaluate(corners, owner)
+    middle = corners.mean(axis=1)
+    # Only where a primitive other than the present owner has a face on the same surface and its box reaches there.
+    margin = table.margin
+    ambiguous = np.zeros(len(candidates), bool)
+    for (number, code), in_group in _groups(np.stack([owner, face], axis=1)):
+        if table.surfaces[number][code] in table.shared:
+            for b in table.others_on(number, code):
+                ambiguous[in_group] |= np.all((middle[in_group] >= table.low[b] - margin[b])
+                                              & (middle[in_group] <= table.high[b] + margin[b]), axis=1)
+    if not ambiguous.any():
+        return leaf
+    chosen, owner, face = candidates[ambiguous], owner[ambiguous], face[ambiguous]
+    # The middle of a triangle, on the surface itself and not on its chord.
+    p = local[ambiguous].mean(axis=1)
+    for number in np.unique(table.shape[owner]):
+        same = table.shape[owner] == number
+        p[same] = PRIMITIVES[table.SHAPES[number]].on_surface(p[same], face[same])
+    points = np.einsum("tij,tj->ti", table.matrix[owner][:, :, :3], p) + table.matrix[owner][:, :, 3]
+    normals = normal[ambiguous].mean(axis=1)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    leaf = leaf.copy()
+    leaf[chosen] = settle(nodes, owner, points, normals, margin[owner], table.inside, table.low, table.high)
+    return leaf
+
+
+def _on_shared_surfaces(table, leaf):
+    """Triangles whose leaf has a face on a surface that another one has too."""
+    bearing = np.array([any(h in table.shared for h in hashes) for hashes in table.surfaces])
+    return np.flatnonzero(bearing[leaf])
+
+
+def _groups(pairs):
+    """Each different row of an integer array, and the rows where it stands."""
+    values, index = np.unique(pairs, axis=0, return_inverse=True)
+    order = np.argsort(index.ravel(), kind="stable")
+    ends = np.cumsum(np.bincount(index.ravel()))
+    return zip(values, np.split(order, ends[:-1]))
+
+
 def settle(nodes, leaf, points, normals, distances, inside, low, high):
     """The leaf that owns each of the given points on the surface of the result.
 
-    ``nodes`` is the tree in prefix order, operators as strings and leaves as anything else; ``leaf`` holds the present
+    ``nodes`` is the tree in prefix order; ``leaf`` holds the present
     owners (numbers of leaves, in the tree's order), ``normals`` point out of the result, ``distances`` say how far off
     the surface its two sides are looked at. ``inside(number, points)`` tells what a leaf contains; ``low`` and ``high``
     are the boxes of all leaves.
@@ -124,18 +211,15 @@ def _owner(nodes, both, near, inside):
     The state of a node is (contains the side below, contains the side above, owner of the face between them or -1), or
     None for a node that is far from all points.
     """
-    stack, number, half = [], len(near), len(both) // 2
-    for node in reversed(nodes):
-        if isinstance(node, str):
-            stack.append(_combine(node, stack.pop(), stack.pop()))
-            continue
-        number -= 1
-        if near[number]:
-            below, above = np.split(inside(number, both), [half])
-            stack.append((below, above, np.where(below != above, number, -1)))
-        else:
-            stack.append(None)
-    state = stack.pop()
+    half = len(both) // 2
+
+    def leaf(number, _):
+        if not near[number]:
+            return None
+        below, above = np.split(inside(number, both), [half])
+        return below, above, np.where(below != above, number, -1)
+
+    state = tree.fold(nodes, leaf, _combine)
     return state[2] if state else np.full(half, -1)
 
 

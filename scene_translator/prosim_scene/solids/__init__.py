@@ -1,0 +1,5 @@
+"""From the CSG tree to triangles: primitives, their transforms, the tree's evaluation and the surfaces of the result."""
+
+from .triangles import TOLERANCE, Triangles, tessellate
+
+__all__ = ["TOLERANCE", "Triangles", "tessellate"]

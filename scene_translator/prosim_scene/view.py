@@ -50,10 +50,15 @@ class Camera:
         d = np.multiply.outer(a, self.u) + np.multiply.outer(b, self.v) - self.depth * self.n
         return d / np.linalg.norm(d, axis=-1, keepdims=True)
 
-    def footprint(self, center, radius):
-        """Length that the smaller side of a pixel covers at the point of a ball that is nearest to the eye."""
-        distance = np.linalg.norm(np.asarray(center) - self.eye) - radius
+    def footprint(self, distance: float) -> float:
+        """Length that the smaller side of a pixel covers at a distance from the eye."""
         return min(self.pixel) * max(distance, 1e-3 * self.depth) / self.depth
+
+    def may_see(self, corners: np.ndarray) -> bool:
+        """Whether the convex hull of points (n, 3) may reach into the pyramid that the window shows."""
+        x, y, z = np.stack([self.u, self.v, -self.n]) @ (corners - self.eye).T
+        x, y = x * self.depth, y * self.depth  # against the window's borders at the depth z
+        return not any(map(np.all, (z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z)))
 
 
 def camera(scene, resolution=None):

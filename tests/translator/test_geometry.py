@@ -10,6 +10,7 @@ import pytest
 from prosim_scene import SceneWarning, translator
 from prosim_scene.model import Leaf, Operator
 from prosim_scene.solids import csg, media, parts, tessellate
+from prosim_scene.solids.coincidence import Planes
 from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
 from prosim_scene.solids.transforms import matrix
 
@@ -148,7 +149,7 @@ def test_chord_error_is_below_the_tolerance():
         p = solids(text, tolerance)[0].positions / [3, 1, 1]
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         distance = np.abs(np.einsum("ti,ti->t", n / np.linalg.norm(n, axis=1, keepdims=True), p[:, 0]))
-        assert 3 * (1 - distance.min()) <= tolerance * camera.footprint([0, 0, 0], 3) * 1.02
+        assert 3 * (1 - distance.min()) <= tolerance * camera.footprint(20 - 1) * 1.02
 
 
 @pytest.mark.parametrize("tree, owner", [("+ CUBE 0 CUBE 1", 0), ("+ CUBE 1 CUBE 0", 1)])
@@ -324,7 +325,8 @@ def test_what_vanishes_is_reported():
                                   "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"])
 def test_depth_of_nesting_needs_no_recursion(tree):
     nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
-    vertices, faces = SHAPES["cube"].mesh(4)
-    cube = parts.solid(vertices, faces, parts.reserve_ids(1))
+    mesh = SHAPES["cube"].mesh(4, np.eye(4))
+    planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
+    cube = parts.solid(mesh.vertices, mesh.triangles, mesh.facets, parts.reserve_ids(1), planes)
     (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
     assert part.manifold.volume() == pytest.approx(1)

@@ -1,108 +1,142 @@
-"""All occurrences of primitives in the tree at once: their places, their surfaces, normals and surface parameters."""
+"""All occurrences of primitives in the tree at once: their solids, the planes that they share, normals and uv."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..model import Scene
+from ..view import Camera
 from . import tree
-from .primitives import PRIMITIVES
+from .coincidence import STEP, Planes
+from .detail import choose_segments, warn_if_far
+from .primitives import PRIMITIVES, Mesh, box_corners
+from .recognition import same_surfaces
+from .solid import Solid
 from .transforms import matrix
+
+FAR = 16  # times its size: a scene that lies farther from the origin than this is computed about its own centre
+
+
+@dataclass
+class Surface:
+    """What the triangles of the result show: ``normals`` (n, 3, 3) of unit length, out of the result, ``uv`` (n, 3, 2),
+    the number of each triangle's ``face`` (n,), and which corners (n, 3) stand ``alone``."""
+
+    normals: np.ndarray
+    uv: np.ndarray
+    face: np.ndarray
+    alone: np.ndarray
 
 
 class Leaves:
-    """Arrays by a leaf's number: ``shape`` (of :attr:`SHAPES`), ``matrix`` to the world and its ``inverse`` (n, 3, 4),
-    ``sign``, ``rounds`` (segments around a circle), ``surfaces`` (hashes by the number of the face), and a box,
-    ``low`` and ``high``, with a ``margin``."""
+    """Tables for the leaves of a scene.
 
-    SHAPES = list(PRIMITIVES)
+    ``solids`` are the different ones, ``meshes`` theirs in the world, with ``origin`` as the point 0; ``of_leaf`` has the
+    number of a leaf's solid. The facets of all solids are numbered through, those of solid i from ``first[i]``: ``faces``
+    has the face of each, ``planes`` those that facets have in common.
+    """
 
-    def __init__(self, scene: Scene, camera, tolerance: float) -> None:
-        """Raises :class:`SceneError` for a transform that cannot be inverted."""
+    def __init__(self, scene: Scene, camera: Camera, tolerance: float) -> None:
+        """Raises :class:`SceneError` for a transform that cannot be inverted, and for more than memory can hold."""
         leaves = tree.leaves(scene.csg)
-        matrices = {i: matrix(scene.transforms[i]) for i in {leaf.index for leaf in leaves}}
-        inverses = {}
-        for i, m in matrices.items():
-            if not np.isfinite(m).all() or np.linalg.cond(m[:3, :3]) > 1e12:
-                raise scene.source.error(scene.transforms[i].at, "this transform is singular or beyond double precision")
-            inverses[i] = np.linalg.inv(m)
-        kinds = {(leaf.shape, leaf.index) for leaf in leaves}
-        surfaces = {(shape, i): _surfaces(shape, inverses[i]) for shape, i in kinds}
-        rounds = {(shape, i): PRIMITIVES[shape].segments(matrices[i], camera, tolerance) for shape, i in kinds}
-        self.shape = np.array([self.SHAPES.index(leaf.shape) for leaf in leaves])
-        self.matrix = np.array([matrices[leaf.index][:3] for leaf in leaves])
-        self.inverse = np.array([inverses[leaf.index][:3] for leaf in leaves])
-        self.sign = np.array(tree.signs(scene.csg), dtype=float)
-        self.surfaces = [surfaces[leaf.shape, leaf.index] for leaf in leaves]
-        self.rounds = [rounds[leaf.shape, leaf.index] for leaf in leaves]
-        self.alone = 0  # corners so far that are shared with no other triangle
-        self.bearers: dict[int, list[int]] = {}  # surface -> the leaves that have a face on it
-        for number, hashes in enumerate(self.surfaces):
-            for surface in hashes:
-                self.bearers.setdefault(surface, []).append(number)
-        self.shared = {surface for surface, bearers in self.bearers.items() if len(bearers) > 1}
-        # Boxes: the image of the canonical box, exact for cubes and wide enough for the others.
-        ends = [PRIMITIVES[name].box for name in self.SHAPES]
-        box = np.array([[(x, y, z) for x in (a[0], b[0]) for y in (a[1], b[1]) for z in (a[2], b[2])] for a, b in ends])
-        corners = np.einsum("tij,tcj->tci", self.matrix[:, :, :3], box[self.shape]) + self.matrix[:, None, :, 3]
-        self.low, self.high = corners.min(axis=1), corners.max(axis=1)
-        self.margin = 1e-6 * (self.high - self.low).max(axis=1)
+        kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
+        self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
+        matrices = {index: _checked_matrix(scene, index) for index in dict.fromkeys(index for _, index in kinds)}
+        self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
+        boxes = np.array([box_corners(s.primitive.box) @ s.to_world[:3, :3].T + s.to_world[:3, 3] for s in self.solids])
+        warn_if_far(scene, camera, boxes)
+        low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
+        middle = (low + high) / 2
+        self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
+        self._share()
+        choose_segments(scene, self.solids, camera, tolerance)
+        for s in self.solids:
+            s.to_world = s.to_world - np.pad(self.origin[:, None], ((0, 1), (3, 0)))
+        self._number_facets(STEP * float(np.abs(np.stack([low, high]) - self.origin).max()))
+        self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
+        self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
 
-    def primitive(self, number: int):
-        """The primitive of a leaf."""
-        return PRIMITIVES[self.SHAPES[self.shape[number]]]
+    def _share(self) -> None:
+        """Finds the surfaces that several leaves have in common, and the solids that are the same."""
+        at = np.array([(i, f) for i, s in enumerate(self.solids) for f in range(len(s.primitive.quadrics))])
+        surface = same_surfaces(np.concatenate([s.primitive.quadrics for s in self.solids]),
+                                np.array([s.to_world for s in self.solids])[at[:, 0]])
+        bearers = np.bincount(surface, np.bincount(self.of_leaf)[at[:, 0]])
+        shared = np.where(bearers[surface] > 1, surface, -1)
+        for s, surfaces in zip(self.solids, np.split(shared, np.flatnonzero(np.diff(at[:, 0])) + 1)):
+            s.surfaces = surfaces
+            if s.curved_surface >= 0 and self.solids[at[s.curved_surface, 0]] is not s:
+                s.frame = np.linalg.solve(s.to_world, self.solids[at[s.curved_surface, 0]].to_world)
+        same: dict[Hashable, int] = {}
+        first = [i if s.key is None else same.setdefault(s.key, i) for i, s in enumerate(self.solids)]
+        kept, renumbered = np.unique(first, return_inverse=True)
+        self.solids = [self.solids[i] for i in kept]
+        self.of_leaf = renumbered[self.of_leaf]
 
-    def inside(self, number: int, points: np.ndarray) -> np.ndarray:
-        """Which points a leaf contains."""
-        return self.primitive(number).inside(*(self.inverse[number, :, :3] @ points.T + self.inverse[number, :, 3:]))
+    def _number_facets(self, step: float) -> None:
+        """Makes the meshes, and brings them onto the planes that they share."""
+        self.meshes = [s.mesh() for s in self.solids]
+        counts = [len(m.faces) for m in self.meshes]
+        self.first = np.concatenate([[0], np.cumsum(counts)])
+        self.faces = np.concatenate([m.faces for m in self.meshes])
+        of_facet, side = np.full(self.first[-1], -1), np.ones(self.first[-1])
+        known: dict[int, tuple[int, np.ndarray]] = {}  # surface -> the number of its first plane, its planes
+        count = 0
+        # A surface's planes are those of the facets of the first solid that bears it, which is the largest one.
+        sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
+        sharing.sort(key=lambda i: -np.linalg.norm(self.solids[i].to_world[:3, :3]))
+        for i in sharing:
+            own = facet_planes(self.meshes[i])
+            for face, number in enumerate(self.solids[i].surfaces):
+                if number < 0:
+                    continue
+                facets = np.flatnonzero(self.meshes[i].faces == face)
+                if number not in known:
+                    known[number] = count, own[facets]
+                    count += len(facets)
+                start, planes = known[number]
+                of_facet[self.first[i] + facets] = start + np.arange(len(facets))
+                side[self.first[i] + facets] = np.sign(np.einsum("ij,ij->i", own[facets, :3], planes[:, :3]))
+        planes = np.concatenate([np.empty((0, 4)), *(p for _, p in known.values())])
+        surface = np.repeat(np.array(list(known), int), [len(p) for _, p in known.values()])
+        self.planes = Planes(planes, surface, of_facet, side, step)
+        for i in sharing:
+            self.meshes[i] = self.planes.adjusted(self.meshes[i], int(self.first[i]))
 
-    def flat_face(self, number: int, face: int):
-        """Of a flat face: its normal out of the result, its local axes and its convex outline on them; else None."""
-        found = self.primitive(number).flat_face(face, self.rounds[number])
-        if found is None:
-            return None
-        axis, side, across, outline = found
-        return self.sign[number] * side * self.inverse[number, axis, :3], across, outline
-
-    def others_on(self, number: int, face: int) -> np.ndarray:
-        """Leaves other than ``number`` that have a face on the surface of one of its faces, their boxes in reach."""
-        others = np.array([b for b in self.bearers[self.surfaces[number][face]] if b != number], dtype=int)
-        return others[np.all((self.low[others] <= self.high[number] + self.margin[number])
-                             & (self.high[others] >= self.low[number] - self.margin[number]), axis=1)]
-
-    def evaluate(self, positions: np.ndarray, leaf: np.ndarray):
-        """World normals of the corners of triangles, uv, which corners are shared by no other triangle, the triangles'
-        face numbers and the corners in their primitives' own spaces."""
-        inverse = self.inverse[leaf]
+    def surface(self, positions: np.ndarray, leaf: np.ndarray, facet: np.ndarray, sign: np.ndarray) -> Surface:
+        """Normals and surface parameters of triangles (n, 3, 3) of the leaves with these numbers; ``sign`` (n,) is -1 where
+        the leaf has been taken away."""
+        solid, face = self.of_leaf[leaf], self.faces[facet]
+        inverse = self.to_local[solid]
         local = positions @ inverse[:, :, :3].transpose(0, 2, 1) + inverse[:, None, :, 3]
-        normal, uv = np.zeros_like(local), np.zeros(local.shape[:2] + (2,))
-        face = np.zeros(len(leaf), int)
+        normals, uv = np.zeros_like(local), np.zeros(local.shape[:2] + (2,))
         alone = np.zeros(local.shape[:2], bool)
-        for number, name in enumerate(self.SHAPES):
-            chosen = self.shape[leaf] == number
+        for number, primitive in enumerate(PRIMITIVES.values()):
+            chosen = self.shape[solid] == number
             if chosen.any():
-                c = PRIMITIVES[name].corners(local[chosen])
-                normal[chosen], uv[chosen], face[chosen], alone[chosen] = c.normals, c.uv, c.face, c.alone
-        world = normal @ inverse[:, :, :3]  # by the inverse's transpose
-        length = np.linalg.norm(world, axis=2, keepdims=True)
-        world *= self.sign[leaf, None, None] / np.where(length > 0, length, 1)
-        return world, uv, alone, face, local
-
-    def corners(self, positions: np.ndarray, vertex: np.ndarray, leaf: np.ndarray):
-        """Positions, normals, uv and keys of the corners of triangles, for their vertex numbers and leaves."""
-        world, uv, alone, face, _ = self.evaluate(positions, leaf)
-        wrapped = (np.floor(uv[..., 0]) > 0).astype(int)
-        keys = ((vertex * len(self.shape) + leaf[:, None]) * 8 + face[:, None]) * 2 + wrapped
-        count = int(alone.sum())
-        keys[alone] = -1 - np.arange(self.alone, self.alone + count)
-        self.alone += count
-        return positions, world, uv, keys
+                c = primitive.corners(local[chosen], face[chosen])
+                normals[chosen], uv[chosen], alone[chosen] = c.normals, c.uv, c.alone
+        normals = normals @ inverse[:, :, :3]  # by the inverse's transpose
+        length = np.linalg.norm(normals, axis=2, keepdims=True)
+        normals *= sign[:, None, None] / np.where(length > 0, length, 1)
+        return Surface(normals, uv, face, alone)
 
 
-def _surfaces(shape: str, inverse: np.ndarray) -> list[int]:
-    """Hashes of the quadrics that a primitive's faces lie on, by the number of the face; equal where 7 digits agree."""
-    result = []
-    for quadric in PRIMITIVES[shape].quadrics:
-        q = inverse.T @ quadric @ inverse
-        q /= np.abs(q[:3, :3]).max()
-        scale = np.abs(q).max(axis=0) + 1  # of the offsets against the directions
-        result.append(hash((np.round(q / scale[3] * 1e7) + 0.0).tobytes()))
-    return result
+def facet_planes(mesh: Mesh) -> np.ndarray:
+    """The planes (k, 4) of a mesh's facets, outward unit normals and offsets."""
+    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    weight = np.linalg.norm(cross, axis=1)
+    normal = np.stack([np.bincount(mesh.facets, cross[:, i]) for i in range(3)], axis=1)
+    middle = np.stack([np.bincount(mesh.facets, weight * (a + b + c)[:, i] / 3) for i in range(3)], axis=1)
+    middle /= np.bincount(mesh.facets, weight)[:, None]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.append(normal, -np.einsum("ij,ij->i", normal, middle)[:, None], axis=1)
+
+
+def _checked_matrix(scene: Scene, index: int) -> np.ndarray:
+    m = matrix(scene.transforms[index])
+    if not np.isfinite(m).all() or np.linalg.cond(m[:3, :3]) > 1e12:
+        raise scene.source.error(scene.transforms[index].at, "this transform is singular or beyond double precision")
+    return m

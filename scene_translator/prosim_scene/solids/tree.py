@@ -25,15 +25,3 @@ def fold(nodes: Nodes, leaf: Callable[[int, Leaf], T], combine: Callable[[str, T
         else:
             stack.append(combine(node.symbol, stack.pop(), stack.pop()))
     return stack.pop()
-
-
-def signs(nodes: Nodes) -> list[int]:
-    """+1 for each leaf whose outside is the outside of the result, -1 for one that is subtracted."""
-    result, stack = [], [1]
-    for node in nodes:
-        sign = stack.pop()
-        if isinstance(node, Operator):
-            stack += [-sign if node.symbol == "-" else sign, sign]
-        else:
-            result.append(sign)
-    return result

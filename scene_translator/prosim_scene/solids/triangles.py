@@ -8,11 +8,9 @@ import numpy as np
 
 from ..model import Leaf, Scene
 from ..view import Camera
-from . import coincidence, csg, media, parts, tree
+from . import csg, media, parts, tree
 from .leaves import Leaves
-from .primitives import PRIMITIVES
 
-TOLERANCE = 0.1  # chord error in pixels
 CHUNK = 1 << 18  # triangles at a time
 
 
@@ -31,8 +29,9 @@ def tessellate(scene: Scene, camera: Camera, tolerance: float, medium: Callable[
                material: Callable[[Leaf], Hashable]) -> dict[Hashable, Triangles]:
     """The surfaces of the scene: {material: Triangles}.
 
-    ``medium(leaf)`` is a dielectric's medium or None, ``material(leaf)`` a hashable key: leaves with the same key
-    share a mesh.
+    ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or None,
+    ``material(leaf)`` a hashable key: leaves with the same key share a mesh. Raises :class:`SceneError` for a transform
+    that cannot be inverted and for more triangles than memory is provided for.
     """
     leaves = tree.leaves(scene.csg)
     if not leaves:
@@ -40,44 +39,45 @@ def tessellate(scene: Scene, camera: Camera, tolerance: float, medium: Callable[
     table = Leaves(scene, camera, tolerance)
     base = parts.reserve_ids(len(leaves))
 
-    def leaf_value(number, leaf):
-        linear, offset = table.matrix[number, :, :3], table.matrix[number, :, 3]
-        vertices, faces = PRIMITIVES[leaf.shape].mesh(table.rounds[number])
-        if np.linalg.det(linear) < 0:  # a mirrored solid is inside out
-            faces = faces[:, ::-1]
-        return {medium(leaf): parts.solid(vertices @ linear.T + offset, faces, base + number,
-                                          frozenset(table.surfaces[number]))}
+    def leaf_value(number: int, leaf: Leaf) -> csg.Value:
+        i = table.of_leaf[number]
+        solid, mesh = table.solids[i], table.meshes[i]
+        return {medium(leaf): parts.solid(mesh.vertices, mesh.triangles, table.first[i] + mesh.facets, base + number,
+                                          table.planes, frozenset(solid.surfaces[solid.surfaces >= 0].tolist()), solid.key)}
 
     value = csg.evaluate(scene.csg, leaf_value)
-    order = media.precedence(map(medium, leaves))
-    rank = np.array([order.index(medium(leaf)) for leaf in leaves])
-
     materials: dict[Hashable, int] = {}
     material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
     seen = np.zeros(len(leaves), bool)
-    collected: dict[int, list] = {}
-    offset = 0
-    for own, vertices, faces, ids in media.shells(value, order):
-        before = ids - base
-        vertices, faces, before = coincidence.cut_shared_faces(table, vertices, faces, before)
-        leaf = coincidence.owners(table, scene.csg, vertices, faces, before)
-        if len(order) > 1:
-            # A face that coincides with one of another medium's solid is part of that one's shell, if it has precedence.
-            other = (leaf != before) & (table.sign[leaf] > 0) & (rank[leaf] != order.index(own))
-            kept = ~other | (rank[leaf] > order.index(own))
-            leaf, faces = np.where(other, before, leaf)[kept], faces[kept]
-        seen[leaf] = True
-        for start in range(0, len(faces), CHUNK):
+    collected: dict[int, list[list[np.ndarray]]] = {}
+    vertices = alone = 0  # so far: what keys are made of
+    for shell in media.shells(value, media.precedence(map(medium, leaves))):
+        for start in range(0, len(shell.triangles), CHUNK):
             part = slice(start, start + CHUNK)
-            corners = table.corners(vertices[faces[part]], faces[part] + offset, leaf[part])
-            group = material_of[leaf[part]]
+            leaf, corner = shell.ids[part] - base, shell.triangles[part]
+            positions = shell.vertices[corner]
+            seen[leaf[_height(positions) > 16 * table.planes.step]] = True
+            found = table.surface(positions, leaf, shell.facets[part], shell.sign[part])
+            wrapped = (np.floor(found.uv[..., 0]) > 0).astype(int)
+            keys = (((corner + vertices) * len(leaves) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
+            keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
+            alone += int(found.alone.sum())
+            group = material_of[leaf]
             for m in np.unique(group):
                 chosen = group == m
-                collected.setdefault(m, []).append([a[chosen] for a in corners])
-        offset += len(vertices)
+                collected.setdefault(m, []).append(
+                    [a[chosen] for a in (positions + table.origin, found.normals, found.uv, keys)])
+        vertices += len(shell.vertices)
     _report_vanished(scene, leaves, seen)
-    keys = list(materials)
-    return {keys[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in sorted(collected)}
+    names = list(materials)
+    return {names[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in sorted(collected)}
+
+
+def _height(positions: np.ndarray) -> np.ndarray:
+    """Heights of triangles (n, 3, 3) over their longest sides: those in a seam of coincident faces have none."""
+    a, b, c = (positions[:, i] for i in range(3))
+    longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300)
 
 
 def _report_vanished(scene: Scene, leaves: list[Leaf], seen: np.ndarray) -> None:

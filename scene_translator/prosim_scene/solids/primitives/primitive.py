@@ -1,72 +1,114 @@
-"""What every primitive has to say about itself, in its own space."""
+"""What every primitive says about itself, in its own space."""
 
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from ...view import Camera
+
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 1024  # around a circle
-ON_FACE = 1e-6  # distance in a primitive's own space within which a vertex lies on a flat face
+#: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer than
+#: so many segments.
+UNSEEN_TOLERANCE, UNSEEN_SEGMENTS = 10.0, 128
+ON_AXIS = 1e-6  # distance from an axis or an apex within which a corner has no azimuth of its own
 
 
-@dataclass
+@dataclass(frozen=True)
+class Mesh:
+    """A closed mesh: ``vertices`` (n, 3), ``triangles`` (m, 3) all wound to the same side, ``facets`` (m,), the number of
+    the plane facet that each triangle is part of, and ``faces`` (k,), the number of the face that each facet is part of.
+
+    A flat face is one facet; a curved one is approximated by as many as it takes.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    facets: np.ndarray
+    faces: np.ndarray
+
+
+@dataclass(frozen=True)
 class Corners:
     """What a primitive says of the corners of n triangles on its surface.
 
-    ``normals`` (n, 3, 3) point outwards and have any length, ``uv`` is (n, 3, 2), ``face`` (n,) numbers the primitive's
-    faces, and ``alone`` (n, 3) is true where a corner may not be shared with another triangle.
+    ``normals`` (n, 3, 3) point outwards and have any length, ``uv`` is (n, 3, 2), and ``alone`` (n, 3) is true where a
+    corner may not be shared with another triangle.
     """
 
     normals: np.ndarray
     uv: np.ndarray
-    face: np.ndarray
     alone: np.ndarray
 
 
 class Primitive(ABC):
-    """A convex solid that planes and quadrics bound."""
+    """A convex solid that planes and at most one quadric bound."""
 
     #: The name that the language gives it.
-    name: str
+    name: ClassVar[str]
     #: The surfaces of its faces as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face.
-    quadrics: list[np.ndarray]
+    quadrics: ClassVar[np.ndarray]
     #: Its bounding box, min and max corner.
-    box: tuple[tuple[float, float, float], tuple[float, float, float]]
-    #: A circle's segments are multiplied by this for the same chord error.
-    segment_factor = 1.0
+    box: ClassVar[np.ndarray]
+    #: The curved face, if it has one.
+    curved: ClassVar[int | None] = None
+    #: Lines (k, 2, 3) on the curved face: no point of it is farther from them than ``gap`` times its longest semi-axis.
+    lines: ClassVar[np.ndarray]
+    gap: ClassVar[float] = 0.08
+    #: So many times the segments of a circle give the same chord error.
+    segment_factor: ClassVar[float] = 1.0
 
     @abstractmethod
-    def mesh(self, segments: int) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (n, 3) and outward triangles (m, 3); the vertices of curved faces lie on the quadric."""
+    def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
+        """The solid with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
+
+        ``frame`` (4, 4) is a map that takes the quadric to itself, or another primitive's of the same quadric to this one:
+        the facets of the curved face are the images of those that the identity gives, in the same order.
+        """
 
     @abstractmethod
-    def round_part(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        """Longest semi-axis of the curved faces under a linear map, and a ball (centre, radius) around the primitive."""
+    def count(self, segments: int) -> int:
+        """How many triangles :meth:`mesh` gives; MIN_SEGMENTS at least are counted."""
 
     @abstractmethod
-    def inside(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Which points it contains."""
+    def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
+        """Normals and surface parameters of triangles (n, 3, 3) on its faces with the numbers ``face`` (n,)."""
 
     @abstractmethod
-    def corners(self, p: np.ndarray) -> Corners:
-        """Normals and surface parameters of triangles (n, 3, 3) on its surface."""
+    def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
+        """Under a linear map: the longest semi-axis of the curved face, and centre and radius of a ball around the solid."""
 
-    def flat_face(self, face: int, segments: int) -> tuple[int, int, list[int], np.ndarray] | None:
-        """Of a flat face: its axis, the side (1 or -1) it looks to, the other two axes, its outline on them; else None."""
-        return None
-
-    def on_surface(self, p: np.ndarray, face: np.ndarray) -> np.ndarray:
-        """Points (n, 3) within the chords of curved faces, brought onto the surface."""
-        return p
-
-    def segments(self, to_world: np.ndarray, camera, tolerance: float) -> int:
+    def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> int:
         """Segments around a circle, so that the chord error stays below ``tolerance`` pixels in the image."""
-        size, center, radius = self.round_part(to_world[:3, :3])
-        error = tolerance * camera.footprint(center + to_world[:3, 3], radius) / size
-        n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else MAX_SEGMENTS
-        n = min(max(n * self.segment_factor, MIN_SEGMENTS), MAX_SEGMENTS)
+        if self.curved is None:
+            return 4
+        linear, offset = to_world[:3, :3], to_world[:3, 3]
+        size, center, radius = self.ball(linear)
+        most = MAX_SEGMENTS
+        if not camera.may_see(box_corners(self.box) @ linear.T + offset):
+            most, tolerance = UNSEEN_SEGMENTS, UNSEEN_TOLERANCE * tolerance
+        distance = float(np.linalg.norm(center + offset - camera.eye)) - radius
+        if distance < radius:  # the eye is near the ball around the solid, but maybe not near its surface
+            a, b = (self.lines[:, i] @ linear.T + offset for i in range(2))
+            distance = max(distance, to_segments(a, b, camera.eye) - self.gap * size)
+        error = tolerance * camera.footprint(distance) / size
+        n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else most
+        n = min(max(n * self.segment_factor, MIN_SEGMENTS), most)
         return 4 * math.ceil(n / 4)
+
+
+def box_corners(box: np.ndarray) -> np.ndarray:
+    """The eight corners of a box that is given by its min and max corner."""
+    return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+
+
+def to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:
+    """Distance from a point to the nearest of the line segments from a (n, 3) to b (n, 3)."""
+    along, length = b - a, np.maximum(np.sum((b - a) ** 2, axis=1), 1e-300)
+    t = np.clip(np.sum((point - a) * along, axis=1) / length, 0, 1)
+    return float(np.sqrt(np.min(np.sum((a + t[:, None] * along - point) ** 2, axis=1))))
 
 
 def plane(*nd: float) -> np.ndarray:
@@ -85,7 +127,7 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     A corner on the axis has no azimuth of its own and takes the mean of the others.
     """
-    pole = np.hypot(p[..., 0], p[..., 1]) < ON_FACE
+    pole = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
     spread = np.where(pole, -np.inf, u).max(axis=1) - np.where(pole, np.inf, u).min(axis=1)
     u = np.where((spread > 0.5)[:, None] & (u < 0.5), u + 1, u)
@@ -93,15 +135,14 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(pole, others[:, None], u), pole
 
 
-def around_an_axis(p: np.ndarray, caps: dict[int, float], normals: np.ndarray) -> Corners:
-    """Corners of a solid of revolution: its side, face 0, with (azimuth, z), and discs {face: z} with (x, y) in the unit
-    square. ``normals`` are those of the side."""
+def around_an_axis(p: np.ndarray, face: np.ndarray, gradient: np.ndarray, discs: dict[int, int]) -> Corners:
+    """Corners of a solid of revolution: its side, face 0, has ``gradient`` and (azimuth, z), its discs {face: side} have
+    (x, y) in the unit square."""
+    normals = gradient.copy()
     u, pole = azimuth(p)
     uv = np.stack([u, p[..., 2]], axis=2)
-    face = np.zeros(len(p), int)
-    for code, z in caps.items():
-        flat = np.all(np.abs(p[..., 2] - z) < ON_FACE, axis=1)
-        face[flat] = code
-        normals[flat] = [0, 0, 1 if z else -1]
-        uv[flat] = p[flat][..., :2] / 2 + 0.5
-    return Corners(normals, uv, face, pole & (face == 0)[:, None])
+    for number, side in discs.items():
+        normals[face == number] = [0, 0, side]
+    flat = face > 0
+    uv[flat] = p[flat][..., :2] / 2 + 0.5
+    return Corners(normals, uv, pole & ~flat[:, None])

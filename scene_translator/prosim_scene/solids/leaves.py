@@ -10,6 +10,7 @@ from ..view import Camera
 from . import tree
 from .coincidence import STEP, Planes
 from .detail import choose_segments, warn_if_far
+from .inscribed import shrink_inscribed
 from .primitives import PRIMITIVES, Mesh, box_corners
 from .recognition import same_surfaces
 from .solid import Solid
@@ -51,6 +52,7 @@ class Leaves:
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         self._share()
         choose_segments(scene, self.solids, camera, tolerance)
+        shrink_inscribed(self.solids)
         for s in self.solids:
             s.to_world = s.to_world - np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         self._number_facets(STEP * float(np.abs(np.stack([low, high]) - self.origin).max()))

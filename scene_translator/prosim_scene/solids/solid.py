@@ -15,7 +15,7 @@ class Solid:
 
     ``to_world`` is a 4x4 matrix, ``segments`` the number around a circle, ``surfaces`` are the numbers of those that it has
     in common with others, by the number of the face, or -1, and ``frame`` is the map to its space from that of the
-    primitive that its curved face has its facets from.
+    primitive that its curved face has its facets from. ``shrink`` is a factor of the curved face's size, 1 or a little less.
     """
 
     primitive: Primitive
@@ -23,6 +23,17 @@ class Solid:
     segments: int = 0
     surfaces: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     frame: np.ndarray = field(default_factory=lambda: np.eye(4))
+    shrink: float = 1.0
+
+    @property
+    def widest(self) -> float:
+        """The longest semi-axis of its curved face."""
+        return self.primitive.ball(self.to_world[:3, :3])[0]
+
+    @property
+    def narrowest(self) -> float:
+        """The shortest semi-axis of its curved face."""
+        return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))
 
     @property
     def curved_surface(self) -> int:
@@ -43,7 +54,8 @@ class Solid:
             a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
             outside_in = np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # of the volume
         triangles = mesh.triangles[:, ::-1] if (np.linalg.det(linear) < 0) != outside_in else mesh.triangles
-        return Mesh(mesh.vertices @ linear.T + self.to_world[:3, 3], triangles, mesh.facets, mesh.faces)
+        vertices = mesh.vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
+        return Mesh(vertices @ linear.T + self.to_world[:3, 3], triangles, mesh.facets, mesh.faces)
 
 
 @lru_cache(maxsize=64)

@@ -54,6 +54,8 @@ class Primitive(ABC):
     box: ClassVar[np.ndarray]
     #: The curved face, if it has one.
     curved: ClassVar[int | None] = None
+    #: It is round in so many of the axes: 2 about z, 3 about the origin.
+    axes: ClassVar[int] = 2
     #: Lines (k, 2, 3) on the curved face: no point of it is farther from them than ``gap`` times its longest semi-axis.
     lines: ClassVar[np.ndarray]
     gap: ClassVar[float] = 0.08

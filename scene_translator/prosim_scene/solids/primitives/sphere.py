@@ -22,6 +22,7 @@ class Sphere(Primitive):
     quadrics = np.diag([1.0, 1, 1, -1])[None]
     box = np.array([[-1.0, -1, -1], [1, 1, 1]])
     curved = 0
+    axes = 3
     lines = np.repeat(_octahedral(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
     segment_factor = 1.64  # the largest triangles lie in the middles of the octahedron's faces
 

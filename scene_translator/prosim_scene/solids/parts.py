@@ -155,15 +155,17 @@ def _components(parts: list[Part]) -> list[list[Part]]:
 def _layers(parts: list[Part]) -> list[list[Part]] | None:
     """Few lists of parts, the parts of each disjoint, that may be united in this order; None where there are too many.
 
-    Greedy colouring in the order of the tree; a part goes behind every earlier one with which it may share a face.
+    Greedy colouring in the order of the tree; a part goes behind every earlier one with which it may share a face to the
+    same side. (Where their boxes only touch, faces look at each other, and it does not matter which comes first.)
     """
     low, high = boxes(parts)
     color = np.zeros(len(parts), int)
     bearers: dict[int, list[int]] = {}  # surface -> the parts so far that have a face on it
     limit = 8 + 2 * math.ceil(math.log2(len(parts)))
     for i, part in enumerate(parts):
-        touching = np.all((low[:i] <= part.high) & (high[:i] >= part.low), axis=1)
-        sharing = [j for surface in part.surfaces for j in bearers.setdefault(surface, []) if touching[j]]
+        depth = (np.minimum(high[:i], part.high) - np.maximum(low[:i], part.low)).min(axis=1)
+        touching, overlapping = depth >= 0, depth > 4 * part.planes.step
+        sharing = [j for surface in part.surfaces for j in bearers.setdefault(surface, []) if overlapping[j]]
         taken = set(color[:i][touching].tolist())
         color[i] = max((color[j] + 1 for j in sharing), default=0)
         while color[i] in taken:

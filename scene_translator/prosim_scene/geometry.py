@@ -5,7 +5,6 @@ Canonical solids: CUBE [0,1]^3; SPHERE the unit ball; CYLINDER x^2 + y^2 <= 1, 0
 """
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -116,12 +115,13 @@ class Triangles:
     keys: np.ndarray
 
 
-def triangles(scene, camera, tolerance, medium, material):
-    """The surfaces of the scene: {material: Triangles}.
+def triangles(document, camera, tolerance, medium, material):
+    """The surfaces of a document's scene: {material: Triangles}.
 
     ``medium(leaf)`` is a dielectric's medium or None, ``material(leaf)`` a hashable key: leaves with the same key
     share a mesh.
     """
+    scene = document.scene
     leaves = [n for n in scene.csg if isinstance(n, model.Leaf)]
     if not leaves:
         return {}
@@ -129,7 +129,7 @@ def triangles(scene, camera, tolerance, medium, material):
     inverses = {}
     for i, m in matrices.items():
         if not np.isfinite(m).all() or np.linalg.cond(m[:3, :3]) > 1e12:
-            raise scene.source.error(scene.transforms[i].at, "this transform is singular or beyond double precision")
+            raise document.error("this transform is singular or beyond double precision", "transforms", i)
         inverses[i] = np.linalg.inv(m)
     base = csg.reserve_ids(len(leaves))
     surfaces = {key: _surfaces(key[0], inverses[key[1]]) for key in {(leaf.shape, leaf.index) for leaf in leaves}}
@@ -174,7 +174,7 @@ def triangles(scene, camera, tolerance, medium, material):
                 chosen = group == m
                 collected.setdefault(m, []).append([a[chosen] for a in corners])
         offset += len(vertices)
-    _report_vanished(scene, leaves, seen)
+    _report_vanished(document, seen)
     keys = list(materials)
     return {keys[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in sorted(collected)}
 
@@ -191,16 +191,15 @@ def _signs(nodes):
     return np.array(signs, dtype=float)
 
 
-def _report_vanished(scene, leaves, seen):
+def _report_vanished(document, seen):
+    leaves = [(n, leaf) for n, leaf in enumerate(document.scene.csg) if isinstance(leaf, model.Leaf)]
     gone = [leaf for leaf, s in zip(leaves, seen) if not s]
     if len(gone) == len(leaves):
-        warnings.warn(scene.source.warning(scene.places["CSG_TREE"], "the tree's result is empty: nothing is left to see"),
-                      stacklevel=2)
+        document.warn("the tree's result is empty: nothing is left to see", "csg")
     elif gone:
-        names = [f"{leaf.shape.upper()} {leaf.index} (line {scene.source.line(leaf.at)})" for leaf in gone[:10]]
+        names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in gone[:10]]
         more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
-        warnings.warn(scene.source.warning(
-            gone[0].at, f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result"), stacklevel=2)
+        document.warn(f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result", "csg", gone[0][0])
 
 
 class _LeafTable:

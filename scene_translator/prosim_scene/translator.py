@@ -1,159 +1,126 @@
-"""Scene model -> Mitsuba scene: XML and meshes on disk, or a dictionary."""
+"""Scene -> Mitsuba scene: XML and meshes on disk, or a dictionary."""
 
 import atexit
 import os
 import shutil
 import sys
 import tempfile
-import warnings
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+from . import geometry
+from .language import document_of
+from .language.document import Document
+from .language.files import read
+from .language.messages import SceneError
+from .model import Leaf, Scene, Vector
+from .nodes import Comment, Default, Node
+from .targets import TARGETS, lights, materials, view
+from .targets.context import Context
+from .write import xml
+from .write.ply import ply
 
-from . import geometry, lights, materials, mesh, stock, view, xml
-from .errors import SceneError
-from .model import Leaf, Texture
-from .reader import parse, read
-from .textures import rgb
-from .xml import Comment, Default
+AnyPath = str | os.PathLike[str]
 
-TARGETS = ("prosim", "stock")
+#: Triangles, and whether they need their uv.
+Mesh = tuple[geometry.Triangles, bool]
 
 
-class _Translation:
-    """One scene on its way: options, approximations said so far, and the meshes."""
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The options of a translation, those of :func:`translate`; ValueError for a value that is not allowed."""
 
-    def __init__(self, scene, folder, *, target="prosim", light_units="calibrated", tolerance=None, resolution=None,
-                 samples=None, allow_outside=False):
-        for name, value, allowed in (("target", target, TARGETS), ("light_units", light_units, lights.UNITS)):
+    target: str = "prosim"
+    light_units: str = "calibrated"
+    tolerance: float | None = None
+    resolution: tuple[int, int] | None = None
+    samples: int | None = None
+    allow_outside: bool = False
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (("target", self.target, tuple(TARGETS)), ("light_units", self.light_units, lights.UNITS)):
             if value not in allowed:
                 raise ValueError(f"{name} is {value!r}; expected one of {', '.join(allowed)}")
-        if tolerance is not None and not 0 < tolerance < float("inf"):
-            raise ValueError(f"tolerance is {tolerance!r}; expected a number of pixels above 0")
-        if samples is not None and samples < 1:
-            raise ValueError(f"samples is {samples!r}; expected 1 or more")
-        if resolution is not None and min(resolution) < 1:
-            raise ValueError(f"resolution is {resolution!r}; expected a width and a height of 1 or more")
-        self.scene, self.folder, self.target, self.light_units = scene, Path(folder), target, light_units
-        self.tolerance = geometry.TOLERANCE if tolerance is None else tolerance
-        self.samples = samples or scene.samples
-        self.allow_outside = allow_outside
-        self.camera = view.camera(scene, tuple(resolution) if resolution else None)
-        self.said = set()
-
-    def approximate(self, place, reason):
-        """Says once what could not be said exactly."""
-        if reason not in self.said:
-            self.said.add(reason)
-            warnings.warn(self.scene.source.warning(place, reason), stacklevel=2)
-
-    def image(self, texture):
-        """The absolute path of an image file of the scene; it has to lie in the scene's folder or below."""
-        error = self.scene.source.error
-        path = Path(texture.image.replace("\\", "/"))
-        full = (self.folder / path).resolve()
-        if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
-            raise error(texture.at, f"the image {texture.image!r} lies outside the scene's folder; expected a path in it")
-        if not full.is_file():
-            raise error(texture.at, f"the image {texture.image!r} does not exist in the scene's folder")
-        return full
-
-    def material_key(self, leaf):
-        """Equal for leaves that look alike."""
-        surface = self.scene.surfaces[leaf.index]
-        slots = leaf.textures if surface.material not in ("conductor", "dielectric") else (None, None)
-        return (tuple(getattr(surface, name) for name in ("material", "metal", "ka", "kd", "ks", "eta", "k", "exponent",
-                                                          "slope")),
-                slots, leaf.index if slots[1] else None)
-
-    def medium(self, leaf):
-        """The medium inside a dielectric; None, the opaque one, inside anything else."""
-        surface = self.scene.surfaces[leaf.index]
-        return surface.eta if surface.material == "dielectric" else None
-
-    def build(self, mesh_path, image_path):
-        """The scene's dictionary and its meshes {name: Triangles}.
-
-        ``mesh_path(name)`` and ``image_path(path)`` make the file names that stand in the dictionary.
-        """
-        scene = self.scene
-        alike = {}  # the leaves of each material
-        for leaf in scene.csg:
-            if isinstance(leaf, Leaf):
-                alike.setdefault(self.material_key(leaf), []).append(leaf)
-        triangles = geometry.triangles(scene, self.camera, self.tolerance, self.medium, self.material_key)
-
-        maker = stock if self.target == "stock" else prosim
-        result = {"type": "scene"} | maker.settings(self, image_path)
-        result["view_comment"] = self.comment("VIEW", scene.view)
-        result["view"] = self.sensor()
-        for i, light in enumerate(scene.lights):
-            result[f"light_{i}_comment"] = self.comment(light.kind.upper(), light)
-            result[f"light_{i}"] = maker.light(self, light)
-        meshes = {}
-        for key, leaves in alike.items():
-            if key not in triangles:
-                continue
-            leaf = leaves[0]
-            surface, slots = scene.surfaces[leaf.index], key[1]
-            name = f"surface_{leaf.index}"
-            while name in meshes:
-                name += "_"
-            meshes[name] = triangles[key], slots[0] is not None
-            bearers = ", ".join(f"{x.shape.upper()} {x.index}" for x in leaves[:3]) + (", ..." if len(leaves) > 3 else "")
-            result[name + "_comment"] = self.comment(f"SURFACE {leaf.index} of {bearers}", surface)
-            result[name] = {"type": "ply", "filename": mesh_path(name),
-                            **maker.surface(self, leaf, surface, slots, lambda t: image_path(self.image(t)))}
-        return result, meshes
-
-    def comment(self, text, statement):
-        return Comment(f"{text} (line {self.scene.source.line(statement.at)})")
-
-    def sensor(self):
-        camera = stock.square(self, self.camera) if self.target == "stock" else self.camera
-        width, height = camera.resolution
-        film = {"type": "hdrfilm", "width": Default("width", width), "height": Default("height", height),
-                "pixel_format": "rgb", "component_format": "float32", "filter": {"type": "box"}}
-        sampler = {"type": "multijitter" if self.target == "stock" else "nrook", "sample_count": self.samples**2}
-        return view.sensor(camera, film, sampler)
+        if self.tolerance is not None and not 0 < self.tolerance < float("inf"):
+            raise ValueError(f"tolerance is {self.tolerance!r}; expected a number of pixels above 0")
+        if self.samples is not None and self.samples < 1:
+            raise ValueError(f"samples is {self.samples!r}; expected 1 or more")
+        if self.resolution is not None and min(self.resolution) < 1:
+            raise ValueError(f"resolution is {self.resolution!r}; expected a width and a height of 1 or more")
 
 
-class prosim:
-    """How this project's plugins say it."""
+def medium(scene: Scene, leaf: Leaf) -> Vector | None:
+    """The medium inside a dielectric; None, the opaque one, inside anything else."""
+    surface = scene.surfaces[leaf.index]
+    return surface.eta if surface.material == "dielectric" else None
 
-    @staticmethod
-    def settings(translation, image_path):
-        scene = translation.scene
-        names = "SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW, AMBIENT, BACKGROUND"
-        background = rgb(lights.radiometric(scene.background.color))
-        if scene.background.image:
-            texture = Texture(image=scene.background.image, at=scene.background.at)
-            background = {"type": "bitmap", "filename": image_path(translation.image(texture))}
-        return {
-            "comment": Comment(f"{scene.name}: {names}"),
-            "integrator": {
-                "type": "prosim", "samples": Default("samples", translation.samples), "max_level": scene.max_level,
-                "shadows": scene.shadows, "ambient": rgb(lights.radiometric(scene.ambient)), "background": background,
-                "hide_emitters": True,
-                "channels": "".join(c for c, saved in zip("rgb", scene.channels) if saved),
-            },
-        }
 
-    @staticmethod
-    def light(translation, light):
-        return lights.emitter(translation.scene, light, translation.light_units)
+def look(scene: Scene, leaf: Leaf) -> Hashable:
+    """Equal for leaves that look alike, and share a mesh: a solid texture is bound to its leaf's own space."""
+    surface = scene.surfaces[leaf.index]
+    slots = materials.slots(leaf, surface)
+    return surface, slots, leaf.index if slots[1] else None
 
-    @staticmethod
-    def surface(translation, leaf, surface, slots, images):
-        inverse = np.linalg.inv(geometry.matrix(translation.scene.transforms[leaf.index])) if slots[1] else None
-        return {"bsdf": materials.bsdf(translation.scene, surface, slots, inverse, images, translation.approximate)}
+
+def assemble(document: Document, folder: Path, options: Options, mesh_path: Callable[[str], str],
+             image_path: Callable[[Path], str]) -> tuple[Node, dict[str, Mesh]]:
+    """A scene's dictionary and its meshes by name.
+
+    ``folder`` is the scene's own, where its images are; ``mesh_path(name)`` and ``image_path(path)`` make the file names
+    that stand in the dictionary.
+    """
+    scene, target = document.scene, TARGETS[options.target]
+    context = Context(document, folder, options.light_units, options.samples or scene.samples, options.allow_outside,
+                      image_path)
+    camera = view.camera(document, options.resolution)
+    triangles = geometry.triangles(document, camera, options.tolerance or geometry.TOLERANCE,
+                                   lambda leaf: medium(scene, leaf), lambda leaf: look(scene, leaf))
+
+    def comment(text: str, *path: str | int) -> Comment:
+        return Comment(f"{text} (line {document.line(*path)})")
+
+    result: Node = {"type": "scene"} | target.settings(context)
+    result["view_comment"] = comment("VIEW", "view")
+    result["view"] = _sensor(context, options, camera)
+    for i, light in enumerate(scene.lights):
+        result[f"light_{i}_comment"] = comment(light.kind.upper(), "lights", i)
+        result[f"light_{i}"] = target.light(context, i, light)
+    alike: dict[Hashable, list[tuple[int, Leaf]]] = {}  # the leaves of each look, with their numbers in the tree
+    for number, leaf in enumerate(scene.csg):
+        if isinstance(leaf, Leaf):
+            alike.setdefault(look(scene, leaf), []).append((number, leaf))
+    meshes: dict[str, Mesh] = {}
+    for key, leaves in alike.items():
+        if key not in triangles:
+            continue
+        number, leaf = leaves[0]
+        name = f"surface_{leaf.index}"
+        while name in meshes:
+            name += "_"
+        meshes[name] = triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None
+        bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (", ..." if len(leaves) > 3 else "")
+        result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}", "surfaces", leaf.index)
+        result[name] = {"type": "ply", "filename": mesh_path(name), **target.surface(context, number, leaf)}
+    return result, meshes
+
+
+def _sensor(context: Context, options: Options, camera: view.Camera) -> Node:
+    target = TARGETS[options.target]
+    camera = target.camera(context, camera)
+    width, height = camera.resolution
+    film = {"type": "hdrfilm", "width": Default("width", width), "height": Default("height", height),
+            "pixel_format": "rgb", "component_format": "float32", "filter": {"type": "box"}}
+    return view.sensor(camera, film, {"type": target.SAMPLER, "sample_count": context.samples**2})
 
 
 # ---- Entry points ----------------------------------------------------------------------------------------------------
 
 
-def translate(source_path, out_dir=None, *, target="prosim", light_units="calibrated", tolerance=None, resolution=None,
-              samples=None, allow_outside=False):
+def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: str = "prosim",
+              light_units: str = "calibrated", tolerance: float | None = None, resolution: tuple[int, int] | None = None,
+              samples: int | None = None, allow_outside: bool = False) -> Path:
     """Translates a scene file to ``<out_dir>/<stem>.xml`` and ``<out_dir>/<stem>-meshes/*.ply``; returns the XML's path.
 
     ``out_dir``
@@ -162,7 +129,7 @@ def translate(source_path, out_dir=None, *, target="prosim", light_units="calibr
         "prosim" for this project's plugins, "stock" for those alone that Mitsuba brings (what these cannot say is
         approximated, and each approximation is a SceneWarning, given once).
     ``light_units``
-        "calibrated", "radiance" or "unattenuated": see :mod:`prosim_scene.lights`.
+        "calibrated", "radiance" or "unattenuated": see :mod:`prosim_scene.targets.lights`.
     ``tolerance``
         Largest chord error of a curved face, in pixels of the image (default 0.1).
     ``resolution``, ``samples``
@@ -174,32 +141,32 @@ def translate(source_path, out_dir=None, *, target="prosim", light_units="calibr
     :class:`SceneWarning`, through :mod:`warnings`.
     """
     source_path = Path(source_path)
-    scene = parse(read(source_path), source_path)
-    out_dir = Path(out_dir) if out_dir is not None else source_path.parent
+    options = Options(target=target, light_units=light_units, tolerance=tolerance, resolution=resolution, samples=samples,
+                      allow_outside=allow_outside)
+    document = document_of(read(source_path), source_path)
+    folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
-    folder = stem + "-meshes"
-    translation = _Translation(scene, source_path.parent, target=target, light_units=light_units, tolerance=tolerance,
-                               resolution=resolution, samples=samples, allow_outside=allow_outside)
-    images = {}  # path in the scene's folder -> what the XML says
+    meshes_folder = stem + "-meshes"
+    images: dict[Path, str] = {}  # path in the scene's folder -> what the XML says
 
-    def image_path(path):
-        return images.setdefault(path, Path(os.path.relpath(path, out_dir.resolve())).as_posix())
+    def image_path(path: Path) -> str:
+        return images.setdefault(path, Path(os.path.relpath(path, folder.resolve())).as_posix())
 
-    tree, meshes = translation.build(lambda name: f"{folder}/{name}.ply", image_path)
-    files = {f"{name}.ply": mesh.ply(*content) for name, content in meshes.items()}
+    tree, meshes = assemble(document, source_path.parent, options, lambda name: f"{meshes_folder}/{name}.ply", image_path)
+    files = {f"{name}.ply": ply(*content) for name, content in meshes.items()}
     text = xml.write(tree)
     try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-        _write(out_dir, stem, folder, text, files)
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(folder, stem, meshes_folder, text, files)
     except OSError as error:
-        raise SceneError(f"{error.filename or out_dir}: {error.strerror or error}", str(source_path)) from None
-    return out_dir / f"{stem}.xml"
+        raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
+    return folder / f"{stem}.xml"
 
 
-def _write(out_dir, stem, folder, text, files):
+def _write(out_dir: Path, stem: str, folder: str, text: str, files: dict[str, bytes]) -> None:
     """All files into a temporary folder beside the target; then they take the old ones' places."""
-    with tempfile.TemporaryDirectory(prefix=f".{stem}-", dir=out_dir) as temporary:
-        temporary = Path(temporary)
+    with tempfile.TemporaryDirectory(prefix=f".{stem}-", dir=out_dir) as name:
+        temporary = Path(name)
         (temporary / "new").mkdir()
         for name, content in files.items():
             (temporary / "new" / name).write_bytes(content)
@@ -210,7 +177,7 @@ def _write(out_dir, stem, folder, text, files):
         os.replace(temporary / "scene.xml", out_dir / f"{stem}.xml")
 
 
-def load(path, *, transform=None, **options):
+def load(path: AnyPath, *, transform: Callable[[Any], Any] | None = None, **options: Any) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
 
     The meshes are written to a temporary folder that lives as long as the process. Mitsuba takes its own type alone for
@@ -218,24 +185,26 @@ def load(path, *, transform=None, **options):
     variant where Mitsuba has been imported, and otherwise arrays are left as they are.
     """
     path = Path(path)
-    translation = _Translation(parse(read(path), path), path.parent, **options)
+    checked = Options(**options)
+    document = document_of(read(path), path)
     folder = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    tree, meshes = translation.build(lambda name: str(folder / f"{name}.ply"), str)
+    tree, meshes = assemble(document, path.parent, checked, lambda name: str(folder / f"{name}.ply"), str)
     for name, content in meshes.items():
-        (folder / f"{name}.ply").write_bytes(mesh.ply(*content))
+        (folder / f"{name}.ply").write_bytes(ply(*content))
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(path, **options):
+def check(path: AnyPath, **options: Any) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     path = Path(path)
-    scene = parse(read(path), path)
-    _Translation(scene, path.parent, **options).build(str, str)
-    return scene
+    checked = Options(**options)
+    document = document_of(read(path), path)
+    assemble(document, path.parent, checked, str, str)
+    return document.scene

@@ -5,7 +5,8 @@ import warnings
 
 import prosim_scene
 import pytest
-from prosim_scene import SceneError, SceneWarning, reader
+from prosim_scene import SceneError, SceneWarning
+from prosim_scene.language.files import SIZE_LIMIT
 
 MINIMAL = """NAME: x
 LIGHTS POINT position 0 5 5 Intensity 60000 60000 60000
@@ -157,7 +158,7 @@ def test_large_files_are_refused(tmp_path):
         with pytest.raises(SceneError, match="larger than 16 MiB"):
             read(path)
     with pytest.raises(SceneError, match="larger than 16 MiB"):
-        prosim_scene.parse("(" * (reader.SIZE_LIMIT + 1))
+        prosim_scene.parse("(" * (SIZE_LIMIT + 1))
     assert time.perf_counter() - start < 20  # it is not read at all
 
 

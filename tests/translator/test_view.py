@@ -7,6 +7,8 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from prosim_scene.language import document_of
+from prosim_scene.targets.view import camera
 
 VIEWS = {
     "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",
@@ -75,13 +77,12 @@ def test_rays_are_exact(name, tmp_path, variant_rgb):
 
 @pytest.mark.parametrize("name", ["oblique", "tall pixels"])
 def test_the_formula_of_the_translator_itself(name):
-    from prosim_scene import view as view_module
     with pytest.warns(prosim_scene.SceneWarning):
-        scene = prosim_scene.parse(f"VIEW {VIEWS[name]} CSG-TREE LIGHTS END")
+        document = document_of(f"VIEW {VIEWS[name]} CSG-TREE LIGHTS END")
     i, j = np.array([0, 17, 99]), np.array([99, 3, 0])
-    through, eye, *_ = formula(scene.view, i, j)
+    through, eye, *_ = formula(document.scene.view, i, j)
     d = through - eye
-    assert np.allclose(view_module.camera(scene).ray(i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
+    assert np.allclose(camera(document).ray(i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
 
 
 def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):

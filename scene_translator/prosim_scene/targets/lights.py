@@ -12,37 +12,41 @@
 
 import math
 
-from .textures import rgb
+from ..model import Light, Vector
+from ..nodes import Node, Point, rgb
+from .context import Context
 
 FULL_SCALE = 65535
 UNITS = ("calibrated", "radiance", "unattenuated")
 
 
-def radiometric(color):
+def radiometric(color: Vector) -> tuple[float, ...]:
+    """Intensities of the language in units of 1.0."""
     return tuple(c / FULL_SCALE for c in color)
 
 
-def quantity(scene, light, units):
+def quantity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
     """Radiance of an area light, intensity of a point light."""
     e = radiometric(light.intensity)
     disc = math.pi * light.radius**2
+    factor = 1.0
     if units == "calibrated":
-        d = math.dist(light.position, scene.view.vrp)
+        d = math.dist(light.position, context.scene.view.vrp)
         if d == 0:
-            raise scene.source.error(light.at, "this light stands at VRP, where light units 'calibrated' measure its "
-                                               "irradiance; expected another place, or other light units")
+            raise context.document.error("this light stands at VRP, where light units 'calibrated' measure its irradiance; "
+                                         "expected another place, or other light units", "lights", number)
         factor = d * d / (disc if light.kind == "area" else 1)
-    else:
-        factor = disc if light.kind == "point" and units == "radiance" else 1
+    elif light.kind == "point" and units == "radiance":
+        factor = disc
     return tuple(factor * c for c in e)
 
 
-def emitter(scene, light, units):
-    """An emitter, or for an area light the sphere that bears it."""
-    node = {"type": "prosim_" + light.kind}
+def emitter(context: Context, number: int, light: Light, units: str) -> Node:
+    """An emitter of this project's, or for an area light the sphere that bears it."""
+    node: Node = {"type": "prosim_" + light.kind}
     if light.kind == "point":
-        node["position"] = point(light.position)
-    node["radiance" if light.kind == "area" else "intensity"] = rgb(quantity(scene, light, units))
+        node["position"] = Point(light.position)
+    node["radiance" if light.kind == "area" else "intensity"] = rgb(quantity(context, number, light, units))
     if light.distribution != "uniform":
         node |= {"distribution": light.distribution, "direction": list(light.direction)}
         if light.angle is not None:
@@ -54,11 +58,7 @@ def emitter(scene, light, units):
     return sphere(light, node) if light.kind == "area" else node
 
 
-def sphere(light, emitter):
+def sphere(light: Light, emitter: Node) -> Node:
     """The body of an area light: it emits, and reflects nothing."""
-    return {"type": "sphere", "center": point(light.position), "radius": light.radius,
+    return {"type": "sphere", "center": Point(light.position), "radius": light.radius,
             "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))}, "emitter": emitter}
-
-
-class point(list):
-    """Three coordinates that the XML writes as a point, where a plain list is a vector."""

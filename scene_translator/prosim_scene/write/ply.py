@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ..geometry import Triangles
 
-def ply(triangles, with_uv):
+
+def ply(triangles: Triangles, with_uv: bool) -> bytes:
     """The bytes of a PLY file; equal corners become one vertex, triangles without area in single precision are left out."""
     positions = triangles.positions.astype("<f4")
     a, b, c = (positions[:, i] for i in range(3))

@@ -1,21 +1,23 @@
 """A scene in canonical layout, remarks kept."""
 
 import warnings
+from os import PathLike
 
-from .errors import Source
-from .reader import STATEMENTS, parse, tokens_and_tree
-from .words import FALSE, WORDS, fold
+from lark import Token
+
+from . import document_of
+from .messages import Source
+from .parser import tokens_and_tree
+from .words import OPERATORS, STATEMENTS, row
 
 INDENT = "    "
 #: Statements with parameters on lines of their own.
 HEADINGS = {"LIGHTS", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
-#: Words that stand on the line of the keyword before them; any other begins a line.
-VALUES = {"NUMBER", "WORD", "STRING", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "CONDUCTOR", "DIELECTRIC", "LAMBERTIAN",
-          "COMPOSITE", "LPAR", "RPAR"}
-OPERATORS = {"PLUS", "MINUS", "TIMES"}
+#: Tokens that stand on the line of the keyword before them; any other begins a line.
+VALUES = {"NUMBER", "WORD", "STRING", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "CONDUCTOR", "MATERIAL_KIND", "LPAR", "RPAR"}
 
 
-def format(text, filename="<string>"):
+def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     """The text of a scene in canonical layout: one statement or parameter a line, canonical spellings, remarks kept.
 
     ``parse(format(x)) == parse(x)``, and what is formatted stays as it is. Raises :class:`SceneError` where ``parse``
@@ -23,41 +25,45 @@ def format(text, filename="<string>"):
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        parse(text, filename)
+        document_of(text, filename)
         pieces, _ = tokens_and_tree(Source(text, filename))
     layout = _Layout()
     end = 0
     for piece in pieces:
         layout.add(piece, same_line="\n" not in text[end:piece.start_pos])
-        end = piece.end_pos
+        end = piece.end_pos or 0
     return layout.text()
 
 
 class _Line:
-    def __init__(self, indent, *words):
-        self.indent, self.words, self.remarks = indent, list(words), []
+    """A line of the result: its words, and the remarks behind them."""
 
-    def __str__(self):
+    def __init__(self, indent: str, *words: str) -> None:
+        self.indent, self.words, self.remarks = indent, list(words), list[str]()
+
+    def __str__(self) -> str:
         # A remark with # ends its line, so it comes last.
         remarks = sorted(self.remarks, key=lambda remark: remark.startswith("#"))
         return self.indent + " ".join([*self.words, *remarks]) if self.words or remarks else ""
 
 
 class _Layout:
-    def __init__(self):
-        self.lines = []
-        self.line = None  # the last one that has words
-        self.heading = self.previous = None  # the statement, and the token before
+    """The lines so far."""
+
+    def __init__(self) -> None:
+        self.lines: list[_Line] = []
+        self.line = _Line("")  # the last one that has words
+        self.heading = self.previous = ""  # the statement, and the type of the token before
         self.rest = ""  # what follows END
 
-    def text(self):
+    def text(self) -> str:
         return "\n".join([*map(str, self.lines), *([self.rest] if self.rest else []), ""])
 
-    def begin(self, depth, *words):
+    def begin(self, depth: int, *words: str) -> None:
         self.line = _Line(INDENT * depth, *words)
         self.lines.append(self.line)
 
-    def add(self, piece, same_line):
+    def add(self, piece: Token, same_line: bool) -> None:
         if piece.type == "REST":
             self.rest = piece.value.rstrip()
         elif piece.type == "REMARK":
@@ -66,29 +72,29 @@ class _Layout:
             self.lines[-1].remarks.append("\n".join(line.rstrip() for line in piece.value.split("\n")))
         else:
             self.token(piece)
-            self.previous = piece
+            self.previous = piece.type
 
-    def token(self, piece):
-        kind, previous = piece.type, self.previous
+    def token(self, piece: Token) -> None:
+        kind = piece.type
         if kind in STATEMENTS:
             if kind in HEADINGS or self.heading in HEADINGS:
                 self.blank_line()
             self.heading = kind
-            self.begin(0, WORDS[kind][0] + ("" if kind in HEADINGS or kind == "END" else ":"))
+            self.begin(0, row(piece).canonical + ("" if kind in HEADINGS or kind == "END" else ":"))
         elif kind in VALUES:
             self.value(piece)
         elif kind == "MINUS" and self.heading == "VIEW":
             pass  # the stray dash of the listing
-        elif kind in OPERATORS:
-            if previous.type in OPERATORS and self.lines[-1] is self.line and not self.line.remarks:
+        elif kind in OPERATORS.values():
+            if self.previous in OPERATORS.values() and self.lines[-1] is self.line and not self.line.remarks:
                 self.line.words.append(str(piece))
             else:
                 self.begin(1, str(piece))
         else:
             # A light's parameters stand below its kind.
-            self.begin(2 if self.heading == "LIGHTS" and kind not in ("AREA", "POINT") else 1, WORDS[kind][0])
+            self.begin(2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1, row(piece).canonical)
 
-    def value(self, piece):
+    def value(self, piece: Token) -> None:
         kind, words = piece.type, self.line.words
         if kind == "LPAR" or kind == "RPAR":
             return  # set around the numbers of any step
@@ -96,10 +102,10 @@ class _Layout:
             text = str(piece) if self.heading == "NAME" else _number(piece)
         elif kind == "STRING":
             text = f'"{piece}"'
-        elif kind == "BOOL":
-            text = "FALSE" if fold(piece) in FALSE else "TRUE"
+        elif kind in ("WORD", "FILE", "TEXTURE_NAME"):
+            text = str(piece)
         else:
-            text = WORDS[kind][0] if kind in WORDS else str(piece)
+            text = row(piece).canonical
         if self.heading == "TRANSFORM" and self.line.indent:
             words[-1:] = [words[-1], f"({text})"] if len(words) == 1 else [f"{words[-1][:-1]} {text})"]
             return
@@ -107,7 +113,7 @@ class _Layout:
             words.append("=")
         words.append(text)
 
-    def blank_line(self):
+    def blank_line(self) -> None:
         """A blank line before what begins now, and before the remarks that stand directly above it."""
         at = len(self.lines)
         while at and not self.lines[at - 1].words:
@@ -117,6 +123,6 @@ class _Layout:
             self.lines.insert(at, _Line(""))
 
 
-def _number(text):
+def _number(text: str) -> str:
     value = float(text)
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)

@@ -19,13 +19,10 @@ from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
 from .targets import TARGETS, lights, materials, view
 from .targets.context import Context
-from .write import xml
+from .write import output, xml
 from .write.ply import ply
 
 AnyPath = str | os.PathLike[str]
-
-#: Triangles, and whether they need their uv.
-Mesh = tuple[geometry.Triangles, bool]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,12 +61,12 @@ def look(scene: Scene, leaf: Leaf) -> Hashable:
     return surface, slots, leaf.index if slots[1] else None
 
 
-def assemble(document: Document, folder: Path, options: Options, mesh_path: Callable[[str], str],
-             image_path: Callable[[Path], str]) -> tuple[Node, dict[str, Mesh]]:
-    """A scene's dictionary and its meshes by name.
+def assemble(document: Document, folder: Path, options: Options, store: Callable[[str, bytes], str],
+             image_path: Callable[[Path], str]) -> Node:
+    """A scene's dictionary.
 
-    ``folder`` is the scene's own, where its images are; ``mesh_path(name)`` and ``image_path(path)`` make the file names
-    that stand in the dictionary.
+    ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary.
     """
     scene, target = document.scene, TARGETS[options.target]
     context = Context(document, folder, options.light_units, options.samples or scene.samples, options.allow_outside,
@@ -91,19 +88,19 @@ def assemble(document: Document, folder: Path, options: Options, mesh_path: Call
     for number, leaf in enumerate(scene.csg):
         if isinstance(leaf, Leaf):
             alike.setdefault(look(scene, leaf), []).append((number, leaf))
-    meshes: dict[str, Mesh] = {}
     for key, leaves in alike.items():
         if key not in triangles:
             continue
         number, leaf = leaves[0]
         name = f"surface_{leaf.index}"
-        while name in meshes:
+        while name in result:
             name += "_"
-        meshes[name] = triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None
+        slots = materials.slots(leaf, scene.surfaces[leaf.index])
         bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (", ..." if len(leaves) > 3 else "")
         result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}", "surfaces", leaf.index)
-        result[name] = {"type": "ply", "filename": mesh_path(name), **target.surface(context, number, leaf)}
-    return result, meshes
+        result[name] = {"type": "ply", "filename": store(name, ply(triangles[key], with_uv=slots[0] is not None)),
+                        **target.surface(context, number, leaf)}
+    return result
 
 
 def _sensor(context: Context, options: Options, camera: view.Camera) -> Node:
@@ -121,7 +118,8 @@ def _sensor(context: Context, options: Options, camera: view.Camera) -> Node:
 def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: str = "prosim",
               light_units: str = "calibrated", tolerance: float | None = None, resolution: tuple[int, int] | None = None,
               samples: int | None = None, allow_outside: bool = False) -> Path:
-    """Translates a scene file to ``<out_dir>/<stem>.xml`` and ``<out_dir>/<stem>-meshes/*.ply``; returns the XML's path.
+    """Translates a scene file to ``<out_dir>/<stem>.xml`` and the meshes that it names in ``<out_dir>/<stem>-meshes``; returns
+    the XML's path.
 
     ``out_dir``
         Folder of the result, made if need be; by default the scene's own.
@@ -137,8 +135,8 @@ def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: s
     ``allow_outside``
         Whether image files outside the scene's folder may be used.
 
-    Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Doubtful input is a
-    :class:`SceneWarning`, through :mod:`warnings`.
+    Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
+    translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
     """
     source_path = Path(source_path)
     options = Options(target=target, light_units=light_units, tolerance=tolerance, resolution=resolution, samples=samples,
@@ -146,35 +144,24 @@ def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: s
     document = document_of(read(source_path), source_path)
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
-    meshes_folder = stem + "-meshes"
+    if (folder / f"{stem}.xml").exists() and os.path.samefile(folder / f"{stem}.xml", source_path):
+        raise SceneError(f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
+                         "such as .scn, or choose another folder", str(source_path))
     images: dict[Path, str] = {}  # path in the scene's folder -> what the XML says
+    meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:
         return images.setdefault(path, Path(os.path.relpath(path, folder.resolve())).as_posix())
 
-    tree, meshes = assemble(document, source_path.parent, options, lambda name: f"{meshes_folder}/{name}.ply", image_path)
-    files = {f"{name}.ply": ply(*content) for name, content in meshes.items()}
-    text = xml.write(tree)
+    def store(name: str, content: bytes) -> str:
+        meshes[file := output.mesh_name(name, content)] = content
+        return f"{output.meshes_folder(stem)}/{file}"
+
+    tree = {"mark": Comment(output.MARK), **assemble(document, source_path.parent, options, store, image_path)}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        _write(folder, stem, meshes_folder, text, files)
+        return output.write(folder, stem, xml.write(tree), meshes)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
-    return folder / f"{stem}.xml"
-
-
-def _write(out_dir: Path, stem: str, folder: str, text: str, files: dict[str, bytes]) -> None:
-    """All files into a temporary folder beside the target; then they take the old ones' places."""
-    with tempfile.TemporaryDirectory(prefix=f".{stem}-", dir=out_dir) as name:
-        temporary = Path(name)
-        (temporary / "new").mkdir()
-        for name, content in files.items():
-            (temporary / "new" / name).write_bytes(content)
-        (temporary / "scene.xml").write_text(text, encoding="utf-8")
-        if (out_dir / folder).exists():
-            os.replace(out_dir / folder, temporary / "old")
-        os.replace(temporary / "new", out_dir / folder)
-        os.replace(temporary / "scene.xml", out_dir / f"{stem}.xml")
 
 
 def load(path: AnyPath, *, transform: Callable[[Any], Any] | None = None, **options: Any) -> Node:
@@ -189,9 +176,16 @@ def load(path: AnyPath, *, transform: Callable[[Any], Any] | None = None, **opti
     document = document_of(read(path), path)
     folder = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    tree, meshes = assemble(document, path.parent, checked, lambda name: str(folder / f"{name}.ply"), str)
-    for name, content in meshes.items():
-        (folder / f"{name}.ply").write_bytes(ply(*content))
+
+    def store(name: str, content: bytes) -> str:
+        file = folder / f"{name}.ply"
+        file.write_bytes(content)
+        return str(file)
+
+    try:
+        tree = assemble(document, path.parent, checked, store, str)
+    except OSError as error:
+        raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f
@@ -206,5 +200,5 @@ def check(path: AnyPath, **options: Any) -> Scene:
     path = Path(path)
     checked = Options(**options)
     document = document_of(read(path), path)
-    assemble(document, path.parent, checked, str, str)
+    assemble(document, path.parent, checked, lambda name, _: name, str)
     return document.scene

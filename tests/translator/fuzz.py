@@ -9,6 +9,7 @@ import sys
 import tempfile
 import warnings
 from pathlib import Path
+from xml.etree import ElementTree
 
 import atheris
 
@@ -17,7 +18,7 @@ with atheris.instrument_imports():
     from prosim_scene.language import document_of
     from prosim_scene.language.words import WORDS
     from prosim_scene.translator import Options, assemble
-    from prosim_scene.write import ply, xml
+    from prosim_scene.write import xml
 
 warnings.simplefilter("ignore")
 OPTIONS = Options(tolerance=1e3)
@@ -43,12 +44,10 @@ def one_input(data):
     assert prosim_scene.parse(prosim_scene.format(text), "fuzz.scn") == document.scene
     if len(document.scene.csg) < 50:
         try:
-            tree, meshes = assemble(document, Path("/nonexistent"), OPTIONS, str, str)
+            tree = assemble(document, Path("/nonexistent"), OPTIONS, lambda name, _: name, str)
         except prosim_scene.SceneError:
             return
-        xml.write(tree)
-        for mesh in meshes.values():
-            ply.ply(*mesh)
+        ElementTree.fromstring(xml.write(tree))
 
 
 if __name__ == "__main__":

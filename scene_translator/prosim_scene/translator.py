@@ -1,23 +1,27 @@
 """Scene -> Mitsuba scene: XML and meshes on disk, or a dictionary."""
 
 import atexit
+import math
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from . import geometry
 from .language import document_of
 from .language.document import Document
 from .language.files import read
 from .language.messages import SceneError
+from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .targets import TARGETS, lights, materials, view
+from .targets import TARGETS, Target, clip, lights, materials, single, view
 from .targets.context import Context
 from .write import output, xml
 from .write.ply import ply
@@ -27,7 +31,7 @@ AnyPath = str | os.PathLike[str]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a translation, those of :func:`translate`; ValueError for a value that is not allowed."""
+    """The options of a translation, those of :func:`translate`; SceneError for a value that is not allowed."""
 
     target: str = "prosim"
     light_units: str = "calibrated"
@@ -37,15 +41,23 @@ class Options:
     allow_outside: bool = False
 
     def __post_init__(self) -> None:
-        for name, value, allowed in (("target", self.target, tuple(TARGETS)), ("light_units", self.light_units, lights.UNITS)):
-            if value not in allowed:
-                raise ValueError(f"{name} is {value!r}; expected one of {', '.join(allowed)}")
-        if self.tolerance is not None and not 0 < self.tolerance < float("inf"):
-            raise ValueError(f"tolerance is {self.tolerance!r}; expected a number of pixels above 0")
-        if self.samples is not None and self.samples < 1:
-            raise ValueError(f"samples is {self.samples!r}; expected 1 or more")
-        if self.resolution is not None and min(self.resolution) < 1:
-            raise ValueError(f"resolution is {self.resolution!r}; expected a width and a height of 1 or more")
+        """Checks the values."""
+        samples, pixels = numbers("SETTING", "samples"), numbers("VIEW_PARAMETER", "resolution")
+        self._check("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}")
+        self._check("light_units", self.light_units in lights.UNITS, f"one of {', '.join(lights.UNITS)}")
+        self._check("tolerance", self.tolerance is None or 0 < self.tolerance < math.inf, "a number of pixels above 0")
+        self._check("samples", self.samples is None or _whole(self.samples, samples), samples.bounds())
+        size = self.resolution
+        self._check("resolution", size is None or len(size) == 2 and all(_whole(x, pixels) for x in size)
+                    and math.prod(size) <= PIXELS, f"width and height, each {pixels.bounds()}, and {PIXELS} in all")
+
+    def _check(self, name: str, allowed: bool, expected: str) -> None:
+        if not allowed:
+            raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
+
+
+def _whole(value: int, takes: Numbers) -> bool:
+    return int(value) == value and takes.low <= value <= takes.high
 
 
 def medium(scene: Scene, leaf: Leaf) -> Vector | None:
@@ -72,44 +84,61 @@ def assemble(document: Document, folder: Path, options: Options, store: Callable
     context = Context(document, folder, options.light_units, options.samples or scene.samples, options.allow_outside,
                       image_path)
     camera = view.camera(document, options.resolution)
+    single.check_transforms(document)
     triangles = geometry.triangles(document, camera, options.tolerance or geometry.TOLERANCE,
                                    lambda leaf: medium(scene, leaf), lambda leaf: look(scene, leaf))
 
     def comment(text: str, *path: str | int) -> Comment:
         return Comment(f"{text} (line {document.line(*path)})")
 
-    result: Node = {"type": "scene"} | target.settings(context)
+    result: Node = {"type": "scene"} | single.check(document, target.settings(context))
+    bodies = [mesh.positions for mesh in triangles.values()]
     result["view_comment"] = comment("VIEW", "view")
-    result["view"] = _sensor(context, options, camera)
+    result["view"] = single.check(document, _sensor(context, target, camera, bodies), "view")
     for i, light in enumerate(scene.lights):
+        lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment"] = comment(light.kind.upper(), "lights", i)
-        result[f"light_{i}"] = target.light(context, i, light)
-    alike: dict[Hashable, list[tuple[int, Leaf]]] = {}  # the leaves of each look, with their numbers in the tree
-    for number, leaf in enumerate(scene.csg):
-        if isinstance(leaf, Leaf):
-            alike.setdefault(look(scene, leaf), []).append((number, leaf))
-    for key, leaves in alike.items():
+        result[f"light_{i}"] = single.check(document, target.light(context, i, light), "lights", i)
+    for leaves in _alike(scene):
+        number, leaf = leaves[0]
+        key = look(scene, leaf)
         if key not in triangles:
             continue
-        number, leaf = leaves[0]
         name = f"surface_{leaf.index}"
         while name in result:
             name += "_"
-        slots = materials.slots(leaf, scene.surfaces[leaf.index])
+        if not np.abs(triangles[key].positions).max() <= single.LARGEST:
+            raise document.error("this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index)
+        content = ply(triangles[key], with_uv=materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
         bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (", ..." if len(leaves) > 3 else "")
+        if content is None:
+            document.warn(f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
+                          "transforms", leaf.index)
+            continue
         result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}", "surfaces", leaf.index)
-        result[name] = {"type": "ply", "filename": store(name, ply(triangles[key], with_uv=slots[0] is not None)),
-                        **target.surface(context, number, leaf)}
+        result[name] = {"type": "ply", "filename": store(name, content),
+                        **single.check(document, target.surface(context, number, leaf), "surfaces", leaf.index)}
     return result
 
 
-def _sensor(context: Context, options: Options, camera: view.Camera) -> Node:
-    target = TARGETS[options.target]
+def _alike(scene: Scene) -> Iterable[list[tuple[int, Leaf]]]:
+    """The leaves that look alike, with their numbers in the tree."""
+    alike: dict[Hashable, list[tuple[int, Leaf]]] = {}
+    for number, leaf in enumerate(scene.csg):
+        if isinstance(leaf, Leaf):
+            alike.setdefault(look(scene, leaf), []).append((number, leaf))
+    return alike.values()
+
+
+def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[np.ndarray]) -> Node:
     camera = target.camera(context, camera)
+    if bodies:
+        single.warn_of_coarseness(context.document, camera, np.concatenate([body[:, 0] for body in bodies]))
     width, height = camera.resolution
     film = {"type": "hdrfilm", "width": Default("width", width), "height": Default("height", height),
             "pixel_format": "rgb", "component_format": "float32", "filter": {"type": "box"}}
-    return view.sensor(camera, film, {"type": target.SAMPLER, "sample_count": context.samples**2})
+    return view.sensor(camera, clip.planes(camera, bodies, context.scene.lights), film,
+                       {"type": target.SAMPLER, "sample_count": context.samples**2})
 
 
 # ---- Entry points ----------------------------------------------------------------------------------------------------
@@ -139,6 +168,9 @@ def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: s
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
     """
     source_path = Path(source_path)
+    if not xml.can_say(source_path.stem):
+        raise SceneError(f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
+                         "it; expected a name of printable characters, in UTF-8", str(source_path))
     options = Options(target=target, light_units=light_units, tolerance=tolerance, resolution=resolution, samples=samples,
                       allow_outside=allow_outside)
     document = document_of(read(source_path), source_path)
@@ -147,11 +179,13 @@ def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: s
     if (folder / f"{stem}.xml").exists() and os.path.samefile(folder / f"{stem}.xml", source_path):
         raise SceneError(f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
                          "such as .scn, or choose another folder", str(source_path))
-    images: dict[Path, str] = {}  # path in the scene's folder -> what the XML says
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:
-        return images.setdefault(path, Path(os.path.relpath(path, folder.resolve())).as_posix())
+        relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
+        if not xml.can_say(relative):
+            raise ValueError(f"the path {relative!r} cannot stand in XML; expected printable characters, in UTF-8")
+        return relative
 
     def store(name: str, content: bytes) -> str:
         meshes[file := output.mesh_name(name, content)] = content

@@ -71,8 +71,9 @@ WRONG = [
     (3, "VIEW OBS 0 -inf 9", 12, ["'-inf'", "expected a finite number"]),
     (1, "NSAMPLES: 5O", 11, ["found '5O', which is not a number"]),
     (1, "NSAMPLES: 2.5", 11, ["expected a whole number"]),
+    (3, "VIEW RESOLUTION 65536 65536", 6, ["too many pixels", "268435456 at most"]),
     (1, "MAX-LEVEL: -1", 12, ["expected a whole number, 0 or more"]),
-    (1, "AIR-INDEX: 0", 12, ["expected above 0"]),
+    (1, "AIR-INDEX: 0", 12, ["expected 0.001 or more, 1000 at most"]),
     (1, "SAVE-RGB: FALSE FALSE FALSE", 1, ["leaves out all channels"]),
     (5, "SURFACE 0 kd = 0.5 1.5 0", 20, ["found '1.5' after kd", "1 at most"]),
     (4, "CSG-TREE CUBE 0.5", 15, ["expected a whole number"]),
@@ -91,7 +92,7 @@ WRONG = [
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, ["kd + ks is above 1"]),
     # lights
     (2, "LIGHTS AREA raio 2", 8, ["has no position"]),
-    (2, "LIGHTS AREA position 0 5 5 raio 0", 33, ["expected above 0"]),
+    (2, "LIGHTS AREA position 0 5 5 raio 0", 33, ["expected 1e-15 or more"]),
     (2, "LIGHTS POINT position 0 5 5 CONE direction 0 0 0", 44, ["length 0"]),
     (2, "LIGHTS POINT position 0 5 5 CONE angle 200", 40, ["180 at most"]),
     # textures
@@ -203,12 +204,14 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     assert "../outside.png" in prosim_scene.translate(path, allow_outside=True).read_text()
 
 
-def test_wrong_options_are_value_errors(tmp_path):
+def test_wrong_options_are_scene_errors(tmp_path):
     path = tmp_path / "x.scn"
     path.write_text(MINIMAL)
-    for options in ({"target": "pov"}, {"light_units": "lumen"}, {"tolerance": 0}, {"samples": 0}, {"resolution": (0, 1)}):
-        with pytest.raises(ValueError, match="expected"):
-            prosim_scene.translate(path, **options)
+    for options in ({"target": "pov"}, {"light_units": "lumen"}, {"tolerance": 0}, {"tolerance": float("nan")}, {"samples": 0},
+                    {"samples": 1001}, {"resolution": (0, 1)}, {"resolution": (65536, 65536)}, {"resolution": (1.5, 1)}):
+        for function in (prosim_scene.translate, prosim_scene.load, prosim_scene.check):
+            with pytest.raises(SceneError, match=f"{next(iter(options))} is .*; expected"):
+                function(path, **options)
     path.write_text(with_line(3, "VIEW OBS 0 0 9 VRP 0 5 5"))
     with pytest.raises(SceneError, match="stands at VRP"):
         prosim_scene.translate(path)

@@ -1,5 +1,6 @@
 """lark's tree -> document: each statement's values by the table of words, and their places."""
 
+import math
 from collections.abc import Iterable
 from pathlib import PurePath
 from typing import Any
@@ -13,7 +14,7 @@ from .lexer import place
 from .messages import Place, SceneError, Source, listing, nearest, quote
 from .names import ALIASES, BUILT_IN, METALS
 from .values import read_value, span
-from .words import Word, fold, of_role, row
+from .words import PIXELS, Word, fold, of_role, row
 
 Node = Tree[Token]
 
@@ -123,6 +124,8 @@ class Builder:
         for item in children[1:]:
             word, values[word.name] = self.parameter(item, "view")
             self.places["view", word.name] = span(_tokens(item))
+        if math.prod(values.get("resolution", ())) > PIXELS:
+            raise self.error(self.places["view", "resolution"], f"these are too many pixels; expected {PIXELS} at most")
         fields["view"] = model.View(**values)
 
     def csg(self, fields: dict[str, Any], children: list[Any]) -> None:

@@ -8,7 +8,7 @@ from lark import Token
 
 from .lexer import place
 from .messages import Place, SceneError, Source, quote
-from .words import Flags, Numbers, row
+from .words import LARGE, Flags, Numbers, row
 
 
 def read_value(source: Source, children: Sequence[Token]) -> Any:
@@ -25,7 +25,7 @@ def read_value(source: Source, children: Sequence[Token]) -> Any:
     if len(tokens) not in ((1, 3) if takes.channels else (takes.count,)):
         raise _miscounted(source, keyword, tokens, takes)
     values = [_number(source, keyword, token, takes) for token in tokens]
-    if takes.direction and not any(values):
+    if takes.direction and math.hypot(*values) < 1 / LARGE:
         raise source.error(place(tokens[0]), f"{keyword} has length 0; expected a direction")
     if takes.channels:
         return tuple(values * (3 // len(values)))
@@ -37,10 +37,9 @@ def _number(source: Source, keyword: Token, token: Token, takes: Numbers) -> flo
     value = float(token)
     if not math.isfinite(value):
         raise source.error(place(token), f"found {quote(token)}; expected a finite number")
-    if takes.factors and value == 0:
+    if takes.nonzero and value == 0:
         raise source.error(place(token), f"found {quote(token)}; this scale is singular, expected factors other than 0")
-    if (value < takes.low or value > takes.high or takes.above and value == takes.low
-            or takes.whole and (value != int(value) or abs(value) >= 2**31)):
+    if not takes.allow(value):
         raise source.error(place(token), f"found {quote(token)} after {keyword}; expected {takes.bounds()}")
     return int(value) if takes.whole else value
 

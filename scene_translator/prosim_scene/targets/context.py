@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..language.document import Document
+from ..language.messages import quote
 from ..model import Scene
 
 
@@ -38,9 +39,21 @@ class Context:
 
     def image(self, name: str, *path: str | int) -> str:
         """What stands in the result for an image file, which has to lie in the scene's folder or below."""
-        full = (self.folder / name.replace("\\", "/")).resolve()
+        error = self.document.error
+        if not name:
+            raise error("this file name is empty; expected an image file", *path)
+        try:
+            full = (self.folder / name.replace("\\", "/")).resolve()
+            exists = full.is_file()
+        except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
+            raise error(f"the image {quote(name)} cannot be a file: {getattr(reason, 'strerror', None) or reason}",
+                        *path) from None
         if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
-            raise self.document.error(f"the image {name!r} lies outside the scene's folder; expected a path in it", *path)
-        if not full.is_file():
-            raise self.document.error(f"the image {name!r} does not exist in the scene's folder", *path)
-        return self.image_path(full)
+            raise error(f"the image {quote(name)} lies outside the scene's folder; expected a path in it, or the option that "
+                        "allows others: --allow-outside, allow_outside=True in Python", *path)
+        if not exists:
+            raise error(f"the image {quote(name)} does not exist in the scene's folder", *path)
+        try:
+            return self.image_path(full)
+        except ValueError as reason:
+            raise error(str(reason), *path) from None

@@ -2,6 +2,7 @@
 
 import math
 
+from ..language.words import numbers
 from ..model import Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
 from . import textures
@@ -76,9 +77,12 @@ def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
 
 
 def phong_exponent(surface: Surface) -> float | None:
-    """Exponent of the Phong lobe, None for a mirror; an RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007)."""
+    """Exponent of the Phong lobe, None for a mirror; an RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007).
+
+    The largest is that of the language.
+    """
     if surface.exponent is None and surface.slope:
-        return max(2 / surface.slope**2 - 2, 0.0)
+        return min(max(2 / surface.slope**2 - 2, 0.0), numbers("OPTIC", "exponent").high)
     return surface.exponent
 
 

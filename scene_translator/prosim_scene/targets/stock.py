@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..language.words import PIXELS
 from ..model import Leaf, Light, Surface, Vector
 from ..nodes import Comment, Default, Node, Point, rgb, rgb_clipped
 from . import lights, materials, textures
@@ -49,6 +50,9 @@ def camera(context: Context, camera: Camera) -> Camera:
     width, height = camera.resolution
     pixel = (camera.right - camera.left) / width
     new = max(1, round((camera.top - camera.bottom) / pixel))
+    if width * new > PIXELS:
+        raise context.document.error(f"stock target: pixels are square, and this window would have {width}x{new} of them; "
+                                     "expected a window with other proportions", "view", "window")
     context.approximate(f"stock target: pixels are square, {width}x{new} of them instead of {width}x{height}", "view")
     # What rounding leaves over goes to both sides of the window.
     middle, half = (camera.top + camera.bottom) / 2, new * pixel / 2
@@ -61,16 +65,14 @@ def light(context: Context, number: int, light: Light) -> Node:
     if units == "unattenuated":
         context.approximate("stock target: lights are attenuated with distance; they are calibrated at VRP", *path)
         units = "calibrated"
-    quantity = lights.quantity(context, number, light, units)
     if light.distribution == "uniform":
+        quantity = lights.quantity(context, number, light, units)
         if light.kind == "point":
             return {"type": "point", "position": Point(light.position), "intensity": rgb(quantity)}
         context.approximate("stock target: AREA lights are seen by the camera", *path)
         return lights.sphere(light, {"type": "area", "radiance": rgb(quantity)})
     context.approximate("stock target: CONE and SPOT lights are points, SPOT with a linear falloff", *path)
-    if light.kind == "area":
-        # The intensity of a sphere along its axis is that of a point with pi r^2 times its radiance.
-        quantity = tuple(math.pi * light.radius**2 * x for x in quantity)
+    quantity = lights.quantity(context, number, replace(light, kind="point"), units)
     beam, cutoff = _falloff(light)
     return {"type": "spot", "to_world": _along(light.position, light.direction), "intensity": rgb(quantity),
             "beam_width": beam, "cutoff_angle": cutoff}

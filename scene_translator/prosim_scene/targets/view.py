@@ -13,6 +13,8 @@ from ..language.document import Document
 from ..nodes import Node
 
 PARALLEL = 1e-9  # sine of an angle below which two directions count as parallel
+NOTHING = 1e-15  # length below which a direction counts as none
+WIDEST, NARROWEST = 1e5, 1e-9  # sides of a window in units of its distance
 
 
 @dataclass(frozen=True)
@@ -64,10 +66,12 @@ def camera(document: Document, resolution: tuple[int, int] | None = None) -> Cam
     eye, vrp, vup, normal = (np.array(x, dtype=float) for x in (view.eye, view.vrp, view.vup, view.vpn))
     if not normal.any():
         normal = eye - vrp
-        if not normal.any():
+        if np.linalg.norm(normal) < NOTHING:
             raise document.error("OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane",
                                  "view", "eye")
-    if not vup.any():
+    if np.linalg.norm(normal) < NOTHING:
+        raise document.error("VPN has length 0 in single precision; expected a direction, or 0 0 0", "view", "vpn")
+    if np.linalg.norm(vup) < NOTHING:
         raise document.error("VUP has length 0; expected a direction", "view", "vup")
     n, up = normal / np.linalg.norm(normal), vup / np.linalg.norm(vup)
     depth = float((eye - vrp) @ n)
@@ -88,18 +92,20 @@ def camera(document: Document, resolution: tuple[int, int] | None = None) -> Cam
     offset = vrp - eye
     a, b = float(offset @ u), float(offset @ v)
     result = Camera(eye, u, v, n, depth, a + umin, b + vmin, a + umax, b + vmax, resolution or view.resolution)
-    if not all(map(math.isfinite, (*result.pixel, result.left, result.top))) or min(result.pixel) <= 0:
-        raise document.error("the window is too large or too small for numbers of double precision", "view", "window")
+    sides = result.right - result.left, result.top - result.bottom
+    if not NARROWEST * depth <= min(sides) <= max(sides) <= WIDEST * depth:
+        raise document.error(f"the window is too large or too small at the distance {depth:g} from OBS; expected sides between "
+                             f"{NARROWEST * depth:g} and {WIDEST * depth:g}", "view", "window")
     return result
 
 
-def sensor(camera: Camera, film: Node, sampler: Node) -> Node:
-    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others."""
+def sensor(camera: Camera, planes: tuple[float, float], film: Node, sampler: Node) -> Node:
+    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others, between two ``planes``."""
     width, height = camera.right - camera.left, camera.top - camera.bottom
     to_world = np.eye(4)
     # Mitsuba's camera looks along +z with x to the left of the image.
     to_world[:3] = np.stack([-camera.u, camera.v, -camera.n, camera.eye], axis=1)
-    common = {"to_world": to_world, "near_clip": 1e-3 * camera.depth, "far_clip": 1e5 * camera.depth,
+    common = {"to_world": to_world, "near_clip": planes[0], "far_clip": planes[1],
               "film": film, "sampler": sampler}
     if not camera.square_pixels:
         return {"type": "prosim_window", "left": camera.left / camera.depth, "right": camera.right / camera.depth,

@@ -49,6 +49,11 @@ def write(scene: Node) -> str:
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
+def can_say(text: str) -> bool:
+    """Whether a name can stand in XML: no control characters, nor bytes that were no UTF-8."""
+    return text.isprintable()
+
+
 def number(value: float) -> str:
     """Ten digits, more than Mitsuba's single precision keeps."""
     return format(value, ".10g")
@@ -65,7 +70,7 @@ def _defaults(node: Node) -> Iterator[Default]:
 def _entry(parent: ElementTree.Element, key: str, value: Any, depth: int) -> None:
     """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
     if isinstance(value, Comment):
-        text = value.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("--", "- -")
+        text = "".join(c if c.isprintable() else "?" for c in value).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("--", "- -")
         parent.append(ElementTree.Comment(f" {text} "))
     elif isinstance(value, dict):
         _element(parent, key, value, depth)
@@ -110,7 +115,7 @@ def _scalar(value: Any) -> tuple[str, str]:
         return "boolean", str(value).lower()
     if isinstance(value, int):
         return "integer", str(value)
-    return ("float", number(value)) if isinstance(value, float) else ("string", value)
+    return ("float", number(value)) if isinstance(value, float) else ("string", value.replace("$", "\\$"))
 
 
 def _blank_lines(root: ElementTree.Element) -> None:

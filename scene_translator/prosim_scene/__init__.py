@@ -8,10 +8,11 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 """
 
 from .language import parse
-from .language.files import read
+from .language.files import read, rewrite
 from .language.formatter import format
 from .language.messages import SceneError, SceneWarning
 from .model import Scene
 from .translator import check, load, translate
 
-__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "translate"]
+__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "rewrite",
+           "translate"]

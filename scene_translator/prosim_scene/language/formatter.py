@@ -11,6 +11,7 @@ from .parser import tokens_and_tree
 from .words import OPERATORS, STATEMENTS, row
 
 INDENT = "    "
+DEEPEST = 12  # steps to which the tree is indented
 #: Statements with parameters on lines of their own.
 HEADINGS = {"LIGHTS", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
 #: Tokens that stand on the line of the keyword before them; any other begins a line.
@@ -55,6 +56,7 @@ class _Layout:
         self.line = _Line("")  # the last one that has words
         self.heading = self.previous = ""  # the statement, and the type of the token before
         self.rest = ""  # what follows END
+        self.missing: list[int] = []  # operands that the runs of operators around a node of the tree still lack
 
     def text(self) -> str:
         return "\n".join([*map(str, self.lines), *([self.rest] if self.rest else []), ""])
@@ -86,13 +88,47 @@ class _Layout:
         elif kind == "MINUS" and self.heading == "VIEW":
             pass  # the stray dash of the listing
         elif kind in OPERATORS.values():
-            if self.previous in OPERATORS.values() and self.lines[-1] is self.line and not self.line.remarks:
-                self.line.words.append(str(piece))
-            else:
-                self.begin(1, str(piece))
+            self.operator(piece)
+        elif kind == "PRIMITIVE":
+            self.begin_node(row(piece).canonical)
+            self.operand()
         else:
             # A light's parameters stand below its kind.
             self.begin(2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1, row(piece).canonical)
+
+    def operator(self, piece: Token) -> None:
+        """Operators that follow one another stand on one line; below it, and one step to the right, all their operands."""
+        if self.previous not in OPERATORS.values():
+            self.begin_node(str(piece))
+            self.missing.append(2)
+            return
+        self.missing[-1] += 1
+        if self.lines[-1] is self.line and not self.line.remarks:
+            self.line.words.append(str(piece))
+        else:  # a remark stands between
+            self.begin(self.depth(len(self.missing)), str(piece))
+
+    def begin_node(self, word: str) -> None:
+        """A line of the tree, and the remarks that stand directly above it."""
+        depth = self.depth(len(self.missing) + 1)
+        for line in reversed(self.lines):
+            if line.words:
+                break
+            line.indent = INDENT * depth
+        self.begin(depth, word)
+
+    def operand(self) -> None:
+        """One operand less is missing, and the run of operators that lacks none is one itself."""
+        while self.missing:
+            self.missing[-1] -= 1
+            if self.missing[-1]:
+                break
+            self.missing.pop()
+
+    @staticmethod
+    def depth(level: int) -> int:
+        """Steps to the right, at most so many that a line stays readable, and a deep tree's text in proportion to it."""
+        return min(level, DEEPEST)
 
     def value(self, piece: Token) -> None:
         kind, words = piece.type, self.line.words

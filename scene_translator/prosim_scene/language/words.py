@@ -169,7 +169,7 @@ WORDS = (
     _word("PARAMETER", "frequency frequencia", "frequency", Numbers(1, "pairs a unit", 1e-6, 1e6), "stripes"),
     _word("PARAMETER", "duty razao", "duty", FRACTION, "stripes"),
     _word("PARAMETER", "axis eixo", "axis", DIRECTION, "stripes"),
-    _word("PARAMETER", "SCALE ESCALA", "scale", Numbers(1, "a frequency", 1e-6, 1e6), "fractal"),
+    _word("PARAMETER", "scale escala", "scale", Numbers(1, "a frequency", 1e-6, 1e6), "fractal"),
     _word("PARAMETER", "octaves oitavas", "octaves", Numbers(1, "a number", 1, 16, whole=True), "fractal"),
     _word("PARAMETER", "gain ganho", "gain", Numbers(1, "a factor", 0, 1e6), "fractal"),
     _word("PARAMETER", "lacunarity lacunaridade", "lacunarity", Numbers(1, "a factor", 1e-6, 1e6), "fractal"),
@@ -229,9 +229,9 @@ def numbers(role: str, name: str) -> Numbers:
     return takes
 
 
-def canonical(role: str, name: str) -> str:
-    """The canonical spelling of what the model calls ``name``."""
-    return next(word.canonical for word in WORDS if (word.role, word.name) == (role, name))
+def canonical(role: str, name: str = "") -> str:
+    """The canonical spelling of what the model calls ``name``; of the first word of the role, if no name is given."""
+    return next(word.canonical for word in WORDS if word.role == role and name in ("", word.name))
 
 
 def meanings(role: str) -> list[str]:

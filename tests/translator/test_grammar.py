@@ -198,15 +198,15 @@ def test_examples(path):
 
 
 def test_both_languages_say_the_same():
-    english = """NAME: a MAX-LEVEL: 2 DO-SHADOW: TRUE BACKGROUND: 1 2 3 NONE
-    LIGHTS AREA position 1 2 3 Intensity 4 5 6 radius 7 SPOT direction 0 -1 0 angle 30 exponent 8
+    english = """NAME: a MAX-LEVEL: 2 DO-SHADOW: TRUE BACKGROUND: 1000 2000 3000 NONE
+    LIGHTS AREA position 1 2 3 Intensity 4000 5000 6000 radius 7 SPOT direction 0 -1 0 angle 30 exponent 8
     VIEW RESOLUTION 10 10 OBSERVER 0 0 9
     CSG-TREE + + + CUBE 0 SPHERE 1 CYLINDER 2 CONE 3
     SURFACE 0 material conductor silver roughness = 5  SURFACE 1 material dielectric n-refr = 1.5
     SURFACE 2 material lambertian kd = .5  SURFACE 3 material composite n-refr = 1.5
     TRANSFORM 0 SCALE (1 2 3)  TRANSFORM 1 ROTATE-X (90)  TRANSFORM 2 TRANSLATE (1 2 3)  TRANSFORM 3 END"""
-    portuguese = """NOME: a NÍVEL-MÁXIMO: 2 SOMBRA: SIM FUNDO: 1 2 3 NENHUM
-    FONTES EXTENSA posição 1 2 3 intensidade 4 5 6 raio 7 SPOT direção 0 -1 0 ângulo 30 expoente 8
+    portuguese = """NOME: a NÍVEL-MÁXIMO: 2 SOMBRA: SIM FUNDO: 1000 2000 3000 NENHUM
+    FONTES EXTENSA posição 1 2 3 intensidade 4000 5000 6000 raio 7 SPOT direção 0 -1 0 ângulo 30 expoente 8
     VISTA RESOLUÇÃO 10 10 OBSERVADOR 0 0 9
     ÁRVORE-CSG + + + CUBO 0 ESFERA 1 CILINDRO 2 CONE 3
     SUPERFÍCIE 0 material condutor prata rugosidade = 5  SUPERFÍCIE 1 material dielétrico n-refr = 1.5

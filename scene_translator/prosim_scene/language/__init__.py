@@ -8,6 +8,7 @@ a :class:`~prosim_scene.language.document.Document`, a scene with the places of 
 from os import PathLike
 
 from ..model import Scene
+from . import parentheses
 from .builder import Builder
 from .document import Document
 from .files import SIZE_LIMIT, too_large
@@ -20,7 +21,8 @@ def document_of(text: str, filename: str | PathLike[str] = "<string>") -> Docume
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
     source = Source(text, filename)
-    _, tree = tokens_and_tree(source)
+    pieces, tree = tokens_and_tree(source)
+    parentheses.judge(source, pieces, tree)
     return Builder(source).document(tree)
 
 

@@ -11,8 +11,10 @@ from .. import model
 from . import checks
 from .document import Document, Path
 from .lexer import place
-from .messages import Place, SceneError, Source, listing, nearest, quote
+from .hints import hint, nearest
+from .messages import Place, SceneError, Source, listing, quote
 from .names import ALIASES, BUILT_IN, METALS
+from .parentheses import EXPLAINED
 from .values import read_value, span
 from .words import PIXELS, Word, fold, of_role, row
 
@@ -136,8 +138,8 @@ class Builder:
         for number, item in enumerate(children[1:]):
             token = item.children[0]
             if nodes and not missing:
-                raise self.error(token, f"found {quote(token)} after the tree is complete; "
-                                        f"expected the next statement, or one more operator before the operands")
+                raise self.error(token, f"found {quote(token)} after the tree is complete; expected the next statement, or "
+                                        f"one more operator before the operands: {EXPLAINED}")
             self.places["csg", number] = span(_tokens(item))
             if item.data == "operator":
                 nodes.append(model.Operator(str(token)))
@@ -152,7 +154,7 @@ class Builder:
         if missing:
             token, count = missing[-1]
             raise self.error(token, f"this {quote(token)} lacks {'an operand' if count == 1 else 'two operands'}; "
-                                    "expected a primitive or an operator")
+                                    f"expected a primitive or an operator: {EXPLAINED}")
         fields["csg"] = tuple(nodes)
 
     def leaf(self, number: int, children: list[Token]) -> model.Leaf:
@@ -198,7 +200,7 @@ class Builder:
                 optics = [s for word in of_role("OPTIC") if "conductor" in word.of or not word.of for s in word.spellings]
                 words = [*METALS, *(optics if keyword.type == "MATERIAL" else ())]
                 raise self.error(name, f"unknown metal {quote(name)}; expected one of "
-                                       f"Ag, Al, Au, Cr, Cu, Hg, Ni, W, ... or its name{nearest(name, words)}")
+                                       f"Ag, Al, Au, Cr, Cu, Hg, Ni, W, ... or its name{hint(name) or nearest(name, words)}")
             values.setdefault("material", "conductor")
 
     def transform(self, fields: dict[str, Any], children: list[Any]) -> None:

@@ -3,11 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ..model import Leaf, Surface
+from ..model import Leaf, Surface, Vector
 from .document import Document
-from .messages import listing, nearest, quote
+from .hints import nearest
+from .messages import listing, quote
 from .names import ALIASES, BUILT_IN
 from .words import WORDS, canonical
+
+#: Below this, the intensity of a light, of AMBIENT or of BACKGROUND is most likely a mistake.
+DARK = 256
 
 
 def whole(document: Document) -> None:
@@ -19,6 +23,7 @@ def whole(document: Document) -> None:
         _surface(document, index, surface)
     _leaves(document)
     _unused(document)
+    _dark(document)
 
 
 def _effects(document: Document, kind: str, called: str, role: str, *owner: str | int) -> None:
@@ -69,6 +74,19 @@ def _leaves(document: Document) -> None:
             if slot == 1 and texture and texture.image:
                 raise document.error("an image stands in the second texture slot, which is solid; expected it in the first",
                                      *path)
+
+
+def _dark(document: Document) -> None:
+    """Warns of intensities that were meant as 1.0, or as 255."""
+    scene = document.scene
+    given: list[tuple[Vector, str, tuple[str | int, ...]]] = [
+        (light.intensity, "Intensity", ("lights", i, "intensity")) for i, light in enumerate(scene.lights)]
+    given.append((scene.ambient, "AMBIENT", ("ambient",)))
+    if scene.background.image is None:
+        given.append((scene.background.color, "BACKGROUND", ("background",)))
+    for color, word, path in given:
+        if 0 < max(color) < DARK:
+            document.warn(f"this {word} is all but dark: 65535 is 1.0", *path)
 
 
 def _unused(document: Document) -> None:

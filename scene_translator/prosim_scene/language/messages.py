@@ -1,8 +1,7 @@
 """Errors and warnings that show the place in the scene's text."""
 
-import difflib
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -88,10 +87,3 @@ def listing(words: Iterable[object], last: str = "or") -> str:
     """``A, B or C``."""
     texts = [str(word) for word in words]
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {last} {texts[-1]}"
-
-
-def nearest(word: str, words: Sequence[str], cutoff: float = 0.6) -> str:
-    """``; did you mean 'X'?`` for the known word nearest to ``word``, or nothing where none is near."""
-    folded = {w.lower(): w for w in words}
-    match = difflib.get_close_matches(str(word).lower()[:CLIP], folded, n=1, cutoff=cutoff)
-    return f"; did you mean {folded[match[0]]!r}?" if match else ""

@@ -9,8 +9,9 @@ from pathlib import Path
 from lark import Lark, Token, Tree, UnexpectedToken
 
 from . import lexer
-from .messages import Place, SceneError, Source, listing, nearest, quote
-from .words import OPERATORS, ROLES, STATEMENTS, WORDS, fold, meanings
+from .hints import meant
+from .messages import Place, SceneError, Source, listing, quote
+from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, meanings
 
 #: The order in which a message lists what it expected.
 ORDER = ("NUMBER", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
@@ -55,10 +56,17 @@ def _syntax_error(source: Source, token: Token, expected: set[str], pieces: list
         if token[0] in "0123456789.+-":
             return source.error(place, f"found {quote(token)}, which is not a number")
     if token.type == "WORD":
-        known = [spelling for word in WORDS if word.role in expected for spelling in word.spellings]
-        every = [spelling for word in WORDS for spelling in word.spellings]
-        return source.error(place, f"unknown word {quote(token)}; expected {listing(names)}"
-                                   + (nearest(token, known, 0.75) or nearest(token, every)))
+        return source.error(place, f"unknown word {quote(token)}; expected {listing(names)}{meant(token, expected)}")
+    owner = STATEMENT_OF.get(token.type)
+    if owner and owner != _statement(pieces):
+        owner = canonical(owner)
+        return source.error(place, f"found {quote(token)}, a word of {owner}; expected it after {owner}, "
+                                   "before any other statement")
     if token.type in ROLES and token.type not in STATEMENTS and "NUMBER" not in expected:
         return source.error(place, f"found {quote(token)}, which has no place here; expected {listing(names)}")
     return source.error(place, f"found {quote(token)}; expected {listing(names)}")
+
+
+def _statement(pieces: list[Token]) -> str:
+    """The role of the last word that began a statement."""
+    return next((piece.type for piece in reversed(pieces) if piece.type in STATEMENTS), "")

@@ -1,6 +1,7 @@
 """What follows a keyword -> its value, counted and judged by the keyword's row in the table of words."""
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +10,8 @@ from lark import Token
 from .lexer import place
 from .messages import Place, SceneError, Source, quote
 from .words import LARGE, Flags, Numbers, row
+
+HTML_COLOR = re.compile(r"[\s:=]*#([0-9a-f]{6})\b", re.IGNORECASE)
 
 
 def read_value(source: Source, children: Sequence[Token]) -> Any:
@@ -48,6 +51,10 @@ def _miscounted(source: Source, keyword: Token, tokens: Sequence[Token], takes: 
     """The error about a wrong count of numbers."""
     expected = f"{takes.count} number{'s' * (takes.count > 1)}"
     expected += f" ({takes.what}), or 1 for all channels" if takes.channels else f" ({takes.what})"
+    html = HTML_COLOR.match(source.text, span([keyword, *tokens]).end)
+    if html:
+        values = " ".join(f"{int(html[1][i:i + 2], 16) / 255:.3g}" for i in (0, 2, 4))
+        expected += f"; {html[0].strip(' :=')!r} is a remark, and this colour is {values}"
     return source.error(span(tokens or [keyword]),
                         f"found {len(tokens)} number{'s' * (len(tokens) != 1)} after {keyword}; expected {expected}")
 

@@ -132,8 +132,6 @@ def _alike(scene: Scene) -> Iterable[list[tuple[int, Leaf]]]:
 
 def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[np.ndarray]) -> Node:
     camera = target.camera(context, camera)
-    if bodies:
-        single.warn_of_coarseness(context.document, camera, np.concatenate([body[:, 0] for body in bodies]))
     width, height = camera.resolution
     film = {"type": "hdrfilm", "width": Default("width", width), "height": Default("height", height),
             "pixel_format": "rgb", "component_format": "float32", "filter": {"type": "box"}}

@@ -8,7 +8,7 @@ import numpy as np
 import prosim_scene
 import pytest
 from prosim_scene.language import document_of
-from prosim_scene.targets import clip, single
+from prosim_scene.targets import clip
 from prosim_scene.targets.view import camera
 
 VIEWS = {
@@ -173,14 +173,3 @@ def test_planes_stay_where_they_are_if_nothing_is_cut_off():
     assert clip.planes(camera_, [triangle], ()) == (0.02, 2e6)
     assert clip.planes(camera_, [triangle + [0, 0, 19.99]], ()) == pytest.approx((0.01 / 2 / 1.5**0.5, 2e6))
     assert clip.planes(camera_, [triangle - [0, 0, 3e6]], ()) == (0.02, 2 * (3e6 + 20))
-
-
-@pytest.mark.filterwarnings("ignore:.*no lights:prosim_scene.SceneWarning")
-@pytest.mark.parametrize("origin, coarse", [(0, False), (1e4, False), (1e6, True), (1e7, True)])
-def test_a_scene_far_from_the_origin_is_a_warning(origin, coarse, recwarn):
-    document = document_of(f"VIEW RESOLUTION 80 60 WINDOW -4 -3 4 3 OBS {origin} 4 20 VRP {origin} 0 0\n"
-                           f"CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 TRANSLATE ({origin} 0 0) END")
-    points = np.array([[origin, 0, 1], [origin + 1, 0, 0]])
-    recwarn.clear()
-    single.warn_of_coarseness(document, camera(document), points)
-    assert ["so far from the origin" in str(w.message) for w in recwarn] == [True] * coarse

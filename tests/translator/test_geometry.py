@@ -8,11 +8,13 @@ import numpy as np
 import prosim_scene
 import pytest
 from prosim_scene import SceneWarning, translator
+from prosim_scene.language import document_of
 from prosim_scene.model import Leaf, Operator
 from prosim_scene.solids import csg, media, parts, tessellate
 from prosim_scene.solids.coincidence import Planes
 from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
 from prosim_scene.solids.transforms import matrix
+from prosim_scene.targets import view
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 
@@ -28,13 +30,14 @@ def scene(tree, transforms, surfaces=()):
 
 def solids(text, tolerance=0.05):
     """{index of the first leaf with that look: Triangles} of a scene."""
-    parsed = prosim_scene.parse(text, "test.scn")
-    translation = translator._Translation(parsed, ".", tolerance=tolerance)
-    found = tessellate(parsed, translation.camera, tolerance, translation.medium, translation.material_key)
+    document = document_of(text, "test.scn")
+    scene = document.scene
+    found = tessellate(document, view.camera(document), tolerance, lambda leaf: translator.medium(scene, leaf),
+                       lambda leaf: translator.look(scene, leaf))
     keys = {}
-    for leaf in parsed.csg:
+    for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
-            keys.setdefault(translation.material_key(leaf), leaf.index)
+            keys.setdefault(translator.look(scene, leaf), leaf.index)
     return {keys[key]: triangles for key, triangles in found.items()}
 
 
@@ -144,7 +147,7 @@ def test_normals_are_those_of_the_quadric_after_cuts():
 
 def test_chord_error_is_below_the_tolerance():
     text = scene("SPHERE 0", ["SCALE (3 1 1)"])
-    camera = translator._Translation(prosim_scene.parse(text), ".").camera
+    camera = view.camera(document_of(text))
     for tolerance in (0.5, 0.05):
         p = solids(text, tolerance)[0].positions / [3, 1, 1]
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])

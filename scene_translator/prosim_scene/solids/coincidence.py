@@ -56,8 +56,8 @@ class Planes:
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         plane, shift = self.of_facet[facets], step * self.side[facets]
         flags = np.asarray(mesh.run_flags, dtype=np.int64) & 1  # 1: the back side, of a solid that was taken away
-        runs = np.diff(np.asarray(mesh.run_index, dtype=np.int64)) // 3
-        shift = np.where(np.repeat(flags, runs) == 1, -shift, shift)
+        runs = np.asarray(mesh.run_index, dtype=np.int64) // 3
+        shift = np.where(np.repeat(flags, runs[1:] - runs[:-1]) == 1, -shift, shift)
         concerned = np.isin(self.surface, list(surfaces))
         chosen = (plane >= 0) & concerned[plane]
         triangles = np.asarray(mesh.tri_verts, dtype=np.int64)
@@ -82,9 +82,12 @@ class Planes:
         touched, index = np.unique(vertex, return_inverse=True)
         normal, offset = self.planes[plane, :3], self.planes[plane, 3]
         height = shift - (np.einsum("ij,ij->i", normal, points[vertex]) + offset)
-        matrix = np.stack([np.bincount(index, normal[:, i] * normal[:, j], len(touched)) for i in range(3) for j in range(3)])
-        right = np.stack([np.bincount(index, normal[:, i] * height, len(touched)) for i in range(3)], axis=1)
-        # The least squares' least solution (Tikhonov): few planes leave directions free, many meet in one point.
-        matrix = matrix.T.reshape(-1, 3, 3) + 1e-12 * np.eye(3)
-        points[touched] += np.linalg.solve(matrix, right[..., None])[..., 0]
+        normals = np.zeros((len(touched), 3, 3))  # sums of n n^T
+        heights = np.zeros((len(touched), 3, 1))
+        for i in range(3):
+            heights[:, i, 0] = np.bincount(index, normal[:, i] * height)
+            for j in range(3):
+                normals[:, i, j] = np.bincount(index, normal[:, i] * normal[:, j])
+        # The least of the least squares' solutions (Tikhonov): few planes leave directions free, many meet in one point.
+        points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
         return points

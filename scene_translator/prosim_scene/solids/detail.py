@@ -1,18 +1,16 @@
 """How finely curved faces are approximated, and what is too much."""
 
-import warnings
-
 import numpy as np
 
-from ..model import Scene
-from ..view import Camera
+from ..language.document import Document
+from .sight import Sight
 from .solid import Solid
 
 TOLERANCE = 0.1  # chord error in pixels
-MOST_TRIANGLES = 6_000_000  # of all primitives, about 3 GB while they are united
+MOST_TRIANGLES = 4_000_000  # of all primitives, about 3 GB while they are united
 
 
-def choose_segments(scene: Scene, solids: list[Solid], camera: Camera, tolerance: float) -> None:
+def choose_segments(document: Document, solids: list[Solid], camera: Sight, tolerance: float) -> None:
     """Sets ``segments`` of all solids, so that the chord error stays below ``tolerance`` pixels.
 
     Solids with a common curved face get the same number. Where that would be more than MOST_TRIANGLES, all are coarser,
@@ -31,17 +29,17 @@ def choose_segments(scene: Scene, solids: list[Solid], camera: Camera, tolerance
         if total <= MOST_TRIANGLES:
             break
         if total <= sum(s.primitive.count(0) for s in solids):
-            raise scene.source.error(scene.places["CSG_TREE"], (
+            raise document.error(
                 f"the tree's {len(solids):,} different primitives have at least {total:,} triangles; "
-                f"expected {MOST_TRIANGLES:,} at most, which is what memory is provided for"))
+                f"expected {MOST_TRIANGLES:,} at most, which is what memory is provided for", "csg")
         tolerance *= 1.5
     if tolerance > wanted:
-        warnings.warn(scene.source.warning(scene.places["CSG_TREE"], (
+        document.warn(
             f"curved faces are approximated to {tolerance:.2g} pixels instead of {wanted:g}: "
-            f"the tree's {len(solids):,} primitives would have more than {MOST_TRIANGLES:,} triangles")), stacklevel=2)
+            f"the tree's {len(solids):,} primitives would have more than {MOST_TRIANGLES:,} triangles", "csg")
 
 
-def warn_if_far(scene: Scene, camera: Camera, boxes: np.ndarray) -> None:
+def warn_if_far(document: Document, camera: Sight, boxes: np.ndarray) -> None:
     """A :class:`SceneWarning` where single precision, in which the renderer computes, is coarse against a pixel.
 
     ``boxes`` (n, 8, 3) are corners of boxes around the solids.
@@ -51,6 +49,6 @@ def warn_if_far(scene: Scene, camera: Camera, boxes: np.ndarray) -> None:
     pixel = camera.footprint(nearest)
     grain = float(np.spacing(np.float32(np.abs(camera.eye).max())))
     if grain > 0.1 * pixel:
-        warnings.warn(scene.source.warning(scene.places.get("OBS") or scene.view.at, (
+        document.warn(
             f"the scene lies so far from the origin that its coordinates are rounded to {grain:.1g} (single precision), where "
-            f"a pixel is {pixel:.1g} wide: moved to the origin, it is seen more exactly")), stacklevel=2)
+            f"a pixel is {pixel:.1g} wide: moved to the origin, it is seen more exactly", "view", "eye")

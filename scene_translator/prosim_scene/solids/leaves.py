@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model import Scene
-from ..view import Camera
+from ..language.document import Document
 from . import tree
 from .coincidence import STEP, Planes
 from .detail import choose_segments, warn_if_far
 from .inscribed import shrink_inscribed
 from .primitives import PRIMITIVES, Mesh, box_corners
 from .recognition import same_surfaces
+from .sight import Sight
 from .solid import Solid
 from .transforms import matrix
 
@@ -38,20 +38,20 @@ class Leaves:
     has the face of each, ``planes`` those that facets have in common.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, tolerance: float) -> None:
+    def __init__(self, document: Document, camera: Sight, tolerance: float) -> None:
         """Raises :class:`SceneError` for a transform that cannot be inverted, and for more than memory can hold."""
-        leaves = tree.leaves(scene.csg)
+        leaves = tree.leaves(document.scene.csg)
         kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
         self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
-        matrices = {index: _checked_matrix(scene, index) for index in dict.fromkeys(index for _, index in kinds)}
+        matrices = {index: _checked_matrix(document, index) for index in dict.fromkeys(index for _, index in kinds)}
         self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
         boxes = np.array([box_corners(s.primitive.box) @ s.to_world[:3, :3].T + s.to_world[:3, 3] for s in self.solids])
-        warn_if_far(scene, camera, boxes)
+        warn_if_far(document, camera, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         self._share()
-        choose_segments(scene, self.solids, camera, tolerance)
+        choose_segments(document, self.solids, camera, tolerance)
         shrink_inscribed(self.solids)
         for s in self.solids:
             s.to_world = s.to_world - np.pad(self.origin[:, None], ((0, 1), (3, 0)))
@@ -130,15 +130,15 @@ def facet_planes(mesh: Mesh) -> np.ndarray:
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
     weight = np.linalg.norm(cross, axis=1)
-    normal = np.stack([np.bincount(mesh.facets, cross[:, i]) for i in range(3)], axis=1)
-    middle = np.stack([np.bincount(mesh.facets, weight * (a + b + c)[:, i] / 3) for i in range(3)], axis=1)
+    normal: np.ndarray = np.stack([np.bincount(mesh.facets, cross[:, i]) for i in range(3)], axis=1)
+    middle: np.ndarray = np.stack([np.bincount(mesh.facets, weight * (a + b + c)[:, i] / 3) for i in range(3)], axis=1)
     middle /= np.bincount(mesh.facets, weight)[:, None]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.append(normal, -np.einsum("ij,ij->i", normal, middle)[:, None], axis=1)
 
 
-def _checked_matrix(scene: Scene, index: int) -> np.ndarray:
-    m = matrix(scene.transforms[index])
+def _checked_matrix(document: Document, index: int) -> np.ndarray:
+    m = matrix(document.scene.transforms[index])
     if not np.isfinite(m).all() or np.linalg.cond(m[:3, :3]) > 1e12:
-        raise scene.source.error(scene.transforms[index].at, "this transform is singular or beyond double precision")
+        raise document.error("this transform is singular or beyond double precision", "transforms", index)
     return m

@@ -61,7 +61,8 @@ def shells(value: Value, media: list[Hashable]) -> list[Shell]:
 
 def _shell(manifold: Manifold) -> Shell:
     mesh = manifold.to_mesh64()
-    runs = np.diff(np.asarray(mesh.run_index, dtype=np.int64)) // 3
+    ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
+    runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
     back = np.repeat(np.asarray(mesh.run_flags, dtype=np.int64) & 1, runs)
     return Shell(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64), ids,

@@ -48,7 +48,8 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     inverse = np.linalg.inv(to_unit @ matrices)
     world = inverse.transpose(0, 2, 1) @ quadrics @ inverse
     world /= np.linalg.norm(world[:, :3, :3], axis=(1, 2))[:, None, None]
-    return world[:, *np.triu_indices(4)]
+    row, column = np.triu_indices(4)
+    return world[:, row, column]
 
 
 def _clusters(values: np.ndarray) -> np.ndarray:

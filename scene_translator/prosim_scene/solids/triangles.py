@@ -1,15 +1,15 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
-import warnings
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..model import Leaf, Scene
-from ..view import Camera
+from ..language.document import Document
+from ..model import Leaf
 from . import csg, media, parts, tree
 from .leaves import Leaves
+from .sight import Sight
 
 CHUNK = 1 << 18  # triangles at a time
 
@@ -25,18 +25,19 @@ class Triangles:
     keys: np.ndarray
 
 
-def tessellate(scene: Scene, camera: Camera, tolerance: float, medium: Callable[[Leaf], Hashable],
+def tessellate(document: Document, camera: Sight, tolerance: float, medium: Callable[[Leaf], Hashable],
                material: Callable[[Leaf], Hashable]) -> dict[Hashable, Triangles]:
-    """The surfaces of the scene: {material: Triangles}.
+    """The surfaces of a document's scene: {material: Triangles}.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or None,
     ``material(leaf)`` a hashable key: leaves with the same key share a mesh. Raises :class:`SceneError` for a transform
     that cannot be inverted and for more triangles than memory is provided for.
     """
+    scene = document.scene
     leaves = tree.leaves(scene.csg)
     if not leaves:
         return {}
-    table = Leaves(scene, camera, tolerance)
+    table = Leaves(document, camera, tolerance)
     base = parts.reserve_ids(len(leaves))
 
     def leaf_value(number: int, leaf: Leaf) -> csg.Value:
@@ -68,7 +69,7 @@ def tessellate(scene: Scene, camera: Camera, tolerance: float, medium: Callable[
                 collected.setdefault(m, []).append(
                     [a[chosen] for a in (positions + table.origin, found.normals, found.uv, keys)])
         vertices += len(shell.vertices)
-    _report_vanished(scene, leaves, seen)
+    _report_vanished(document, seen)
     names = list(materials)
     return {names[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in sorted(collected)}
 
@@ -80,13 +81,12 @@ def _height(positions: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300)
 
 
-def _report_vanished(scene: Scene, leaves: list[Leaf], seen: np.ndarray) -> None:
+def _report_vanished(document: Document, seen: np.ndarray) -> None:
+    leaves = [(n, leaf) for n, leaf in enumerate(document.scene.csg) if isinstance(leaf, Leaf)]
     gone = [leaf for leaf, s in zip(leaves, seen) if not s]
     if len(gone) == len(leaves):
-        warnings.warn(scene.source.warning(scene.places["CSG_TREE"], "the tree's result is empty: nothing is left to see"),
-                      stacklevel=2)
+        document.warn("the tree's result is empty: nothing is left to see", "csg")
     elif gone:
-        names = [f"{leaf.shape.upper()} {leaf.index} (line {scene.source.line(leaf.at)})" for leaf in gone[:10]]
+        names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in gone[:10]]
         more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
-        warnings.warn(scene.source.warning(
-            gone[0].at, f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result"), stacklevel=2)
+        document.warn(f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result", "csg", gone[0][0])

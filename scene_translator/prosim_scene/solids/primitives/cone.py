@@ -27,9 +27,9 @@ class Cone(Primitive):
         return 2 * max(segments, MIN_SEGMENTS) - 2
 
     def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        size = np.linalg.norm(linear[:, :2], 2)
+        size = float(np.linalg.norm(linear[:, :2], 2))
         center = linear @ [0, 0, 0.5]
-        return size, center, np.linalg.norm(center) + size
+        return size, center, float(np.linalg.norm(center)) + size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         side = around_an_axis(p, face, p * [1, 1, -1], {1: 1})

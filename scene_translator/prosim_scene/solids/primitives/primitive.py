@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...view import Camera
+from ..sight import Sight
 
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 1024  # around a circle
 #: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer than
@@ -82,7 +82,7 @@ class Primitive(ABC):
     def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
         """Under a linear map: the longest semi-axis of the curved face, and centre and radius of a ball around the solid."""
 
-    def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> int:
+    def segments(self, to_world: np.ndarray, camera: Sight, tolerance: float) -> int:
         """Segments around a circle, so that the chord error stays below ``tolerance`` pixels in the image."""
         if self.curved is None:
             return 4

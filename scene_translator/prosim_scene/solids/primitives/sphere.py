@@ -34,7 +34,7 @@ class Sphere(Primitive):
         return max(segments, MIN_SEGMENTS) ** 2 // 2
 
     def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        size = np.linalg.norm(linear, 2)
+        size = float(np.linalg.norm(linear, 2))
         return size, np.zeros(3), size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:

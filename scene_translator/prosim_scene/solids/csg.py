@@ -7,8 +7,10 @@ A value maps each medium to its parts: {medium: [Part]}. Media are what solids a
 see :mod:`.media`.
 """
 
+from __future__ import annotations
+
 from collections import deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 
 import numpy as np
 
@@ -19,34 +21,28 @@ from .parts import Part, boxes, difference, intersection, union
 Value = dict[Hashable, list[Part]]
 
 
-def _total(value):
-    """All media of a value as one solid."""
-    return next(iter(value.values())) if len(value) == 1 else union(value.values())
+def evaluate(nodes: tree.Nodes, leaf_value: Callable[[int, Leaf], Value]) -> Value:
+    """The value of a tree; ``leaf_value(number, leaf)`` makes a leaf's."""
 
+    def combine(symbol: str, left: _Term, right: _Term) -> _Term:
+        if symbol == "*":
+            return (left if isinstance(left, _Product) else _Product(_value(left))).add(right)
+        return (left if isinstance(left, _Sum) else _Sum(_value(left))).add(symbol, right)
 
-def _union(values):
-    media = {}
-    for value in values:
-        for medium, parts in value.items():
-            media.setdefault(medium, []).append(parts)
-    return {medium: union(parts) for medium, parts in media.items()}
+    def leaf(number: int, leaf: Leaf) -> _Term:
+        return leaf_value(number, leaf)
 
-
-def _difference(minuend, subtrahends):
-    if not subtrahends:
-        return minuend
-    subtrahend = union([_total(value) for value in subtrahends])
-    return {medium: difference(parts, subtrahend) for medium, parts in minuend.items()}
+    return _value(tree.fold(nodes, leaf, combine))
 
 
 class _Sum:
     """A chain of + and -, still growing: signed operands, the first one positive."""
 
-    def __init__(self, first):
+    def __init__(self, first: Value) -> None:
         self.operands = deque([("+", first)])
         self.adds_only = True
 
-    def add(self, sign, other):
+    def add(self, sign: str, other: _Term) -> _Sum:
         """Appends ``other``, by its operands where it is a chain of + alone: A - (B + C) = A - B - C."""
         if isinstance(other, _Sum) and other.adds_only:
             if sign == "+" and len(self.operands) < len(other.operands) and self.adds_only:
@@ -58,23 +54,23 @@ class _Sum:
         self.adds_only &= sign == "+"
         return self
 
-    def value(self):
+    def value(self) -> Value:
         """Works through the chain in rounds, each of which first takes away and then adds.
 
         An operand joins the earliest round that comes after all earlier operands that it touches and does not commute
         with; so the number of rounds is that of the additions and subtractions that alternate at one place.
         """
         if self.adds_only:
-            return _union([value for _, value in self.operands])
+            return _union(value for _, value in self.operands)
         ends = [boxes([p for parts in value.values() for p in parts]) for _, value in self.operands]
         low = np.array([b.min(axis=0, initial=np.inf) for b, _ in ends])
         high = np.array([b.max(axis=0, initial=-np.inf) for _, b in ends])
-        sign = np.array([s == "+" for s, _ in self.operands])
-        round_ = np.zeros(len(sign), int)
-        for i in range(1, len(sign)):
+        adds = np.array([s == "+" for s, _ in self.operands])
+        round_ = np.zeros(len(adds), int)
+        for i in range(1, len(adds)):
             touching = np.all((low[:i] <= high[i]) & (high[:i] >= low[i]), axis=1)
-            round_[i] = (round_[:i] + (sign[:i] & ~sign[i]))[touching].max(initial=0)
-        result = {}
+            round_[i] = (round_[:i] + (adds[:i] & ~adds[i]))[touching].max(initial=0)
+        result: Value = {}
         for r in range(round_.max() + 1):
             chosen = [self.operands[i] for i in np.flatnonzero(round_ == r)]
             result = _difference(result, [value for s, value in chosen if s == "-"])
@@ -85,10 +81,11 @@ class _Sum:
 class _Product:
     """A chain of *, still growing."""
 
-    def __init__(self, first):
+    def __init__(self, first: Value) -> None:
         self.operands = deque([first])
 
-    def add(self, other):
+    def add(self, other: _Term) -> _Product:
+        """Appends ``other``, by its operands where it is a chain of *."""
         if isinstance(other, _Product):
             if len(self.operands) < len(other.operands):
                 other.operands.extendleft(reversed(self.operands))
@@ -98,7 +95,8 @@ class _Product:
             self.operands.append(_value(other))
         return self
 
-    def value(self):
+    def value(self) -> Value:
+        """What all operands have in common, in the first one's media."""
         result, *rest = self.operands
         for value in rest:
             total = _total(value)
@@ -106,15 +104,28 @@ class _Product:
         return result
 
 
-def _value(item):
-    return item.value() if isinstance(item, (_Sum, _Product)) else item
+_Term = Value | _Sum | _Product
 
 
-def evaluate(nodes: tree.Nodes, leaf_value: Callable[[int, Leaf], Value]) -> Value:
-    """The value of a tree; ``leaf_value(number, leaf)`` makes a leaf's."""
-    def combine(symbol, left, right):
-        if symbol == "*":
-            return (left if isinstance(left, _Product) else _Product(_value(left))).add(right)
-        return (left if isinstance(left, _Sum) else _Sum(_value(left))).add(symbol, right)
+def _value(item: _Term) -> Value:
+    return item.value() if isinstance(item, _Sum | _Product) else item
 
-    return _value(tree.fold(nodes, leaf_value, combine))
+
+def _total(value: Value) -> list[Part]:
+    """All media of a value as one solid."""
+    return next(iter(value.values())) if len(value) == 1 else union(value.values())
+
+
+def _union(values: Iterable[Value]) -> Value:
+    media: dict[Hashable, list[list[Part]]] = {}
+    for value in values:
+        for medium, parts in value.items():
+            media.setdefault(medium, []).append(parts)
+    return {medium: union(parts) for medium, parts in media.items()}
+
+
+def _difference(minuend: Value, subtrahends: list[Value]) -> Value:
+    if not subtrahends:
+        return minuend
+    subtrahend = union([_total(value) for value in subtrahends])
+    return {medium: difference(parts, subtrahend) for medium, parts in minuend.items()}

@@ -71,7 +71,8 @@ def tessellate(document: Document, camera: Sight, tolerance: float, medium: Call
         vertices += len(shell.vertices)
     _report_vanished(document, seen)
     names = list(materials)
-    return {names[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in sorted(collected)}
+    shown = np.unique(material_of[seen]).tolist()  # of others there are seams of no width at most
+    return {names[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in shown}
 
 
 def _height(positions: np.ndarray) -> np.ndarray:

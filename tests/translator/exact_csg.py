@@ -1,0 +1,284 @@
+"""CSG by its definition: rays against the primitives' own equations, in double precision, without any mesh.
+
+A primitive is convex, so a ray is inside of it on one interval. Along the ray the tree is evaluated on both sides of
+each end of an interval; the first end where the result begins is what is seen, and the face there belongs to the
+primitive that stands first in the tree among those that bound the result there.
+"""
+
+import numpy as np
+from prosim_scene.model import Leaf, Operator
+
+COINCIDENT = 1e-7  # ends of intervals that are nearer to each other are one surface; the scenes are 10 units wide
+
+
+def rotation(axis, degrees):
+    """A 3x3 rotation about a coordinate axis."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    m = np.eye(3)
+    m[i, i] = m[j, j] = c
+    m[i, j], m[j, i] = -s, s
+    return m
+
+
+def placed(transform):
+    """The linear part and the offset of a TRANSFORM."""
+    linear, offset = np.eye(3), np.zeros(3)
+    for step in transform.steps:
+        if step.kind == "translate":
+            offset = offset + step.values
+        else:
+            m = np.diag(step.values) if step.kind == "scale" else rotation("xyz".index(step.kind[-1]), step.values[0])
+            linear, offset = m @ linear, m @ offset
+    return linear, offset
+
+
+def slab(o, d, low, high):
+    """Where low <= o + t d <= high, as (entry, exit)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (low - o) / d, (high - o) / d
+    flat = d == 0
+    within = (o >= low) & (o <= high)
+    return (np.where(flat, np.where(within, -np.inf, np.inf), np.minimum(a, b)),
+            np.where(flat, np.where(within, np.inf, -np.inf), np.maximum(a, b)))
+
+
+def interval(shape, o, d):
+    """Entry and exit of rays (n, 3) in a primitive's own space; entry > exit where they miss it."""
+    if shape == "cube":
+        ends = [slab(o[:, i], d[:, i], 0.0, 1.0) for i in range(3)]
+        return np.max([e[0] for e in ends], axis=0), np.min([e[1] for e in ends], axis=0)
+    form = np.array({"sphere": (1, 1, 1), "cylinder": (1, 1, 0), "cone": (1, 1, -1)}[shape])
+    a, b, c = (d * d) @ form, (o * d) @ form, (o * o) @ form - (shape != "cone")
+    root = np.sqrt(np.maximum(b * b - a * c, 0))
+    q = -(b + np.where(b < 0, -root, root))  # without cancellation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r = np.sort(np.stack([q / a, c / q]), axis=0)
+    hit = (b * b > a * c)
+    near, far = np.where(hit, r[0], np.inf), np.where(hit, r[1], -np.inf)
+    if shape == "sphere":
+        return near, far
+    low, high = slab(o[:, 2], d[:, 2], 0.0, 1.0)
+    if shape == "cylinder":
+        return np.maximum(near, low), np.minimum(far, high)
+    # Between the roots of a flat ray; of a steep one beyond the root where it enters the nappe z > 0.
+    middle = o[:, 2] + d[:, 2] * (r[0] + r[1]) / 2
+    steep, up = a < 0, d[:, 2] > 0
+    near = np.where(steep, np.where(up, r[1], -np.inf), np.where(middle > 0, near, np.inf))
+    far = np.where(steep, np.where(up, np.inf, r[0]), far)
+    return np.maximum(near, low), np.minimum(far, high)
+
+
+def first_surfaces(scene, origins, directions):
+    """Of each ray its first surface: (number of the leaf that owns it, in the order of the tree, or -1; distance)."""
+    leaves = [node for node in scene.csg if isinstance(node, Leaf)]
+    ends = []
+    for leaf in leaves:
+        linear, offset = placed(scene.transforms[leaf.index])
+        inverse = np.linalg.inv(linear)
+        near, far = interval(leaf.shape, (origins - offset) @ inverse.T, directions @ inverse.T)
+        far = np.where(near < far, far, near)
+        ends.append((near, far))
+    times = np.sort(np.concatenate(list(zip(*ends))), axis=0)  # (2 leaves, rays)
+    best, owner = np.full(len(origins), np.inf), np.full(len(origins), -1)
+    for k in range(len(times)):
+        t = times[k]
+        known = np.isfinite(t) & (t > COINCIDENT) & (best == np.inf)
+        if not known.any():
+            continue
+        # The middle of the stretches before and after the ends that coincide with this one.
+        earlier = np.where(times < t - COINCIDENT, times, -np.inf).max(axis=0)
+        later = np.where(times > t + COINCIDENT, times, np.inf).min(axis=0)
+        before = np.where(np.isfinite(earlier), (np.maximum(earlier, -1e9) + t) / 2, t - 1)
+        after = np.where(np.isfinite(later), (later + t) / 2, t + 1)
+        state = [((a < before) & (before < b), (a < after) & (after < b)) for a, b in ends]
+        outside, inside, whose = evaluate(scene.csg, state)
+        found = known & ~outside & inside
+        best[found], owner[found] = t[found], whose[found]
+    return owner, best
+
+
+def evaluate(nodes, state):
+    """The tree on both sides of a surface, and the leaf that owns the surface where they differ."""
+    stack, number = [], len(state)
+    for node in reversed(nodes):
+        if isinstance(node, Operator):
+            left, right = stack.pop(), stack.pop()
+            sides = [{"+": a | b, "-": a & ~b, "*": a & b}[node.symbol] for a, b in zip(left[:2], right[:2])]
+            first = (left[0] == sides[0]) & (left[1] == sides[1])
+            stack.append((*sides, np.where(sides[0] == sides[1], -1, np.where(first, left[2], right[2]))))
+        else:
+            number -= 1
+            a, b = state[number]
+            stack.append((a, b, np.where(a != b, number, -1)))
+    return stack.pop()
+
+
+# ---- Random scenes of the kinds that are hard ------------------------------------------------------------------------
+
+SHAPES = ("CUBE", "SPHERE", "CYLINDER", "CONE")
+
+
+def tree(rng, count, operators="++--*"):
+    """A random tree in prefix order with leaves numbered from 0; -1, -2, -3 are +, -, *."""
+    nodes, need, left, leaf = [], 1, count - 1, 0
+    while need:
+        if left and (need == 1 or rng.random() < 0.5):
+            nodes.append(operators[rng.integers(len(operators))])
+            need, left = need + 1, left - 1
+        else:
+            nodes.append(leaf)
+            need, leaf = need - 1, leaf + 1
+    return nodes
+
+
+def numbers(values):
+    return " ".join(repr(float(v)) for v in values)
+
+
+def turn(rng):
+    """Steps of a random rotation and a small move."""
+    return (f"ROTATE-X ({rng.uniform(-180, 180)!r}) ROTATE-Y ({rng.uniform(-180, 180)!r}) "
+            f"TRANSLATE ({numbers(rng.uniform(-.5, .5, 3))})")
+
+
+def text(rng, shapes, transforms, nodes, size=(120, 90)):
+    """A scene of these primitives, each with a look of its own, seen from a random side."""
+    eye = rng.normal(size=3)
+    eye *= 15 / np.linalg.norm(eye)
+    half = rng.uniform(2.5, 4)
+    view = (f"VIEW RESOLUTION {size[0]} {size[1]} OBS {numbers(eye)} VRP {numbers(rng.uniform(-.5, .5, 3))} "
+            f"VUP {numbers(rng.normal(size=3))} WINDOW {-half} {-half * .75} {half} {half * .75}")
+    lines = [view, "LIGHTS POINT position 0 9 9",
+             "CSG-TREE", *(n if isinstance(n, str) else f"{shapes[n]} {n}" for n in nodes)]
+    for i, transform in enumerate(transforms):
+        lines += [f"SURFACE {i} material lambertiano kd {(i + 1) / 64}", f"TRANSFORM {i} {transform}"]
+    return "\n".join([*lines, "END", ""])
+
+
+def general(rng):
+    count = rng.integers(2, 7)
+    shapes = [SHAPES[rng.integers(4)] for _ in range(count)]
+    transforms = [f"SCALE ({numbers(rng.uniform(.5, 2, 3) * rng.choice([-1, 1], 3))}) {turn(rng)} "
+                  f"TRANSLATE ({numbers(rng.uniform(-1, 1, 3))})" for _ in shapes]
+    return text(rng, shapes, transforms, tree(rng, count))
+
+
+def grid(rng, after=""):
+    count = rng.integers(2, 6)
+    shapes = [SHAPES[rng.choice(4, p=[.6, .05, .25, .1])] for _ in range(count)]
+    transforms = [f"SCALE ({numbers(rng.choice([.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
+                  f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
+                  f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
+                  f"TRANSLATE ({numbers(rng.integers(-3, 4, 3) / 2)}) {after}" for _ in shapes]
+    return text(rng, shapes, transforms, tree(rng, count))
+
+
+def turned_grid(rng):
+    return grid(rng, turn(rng))
+
+
+def recesses(rng):
+    """A block, turned, with boxes on it and cuts in it that are flush with its faces."""
+    after = turn(rng)
+    count = rng.integers(2, 5)
+    transforms = [f"SCALE (2 2 2) TRANSLATE (-1 -1 -1) {after}"]
+    for _ in range(count - 1):
+        size = rng.choice([.5, 1, 2], 3)
+        at = [rng.choice([-1, -1 - s, 1 - s, 1, rng.uniform(-1.2, 1)]) for s in size]
+        transforms.append(f"SCALE ({numbers(size)}) TRANSLATE ({numbers(at)}) {after}")
+    operators = "-" * (count - 1) if rng.random() < .5 else [rng.choice(list("+-")) for _ in range(count - 1)]
+    return text(rng, ["CUBE"] * count, transforms, [*operators, *range(count)])
+
+
+def stretched_grid(rng):
+    return grid(rng, f"ROTATE-X ({rng.uniform(0, 90)!r}) SCALE ({numbers(rng.uniform(.7, 1.4, 3))}) {turn(rng)}")
+
+
+def decimals(rng):
+    """A grid of decimal fractions: sums that are not exact."""
+    count = rng.integers(2, 6)
+    shapes = [SHAPES[rng.choice(4, p=[.7, 0, .2, .1])] for _ in range(count)]
+    transforms = [f"SCALE ({numbers(rng.integers(3, 21, 3) / 10)}) "
+                  f"TRANSLATE ({numbers(rng.choice([-12, -7, -3, 0, 3, 7, 9], 3) / 10)})" for _ in shapes]
+    return text(rng, shapes, transforms, tree(rng, count))
+
+
+def same_quadric(rng):
+    """Poles, cones and balls that lie on one another's surface, in a common placement."""
+    shape = ["CYLINDER", "CONE", "SPHERE"][rng.integers(3)]
+    count = rng.integers(2, 5)
+    after = f"SCALE ({numbers(rng.uniform(.6, 2, 3))}) {turn(rng)}"
+    transforms = []
+    for _ in range(count):
+        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})" if rng.random() < .5 else ""
+        if shape == "CYLINDER":
+            height, low = rng.uniform(.3, 2), rng.choice([-1, -.5, 0, .5, rng.uniform(-1, 1)])
+            own = f"{spin} SCALE ({numbers([1, 1, height])}) TRANSLATE ({numbers([0, 0, low])})"
+        elif shape == "CONE":
+            factor = rng.choice([.5, 1, 1.5, rng.uniform(.5, 1.5)]) * rng.choice([1, 1, 1, -1])
+            own = f"{spin} SCALE ({numbers([factor] * 3)})"
+        else:
+            own = f"{spin} ROTATE-X ({rng.uniform(0, 360)!r}) {spin}"
+        transforms.append(f"{own} {after}")
+    shapes = [shape] * count
+    if rng.random() < .5:  # and something that cuts them
+        shapes.append(SHAPES[rng.integers(4)])
+        transforms.append(f"SCALE ({numbers(rng.uniform(.5, 1.5, 3))}) {turn(rng)}")
+    return text(rng, shapes, transforms, tree(rng, len(shapes)))
+
+
+def nested(rng):
+    """One in the other about a common centre, touching from within here and there."""
+    count = rng.integers(3, 7)
+    after = turn(rng) if rng.random() < .5 else ""
+    shapes, transforms, size = [], [], 2.0
+    for _ in range(count):
+        shape = SHAPES[rng.integers(3)]
+        shapes.append(shape)
+        centre = {"CUBE": "TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)", "SPHERE": "",
+                  "CYLINDER": "TRANSLATE (0 0 -.5) SCALE (1 1 2)"}[shape]
+        transforms.append(f"{centre} SCALE ({numbers([size] * 3)}) {after}")
+        size *= rng.choice([1.0, .9, .75, .5])
+    return text(rng, shapes, transforms, tree(rng, count, "+-*-"))
+
+
+def grazing(rng):
+    """Balls and poles that rest on planes and on one another."""
+    after = turn(rng) if rng.random() < .5 else ""
+    r = rng.uniform(.4, 1)
+    shapes = ["CUBE", "SPHERE", "CYLINDER", "SPHERE"]
+    transforms = [f"SCALE (3 3 .5) TRANSLATE (-1.5 -1.5 -.5) {after}",
+                  f"SCALE ({r} {r} {r}) TRANSLATE (0 0 {r}) {after}",
+                  f"SCALE ({r} {r} 2) ROTATE-X (90) TRANSLATE (0 1 {-r if rng.random() < .5 else r}) {after}",
+                  f"SCALE ({r} {r} {r}) TRANSLATE ({2 * r} 0 {rng.choice([r, -.5 - r, -r])}) {after}"]
+    return text(rng, shapes, transforms, tree(rng, 4))
+
+
+KINDS = {f.__name__: f for f in (general, grid, turned_grid, recesses, stretched_grid, decimals, same_quadric, nested,
+                                 grazing)}
+
+
+# ---- The comparison --------------------------------------------------------------------------------------------------
+
+
+def wrong_pixels(scene, camera, seen):
+    """Pixels where ``seen(origins, directions)``, numbers of leaves or -1, is not what the definition gives.
+
+    A pixel counts as wrong if what is seen through its centre is exact nowhere within a pixel of it.
+    """
+    width, height = camera.resolution
+    j, i = (a.ravel() for a in np.mgrid[:height, :width])
+
+    def rays(x, y):
+        directions = camera.ray(x, y)
+        return np.broadcast_to(camera.eye, directions.shape), directions
+
+    found = seen(*rays(i, j))
+    wrong = np.flatnonzero(found != first_surfaces(scene, *rays(i, j))[0])
+    for radius in (0.25, 0.5, 1.0):
+        for angle in np.arange(16) * np.pi / 8:
+            if len(wrong):
+                x, y = i[wrong] + radius * np.cos(angle), j[wrong] + radius * np.sin(angle)
+                wrong = wrong[first_surfaces(scene, *rays(x, y))[0] != found[wrong]]
+    return np.stack([i[wrong], j[wrong]], axis=1)

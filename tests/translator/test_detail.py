@@ -1,0 +1,84 @@
+"""How fine curved faces are, and that what is too much is coarser or refused."""
+
+import numpy as np
+import pytest
+from meshes import scene, solids
+from prosim_scene import SceneError, SceneWarning
+from prosim_scene.language import document_of
+from prosim_scene.solids import detail
+from prosim_scene.solids.leaves import Leaves
+from prosim_scene.targets import view
+
+BALLS = [f"SCALE (.4 .4 .4) TRANSLATE ({i % 5 - 2} {i // 5 - 2} 0)" for i in range(20)]
+UNION = "+ " * 19 + " ".join(f"SPHERE {i}" for i in range(20))
+
+
+def segments(tree, transforms, look="OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5"):
+    """Around a circle, of the leaves of a scene under a view."""
+    document = document_of(scene(tree, transforms).replace("OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5", look), "test.scn")
+    leaves = Leaves(document, view.camera(document), 0.1)
+    return [leaves.solids[i].segments for i in leaves.of_leaf]
+
+
+def chord_in_pixels(n, radius, distance, pixel):
+    """Of a circle of n segments, seen from a distance; ``pixel`` is a pixel's width at the distance 1."""
+    return radius * (1 - np.cos(np.pi / n)) / (pixel * distance)
+
+
+@pytest.mark.parametrize("shape, radius, transform", [("CYLINDER", 50, "SCALE (50 50 50) TRANSLATE (0 0 -25)"),
+                                                      ("SPHERE", 50, "SCALE (50 50 50)")])
+def test_an_eye_inside_a_solid_sees_it_as_fine_as_its_distance_asks_for(shape, radius, transform):
+    (n,) = segments(f"{shape} 0", [transform], "OBS 0 0 0 VRP 0 0 -1 WINDOW -1 -1 1 1")
+    smooth = n / (1.64 if shape == "SPHERE" else 1)
+    nearest = 50 if shape == "SPHERE" else 25  # of the pipe the eye is as near to its discs, but those are flat
+    assert chord_in_pixels(smooth, radius, 50, 2 / 500) < 0.1
+    assert chord_in_pixels(smooth, radius, nearest, 2 / 500) > 0.03  # and not much finer
+
+
+def test_what_lies_outside_of_the_window_is_not_as_fine_as_what_lies_in_it():
+    plain = segments(UNION, BALLS)
+    zoomed = segments(UNION, BALLS, "OBS 0 0 20 VRP -2 -2 0 WINDOW -.1 -.1 .1 .1 VPN 0 0 1")
+    assert zoomed[0] > 5 * plain[0]  # the ball in the middle of the picture
+    assert max(zoomed[1:]) <= 128 and min(zoomed[1:]) >= min(plain[1:])
+
+
+def test_faces_on_one_quadric_have_the_same_segments():
+    near, far = segments("+ CYLINDER 0 CYLINDER 1", ["SCALE (.5 .5 1) TRANSLATE (0 0 17)", "SCALE (.5 .5 60) TRANSLATE (0 0 -60)"])
+    assert near == far
+
+
+def test_equal_solids_are_united_once():
+    text = scene("+ " * 3000 + "SPHERE 0 " * 3000 + "SPHERE 1", ["SCALE (3 3 3)", "ROTATE-X (20) SCALE (3 3 3)"])
+    with pytest.warns(SceneWarning, match="nothing is seen of"):
+        many = solids(text)
+    (one,) = solids(scene("SPHERE 0", ["SCALE (3 3 3)"])).values()
+    assert many.keys() == {0} and len(many[0].positions) == len(one.positions)
+
+
+def test_more_triangles_than_memory_holds_are_coarser_with_a_warning(monkeypatch):
+    monkeypatch.setattr(detail, "MOST_TRIANGLES", 10_000)
+    with pytest.warns(SceneWarning, match="curved faces are approximated to .* pixels instead of 0.1"):
+        n = segments(UNION, BALLS)
+    assert sum(k * k // 2 for k in n) <= 10_000
+
+
+def test_more_primitives_than_memory_holds_are_an_error(monkeypatch):
+    monkeypatch.setattr(detail, "MOST_TRIANGLES", 1000)
+    with pytest.raises(SceneError, match="20 different primitives have at least 2,560 triangles; expected 1,000 at most") as error:
+        segments(UNION, BALLS)
+    assert error.value.line == 2
+
+
+@pytest.mark.parametrize("distance, said", [(0, False), (1e3, False), (1e6, True), (1e9, True)])
+def test_a_scene_far_from_the_origin_is_exact_in_itself_and_warned_of(distance, said, recwarn):
+    def at(d):
+        return solids(scene("- CUBE 0 CYLINDER 1", [f"TRANSLATE ({d} 0 0)", f"SCALE (.25 .25 1) TRANSLATE ({d + .5} .5 0)"]).replace(
+            "OBS 0 0 20 VRP 0 0 0", f"OBS {d} 0 20 VRP {d} 0 0"))
+
+    here, there = at(0), at(distance)
+    assert any("far from the origin" in str(w.message) for w in recwarn) == said
+    for index in here:
+        area = [np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1).sum()
+                for p in (here[index].positions, there[index].positions - [distance, 0, 0])]
+        assert area[1] == pytest.approx(area[0], rel=max(1e-6, 1e-15 * distance))
+        assert len(here[index].positions) == len(there[index].positions)

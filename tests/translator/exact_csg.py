@@ -39,8 +39,10 @@ def slab(o, d, low, high):
         a, b = (low - o) / d, (high - o) / d
     flat = d == 0
     within = (o >= low) & (o <= high)
-    return (np.where(flat, np.where(within, -np.inf, np.inf), np.minimum(a, b)),
-            np.where(flat, np.where(within, np.inf, -np.inf), np.maximum(a, b)))
+    return (
+        np.where(flat, np.where(within, -np.inf, np.inf), np.minimum(a, b)),
+        np.where(flat, np.where(within, np.inf, -np.inf), np.maximum(a, b)),
+    )
 
 
 def interval(shape, o, d):
@@ -54,7 +56,7 @@ def interval(shape, o, d):
     q = -(b + np.where(b < 0, -root, root))  # without cancellation
     with np.errstate(divide="ignore", invalid="ignore"):
         r = np.sort(np.stack([q / a, c / q]), axis=0)
-    hit = (b * b > a * c)
+    hit = b * b > a * c
     near, far = np.where(hit, r[0], np.inf), np.where(hit, r[1], -np.inf)
     if shape == "sphere":
         return near, far
@@ -138,8 +140,10 @@ def numbers(values):
 
 def turn(rng):
     """Steps of a random rotation and a small move."""
-    return (f"ROTATE-X ({rng.uniform(-180, 180)!r}) ROTATE-Y ({rng.uniform(-180, 180)!r}) "
-            f"TRANSLATE ({numbers(rng.uniform(-.5, .5, 3))})")
+    return (
+        f"ROTATE-X ({rng.uniform(-180, 180)!r}) ROTATE-Y ({rng.uniform(-180, 180)!r}) "
+        f"TRANSLATE ({numbers(rng.uniform(-0.5, 0.5, 3))})"
+    )
 
 
 def text(rng, shapes, transforms, nodes, size=(120, 90)):
@@ -147,10 +151,16 @@ def text(rng, shapes, transforms, nodes, size=(120, 90)):
     eye = rng.normal(size=3)
     eye *= 15 / np.linalg.norm(eye)
     half = rng.uniform(2.5, 4)
-    view = (f"VIEW RESOLUTION {size[0]} {size[1]} OBS {numbers(eye)} VRP {numbers(rng.uniform(-.5, .5, 3))} "
-            f"VUP {numbers(rng.normal(size=3))} WINDOW {-half} {-half * .75} {half} {half * .75}")
-    lines = [view, "LIGHTS POINT position 0 9 9",
-             "CSG-TREE", *(n if isinstance(n, str) else f"{shapes[n]} {n}" for n in nodes)]
+    view = (
+        f"VIEW RESOLUTION {size[0]} {size[1]} OBS {numbers(eye)} VRP {numbers(rng.uniform(-0.5, 0.5, 3))} "
+        f"VUP {numbers(rng.normal(size=3))} WINDOW {-half} {-half * 0.75} {half} {half * 0.75}"
+    )
+    lines = [
+        view,
+        "LIGHTS POINT position 0 9 9",
+        "CSG-TREE",
+        *(n if isinstance(n, str) else f"{shapes[n]} {n}" for n in nodes),
+    ]
     for i, transform in enumerate(transforms):
         lines += [f"SURFACE {i} material lambertiano kd {(i + 1) / 64}", f"TRANSFORM {i} {transform}"]
     return "\n".join([*lines, "END", ""])
@@ -159,18 +169,24 @@ def text(rng, shapes, transforms, nodes, size=(120, 90)):
 def general(rng):
     count = rng.integers(2, 7)
     shapes = [SHAPES[rng.integers(4)] for _ in range(count)]
-    transforms = [f"SCALE ({numbers(rng.uniform(.5, 2, 3) * rng.choice([-1, 1], 3))}) {turn(rng)} "
-                  f"TRANSLATE ({numbers(rng.uniform(-1, 1, 3))})" for _ in shapes]
+    transforms = [
+        f"SCALE ({numbers(rng.uniform(0.5, 2, 3) * rng.choice([-1, 1], 3))}) {turn(rng)} "
+        f"TRANSLATE ({numbers(rng.uniform(-1, 1, 3))})"
+        for _ in shapes
+    ]
     return text(rng, shapes, transforms, tree(rng, count))
 
 
 def grid(rng, after=""):
     count = rng.integers(2, 6)
-    shapes = [SHAPES[rng.choice(4, p=[.6, .05, .25, .1])] for _ in range(count)]
-    transforms = [f"SCALE ({numbers(rng.choice([.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
-                  f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
-                  f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
-                  f"TRANSLATE ({numbers(rng.integers(-3, 4, 3) / 2)}) {after}" for _ in shapes]
+    shapes = [SHAPES[rng.choice(4, p=[0.6, 0.05, 0.25, 0.1])] for _ in range(count)]
+    transforms = [
+        f"SCALE ({numbers(rng.choice([0.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
+        f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
+        f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
+        f"TRANSLATE ({numbers(rng.integers(-3, 4, 3) / 2)}) {after}"
+        for _ in shapes
+    ]
     return text(rng, shapes, transforms, tree(rng, count))
 
 
@@ -184,23 +200,26 @@ def recesses(rng):
     count = rng.integers(2, 5)
     transforms = [f"SCALE (2 2 2) TRANSLATE (-1 -1 -1) {after}"]
     for _ in range(count - 1):
-        size = rng.choice([.5, 1, 2], 3)
+        size = rng.choice([0.5, 1, 2], 3)
         at = [rng.choice([-1, -1 - s, 1 - s, 1, rng.uniform(-1.2, 1)]) for s in size]
         transforms.append(f"SCALE ({numbers(size)}) TRANSLATE ({numbers(at)}) {after}")
-    operators = "-" * (count - 1) if rng.random() < .5 else [rng.choice(list("+-")) for _ in range(count - 1)]
+    operators = "-" * (count - 1) if rng.random() < 0.5 else [rng.choice(list("+-")) for _ in range(count - 1)]
     return text(rng, ["CUBE"] * count, transforms, [*operators, *range(count)])
 
 
 def stretched_grid(rng):
-    return grid(rng, f"ROTATE-X ({rng.uniform(0, 90)!r}) SCALE ({numbers(rng.uniform(.7, 1.4, 3))}) {turn(rng)}")
+    return grid(rng, f"ROTATE-X ({rng.uniform(0, 90)!r}) SCALE ({numbers(rng.uniform(0.7, 1.4, 3))}) {turn(rng)}")
 
 
 def decimals(rng):
     """A grid of decimal fractions: sums that are not exact."""
     count = rng.integers(2, 6)
-    shapes = [SHAPES[rng.choice(4, p=[.7, 0, .2, .1])] for _ in range(count)]
-    transforms = [f"SCALE ({numbers(rng.integers(3, 21, 3) / 10)}) "
-                  f"TRANSLATE ({numbers(rng.choice([-12, -7, -3, 0, 3, 7, 9], 3) / 10)})" for _ in shapes]
+    shapes = [SHAPES[rng.choice(4, p=[0.7, 0, 0.2, 0.1])] for _ in range(count)]
+    transforms = [
+        f"SCALE ({numbers(rng.integers(3, 21, 3) / 10)}) "
+        f"TRANSLATE ({numbers(rng.choice([-12, -7, -3, 0, 3, 7, 9], 3) / 10)})"
+        for _ in shapes
+    ]
     return text(rng, shapes, transforms, tree(rng, count))
 
 
@@ -208,55 +227,62 @@ def same_quadric(rng):
     """Poles, cones and balls that lie on one another's surface, in a common placement."""
     shape = ["CYLINDER", "CONE", "SPHERE"][rng.integers(3)]
     count = rng.integers(2, 5)
-    after = f"SCALE ({numbers(rng.uniform(.6, 2, 3))}) {turn(rng)}"
+    after = f"SCALE ({numbers(rng.uniform(0.6, 2, 3))}) {turn(rng)}"
     transforms = []
     for _ in range(count):
-        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})" if rng.random() < .5 else ""
+        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})" if rng.random() < 0.5 else ""
         if shape == "CYLINDER":
-            height, low = rng.uniform(.3, 2), rng.choice([-1, -.5, 0, .5, rng.uniform(-1, 1)])
+            height, low = rng.uniform(0.3, 2), rng.choice([-1, -0.5, 0, 0.5, rng.uniform(-1, 1)])
             own = f"{spin} SCALE ({numbers([1, 1, height])}) TRANSLATE ({numbers([0, 0, low])})"
         elif shape == "CONE":
-            factor = rng.choice([.5, 1, 1.5, rng.uniform(.5, 1.5)]) * rng.choice([1, 1, 1, -1])
+            factor = rng.choice([0.5, 1, 1.5, rng.uniform(0.5, 1.5)]) * rng.choice([1, 1, 1, -1])
             own = f"{spin} SCALE ({numbers([factor] * 3)})"
         else:
             own = f"{spin} ROTATE-X ({rng.uniform(0, 360)!r}) {spin}"
         transforms.append(f"{own} {after}")
     shapes = [shape] * count
-    if rng.random() < .5:  # and something that cuts them
+    if rng.random() < 0.5:  # and something that cuts them
         shapes.append(SHAPES[rng.integers(4)])
-        transforms.append(f"SCALE ({numbers(rng.uniform(.5, 1.5, 3))}) {turn(rng)}")
+        transforms.append(f"SCALE ({numbers(rng.uniform(0.5, 1.5, 3))}) {turn(rng)}")
     return text(rng, shapes, transforms, tree(rng, len(shapes)))
 
 
 def nested(rng):
     """One in the other about a common centre, touching from within here and there."""
     count = rng.integers(3, 7)
-    after = turn(rng) if rng.random() < .5 else ""
+    after = turn(rng) if rng.random() < 0.5 else ""
     shapes, transforms, size = [], [], 2.0
     for _ in range(count):
         shape = SHAPES[rng.integers(3)]
         shapes.append(shape)
-        centre = {"CUBE": "TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)", "SPHERE": "",
-                  "CYLINDER": "TRANSLATE (0 0 -.5) SCALE (1 1 2)"}[shape]
+        centre = {
+            "CUBE": "TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)",
+            "SPHERE": "",
+            "CYLINDER": "TRANSLATE (0 0 -.5) SCALE (1 1 2)",
+        }[shape]
         transforms.append(f"{centre} SCALE ({numbers([size] * 3)}) {after}")
-        size *= rng.choice([1.0, .9, .75, .5])
+        size *= rng.choice([1.0, 0.9, 0.75, 0.5])
     return text(rng, shapes, transforms, tree(rng, count, "+-*-"))
 
 
 def grazing(rng):
     """Balls and poles that rest on planes and on one another."""
-    after = turn(rng) if rng.random() < .5 else ""
-    r = rng.uniform(.4, 1)
+    after = turn(rng) if rng.random() < 0.5 else ""
+    r = rng.uniform(0.4, 1)
     shapes = ["CUBE", "SPHERE", "CYLINDER", "SPHERE"]
-    transforms = [f"SCALE (3 3 .5) TRANSLATE (-1.5 -1.5 -.5) {after}",
-                  f"SCALE ({r} {r} {r}) TRANSLATE (0 0 {r}) {after}",
-                  f"SCALE ({r} {r} 2) ROTATE-X (90) TRANSLATE (0 1 {-r if rng.random() < .5 else r}) {after}",
-                  f"SCALE ({r} {r} {r}) TRANSLATE ({2 * r} 0 {rng.choice([r, -.5 - r, -r])}) {after}"]
+    transforms = [
+        f"SCALE (3 3 .5) TRANSLATE (-1.5 -1.5 -.5) {after}",
+        f"SCALE ({r} {r} {r}) TRANSLATE (0 0 {r}) {after}",
+        f"SCALE ({r} {r} 2) ROTATE-X (90) TRANSLATE (0 1 {-r if rng.random() < 0.5 else r}) {after}",
+        f"SCALE ({r} {r} {r}) TRANSLATE ({2 * r} 0 {rng.choice([r, -0.5 - r, -r])}) {after}",
+    ]
     return text(rng, shapes, transforms, tree(rng, 4))
 
 
-KINDS = {f.__name__: f for f in (general, grid, turned_grid, recesses, stretched_grid, decimals, same_quadric, nested,
-                                 grazing)}
+KINDS = {
+    f.__name__: f
+    for f in (general, grid, turned_grid, recesses, stretched_grid, decimals, same_quadric, nested, grazing)
+}
 
 
 # ---- The comparison --------------------------------------------------------------------------------------------------

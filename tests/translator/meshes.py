@@ -22,8 +22,13 @@ def solids(text, tolerance=0.05):
     """{index of the first leaf with that look: Triangles} of a scene."""
     document = document_of(text, "test.scn")
     scene = document.scene
-    found = tessellate(document, view.camera(document), tolerance, lambda leaf: translator.medium(scene, leaf),
-                       lambda leaf: translator.look(scene, leaf))
+    found = tessellate(
+        document,
+        view.camera(document),
+        tolerance,
+        lambda leaf: translator.medium(scene, leaf),
+        lambda leaf: translator.look(scene, leaf),
+    )
     keys = {}
     for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):

@@ -29,8 +29,12 @@ def test_a_flush_cut_in_a_turned_block_is_open():
 def test_a_flush_cut_at_a_decimal_height_is_open():
     for tenths in range(2, 60):
         height = tenths / 10
-        meshes = solids(scene("- CUBE 0 CUBE 1", [f"SCALE (1 1 {height})",
-                                                  f"SCALE (.5 .5 .1) TRANSLATE (.25 .25 {round(height - .1, 1)})"]))
+        meshes = solids(
+            scene(
+                "- CUBE 0 CUBE 1",
+                [f"SCALE (1 1 {height})", f"SCALE (.5 .5 .1) TRANSLATE (.25 .25 {round(height - 0.1, 1)})"],
+            )
+        )
         assert area(meshes[0]) == pytest.approx(2 + 4 * height - 0.25, abs=1e-6), height
         assert area(meshes[1]) == pytest.approx(0.25 + 4 * 0.05, abs=1e-6), height
 
@@ -59,8 +63,12 @@ def test_blocks_that_touch_along_an_edge_stay_closed():
 
 def test_a_band_on_a_pole_of_its_own_width_hides_the_pole():
     for turn in turns(20, seed=5):
-        meshes = solids(scene("+ CYLINDER 0 CYLINDER 1", [f"ROTATE-Z (17) SCALE (1 1 2) TRANSLATE (0 0 4) {turn}",
-                                                          f"SCALE (1 1 10) {turn}"]))
+        meshes = solids(
+            scene(
+                "+ CYLINDER 0 CYLINDER 1",
+                [f"ROTATE-Z (17) SCALE (1 1 2) TRANSLATE (0 0 4) {turn}", f"SCALE (1 1 10) {turn}"],
+            )
+        )
         assert_closed(meshes.values())
         assert area(meshes[0]) == pytest.approx(2 * math.pi * 2, rel=2e-3)
         assert area(meshes[1]) == pytest.approx(2 * math.pi * 8 + 2 * math.pi, rel=2e-3)
@@ -68,7 +76,9 @@ def test_a_band_on_a_pole_of_its_own_width_hides_the_pole():
 
 def test_a_pole_less_a_shorter_one_is_the_rest():
     for turn in turns(20, seed=6):
-        meshes = solids(scene("- CYLINDER 0 CYLINDER 1", [f"SCALE (1 1 10) {turn}", f"SCALE (1 -1 5) ROTATE-Z (31) {turn}"]))
+        meshes = solids(
+            scene("- CYLINDER 0 CYLINDER 1", [f"SCALE (1 1 10) {turn}", f"SCALE (1 -1 5) ROTATE-Z (31) {turn}"])
+        )
         assert_closed(meshes.values())
         assert volume(list(meshes.values())) == pytest.approx(5 * math.pi, rel=3e-3)
         assert area(meshes[1]) == pytest.approx(math.pi, rel=2e-3)  # its disc; nothing of its side
@@ -86,7 +96,10 @@ def test_a_cone_less_its_tip_is_a_frustum():
 def test_a_ball_less_itself_is_nothing_however_it_is_turned():
     for turn in turns(10, seed=8):
         with pytest.warns(SceneWarning, match="the tree's result is empty"):
-            assert solids(scene("- SPHERE 0 SPHERE 1", ["SCALE (1 2 3)", f"{turn.split('TRANSLATE')[0]} SCALE (1 2 3)"])) == {}
+            assert (
+                solids(scene("- SPHERE 0 SPHERE 1", ["SCALE (1 2 3)", f"{turn.split('TRANSLATE')[0]} SCALE (1 2 3)"]))
+                == {}
+            )
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing is seen of CUBE 2")
@@ -94,8 +107,12 @@ def test_two_halves_of_one_ball():
     # The same ball twice, turned, cut in halves by the same block from both sides: together the ball again.
     for turn in turns(10, seed=9):
         half = "SCALE (4 4 2) TRANSLATE (-2 -2 0)"
-        meshes = solids(scene("+ * SPHERE 0 CUBE 2 - SPHERE 1 CUBE 2", [turn.replace("TRANSLATE", "ROTATE-X (9) TRANSLATE"), turn,
-                                                                       f"{half} {turn}"]))
+        meshes = solids(
+            scene(
+                "+ * SPHERE 0 CUBE 2 - SPHERE 1 CUBE 2",
+                [turn.replace("TRANSLATE", "ROTATE-X (9) TRANSLATE"), turn, f"{half} {turn}"],
+            )
+        )
         assert set(meshes) == {0, 1}
         assert area(meshes[0]) == pytest.approx(2 * math.pi, rel=4e-3)
         assert area(meshes[1]) == pytest.approx(2 * math.pi, rel=4e-3)
@@ -106,7 +123,9 @@ def test_a_ball_in_a_pipe_of_its_own_width_does_not_show_through():
     # Their facets would cross along the circle in which they touch.
     for turn in turns(10, seed=10):
         with pytest.warns(SceneWarning, match="nothing is seen of SPHERE 1"):
-            solids(scene("+ CYLINDER 0 SPHERE 1", [f"SCALE (1 1 4) TRANSLATE (0 0 -2) {turn}", f"ROTATE-Y (40) {turn}"]))
+            solids(
+                scene("+ CYLINDER 0 SPHERE 1", [f"SCALE (1 1 4) TRANSLATE (0 0 -2) {turn}", f"ROTATE-Y (40) {turn}"])
+            )
 
 
 def test_what_is_the_same_but_for_rounding_is_recognised_and_nothing_else():

@@ -25,8 +25,10 @@ def chord_in_pixels(n, radius, distance, pixel):
     return radius * (1 - np.cos(np.pi / n)) / (pixel * distance)
 
 
-@pytest.mark.parametrize("shape, radius, transform", [("CYLINDER", 50, "SCALE (50 50 50) TRANSLATE (0 0 -25)"),
-                                                      ("SPHERE", 50, "SCALE (50 50 50)")])
+@pytest.mark.parametrize(
+    "shape, radius, transform",
+    [("CYLINDER", 50, "SCALE (50 50 50) TRANSLATE (0 0 -25)"), ("SPHERE", 50, "SCALE (50 50 50)")],
+)
 def test_an_eye_inside_a_solid_sees_it_as_fine_as_its_distance_asks_for(shape, radius, transform):
     (n,) = segments(f"{shape} 0", [transform], "OBS 0 0 0 VRP 0 0 -1 WINDOW -1 -1 1 1")
     smooth = n / (1.64 if shape == "SPHERE" else 1)
@@ -43,7 +45,9 @@ def test_what_lies_outside_of_the_window_is_not_as_fine_as_what_lies_in_it():
 
 
 def test_faces_on_one_quadric_have_the_same_segments():
-    near, far = segments("+ CYLINDER 0 CYLINDER 1", ["SCALE (.5 .5 1) TRANSLATE (0 0 17)", "SCALE (.5 .5 60) TRANSLATE (0 0 -60)"])
+    near, far = segments(
+        "+ CYLINDER 0 CYLINDER 1", ["SCALE (.5 .5 1) TRANSLATE (0 0 17)", "SCALE (.5 .5 60) TRANSLATE (0 0 -60)"]
+    )
     assert near == far
 
 
@@ -64,7 +68,9 @@ def test_more_triangles_than_memory_holds_are_coarser_with_a_warning(monkeypatch
 
 def test_more_primitives_than_memory_holds_are_an_error(monkeypatch):
     monkeypatch.setattr(detail, "MOST_TRIANGLES", 1000)
-    with pytest.raises(SceneError, match="20 different primitives have at least 2,560 triangles; expected 1,000 at most") as error:
+    with pytest.raises(
+        SceneError, match="20 different primitives have at least 2,560 triangles; expected 1,000 at most"
+    ) as error:
         segments(UNION, BALLS)
     assert error.value.line == 2
 
@@ -72,13 +78,18 @@ def test_more_primitives_than_memory_holds_are_an_error(monkeypatch):
 @pytest.mark.parametrize("distance, said", [(0, False), (1e3, False), (1e6, True), (1e9, True)])
 def test_a_scene_far_from_the_origin_is_exact_in_itself_and_warned_of(distance, said, recwarn):
     def at(d):
-        return solids(scene("- CUBE 0 CYLINDER 1", [f"TRANSLATE ({d} 0 0)", f"SCALE (.25 .25 1) TRANSLATE ({d + .5} .5 0)"]).replace(
-            "OBS 0 0 20 VRP 0 0 0", f"OBS {d} 0 20 VRP {d} 0 0"))
+        return solids(
+            scene(
+                "- CUBE 0 CYLINDER 1", [f"TRANSLATE ({d} 0 0)", f"SCALE (.25 .25 1) TRANSLATE ({d + 0.5} .5 0)"]
+            ).replace("OBS 0 0 20 VRP 0 0 0", f"OBS {d} 0 20 VRP {d} 0 0")
+        )
 
     here, there = at(0), at(distance)
     assert any("far from the origin" in str(w.message) for w in recwarn) == said
     for index in here:
-        area = [np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1).sum()
-                for p in (here[index].positions, there[index].positions - [distance, 0, 0])]
+        area = [
+            np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1).sum()
+            for p in (here[index].positions, there[index].positions - [distance, 0, 0])
+        ]
         assert area[1] == pytest.approx(area[0], rel=max(1e-6, 1e-15 * distance))
         assert len(here[index].positions) == len(there[index].positions)

@@ -29,11 +29,15 @@ END
 
 def seen_by_meshes(folder):
     """A function from rays to the number of the leaf whose mesh in a folder they meet first, or -1."""
-    meshes = {re.match(r"surface_\d+", p.stem)[0]: {"type": "ply", "filename": str(p)} for p in folder.glob("*-meshes/*.ply")}
+    meshes = {
+        re.match(r"surface_\d+", p.stem)[0]: {"type": "ply", "filename": str(p)} for p in folder.glob("*-meshes/*.ply")
+    }
     if not meshes:
         return lambda origins, directions: np.full(len(origins), -1)
     scene = mi.load_dict({"type": "scene", **meshes})
-    number = {int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(s))[0]): int(s.id().split("_")[1]) for s in scene.shapes()}
+    number = {
+        int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(s))[0]): int(s.id().split("_")[1]) for s in scene.shapes()
+    }
 
     def seen(origins, directions):
         ray = mi.Ray3f(mi.Point3f(origins.T), mi.Vector3f(directions.T))

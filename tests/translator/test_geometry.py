@@ -18,7 +18,9 @@ from prosim_scene.solids.transforms import matrix
 from prosim_scene.targets import view
 
 PRIMITIVES = {
-    "CUBE": (1.0, 6.0), "SPHERE": (4 / 3 * math.pi, 4 * math.pi), "CYLINDER": (math.pi, 4 * math.pi),
+    "CUBE": (1.0, 6.0),
+    "SPHERE": (4 / 3 * math.pi, 4 * math.pi),
+    "CYLINDER": (math.pi, 4 * math.pi),
     "CONE": (math.pi / 3, math.pi * (1 + math.sqrt(2))),
 }
 
@@ -26,8 +28,12 @@ PRIMITIVES = {
 @pytest.mark.parametrize("shape", PRIMITIVES)
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (2, 0.5, -1)])
 def test_canonical_solids(shape, scale):
-    meshes = list(solids(scene(f"{shape} 0", [f"SCALE {scale} ROTATE-X (37) ROTATE-Z (-80) TRANSLATE (1 2 -1)".replace(",", "")]),
-                         tolerance=0.001).values())
+    meshes = list(
+        solids(
+            scene(f"{shape} 0", [f"SCALE {scale} ROTATE-X (37) ROTATE-Z (-80) TRANSLATE (1 2 -1)".replace(",", "")]),
+            tolerance=0.001,
+        ).values()
+    )
     assert_closed(meshes)
     expected, surface = PRIMITIVES[shape]
     assert volume(meshes) == pytest.approx(expected * abs(np.prod(scale)), rel=1e-4)
@@ -45,8 +51,9 @@ def test_sphere_cut_by_a_box():
 
 
 def test_cylinder_through_a_cube():
-    meshes = solids(scene("- CUBE 0 CYLINDER 1", ["TRANSLATE (-.5 -.5 -.5)", "SCALE (.3 .3 3) TRANSLATE (0 0 -1)"]),
-                    tolerance=0.002)
+    meshes = solids(
+        scene("- CUBE 0 CYLINDER 1", ["TRANSLATE (-.5 -.5 -.5)", "SCALE (.3 .3 3) TRANSLATE (0 0 -1)"]), tolerance=0.002
+    )
     assert_closed(list(meshes.values()))
     assert volume(list(meshes.values())) == pytest.approx(1 - math.pi * 0.09, rel=2e-4)
     assert area(meshes[1]) == pytest.approx(2 * math.pi * 0.3, rel=2e-4)  # the wall of the hole is the cylinder's
@@ -64,8 +71,12 @@ def test_union_of_two_spheres():
 
 
 def test_normals_are_those_of_the_quadric_after_cuts():
-    transforms = ["SCALE (2 1 1.5) ROTATE-Y (30)", "SCALE (.4 .7 6) ROTATE-X (50) TRANSLATE (0 2 -2)",
-                  "SCALE (1.5 1.5 3) ROTATE-Z (20) TRANSLATE (-2 0 -1)", "TRANSLATE (.5 -.5 -.5)"]
+    transforms = [
+        "SCALE (2 1 1.5) ROTATE-Y (30)",
+        "SCALE (.4 .7 6) ROTATE-X (50) TRANSLATE (0 2 -2)",
+        "SCALE (1.5 1.5 3) ROTATE-Z (20) TRANSLATE (-2 0 -1)",
+        "TRANSLATE (.5 -.5 -.5)",
+    ]
     text = scene("- - + SPHERE 0 CONE 2 CYLINDER 1 CUBE 3", transforms)
     parsed = prosim_scene.parse(text)
     gradients = {0: lambda p: p, 1: lambda p: p * [1, 1, 0], 2: lambda p: p * [1, 1, -1]}
@@ -127,14 +138,17 @@ def test_coincident_faces_in_a_large_union():
     order = list(range(24))
     random.Random(4).shuffle(order)
     transforms = [f"SCALE (1.5 1 1) TRANSLATE ({i} 0 0)" for i in range(24)] + [
-        f"SCALE (.3 .3 .3) TRANSLATE ({i + .2} .9 {.2 + i * .01})" for i in range(24)]
+        f"SCALE (.3 .3 .3) TRANSLATE ({i + 0.2} .9 {0.2 + i * 0.01})" for i in range(24)
+    ]
     leaves = [f"CUBE {i} SPHERE {24 + i}" for i in order]
     surfaces = [f"material lambertiano kd = 0 {i / 100} 0" for i in range(48)]
     meshes = solids(scene("+ " * 47 + " ".join(leaves), transforms, surfaces), 0.5)
     assert_closed(list(meshes.values()))
     rank = {i: n for n, i in enumerate(order)}
     for axis, at in ((1, 0), (2, 1)):  # two faces that no ball reaches
-        face = {i: area(m, np.all(np.abs(m.positions[..., axis] - at) < 1e-9, axis=1)) for i, m in meshes.items() if i < 24}
+        face = {
+            i: area(m, np.all(np.abs(m.positions[..., axis] - at) < 1e-9, axis=1)) for i, m in meshes.items() if i < 24
+        }
         for i in range(24):
             lost = sum(0.5 for other in (i - 1, i + 1) if other in rank and rank[other] < rank[i])
             assert face[i] == pytest.approx(1.5 - lost)
@@ -143,13 +157,21 @@ def test_coincident_faces_in_a_large_union():
 def test_coincident_caps():
     # Discs of a cylinder and a cone in the plane z = 1 on a box whose face lies there too: the cylinder owns its disc,
     # the cone what sticks out of that, the box the rest.
-    meshes = solids(scene("+ + CYLINDER 0 CONE 1 CUBE 2", ["SCALE (.5 .5 1)", "TRANSLATE (.6 0 0)",
-                                                           "SCALE (6 6 2) TRANSLATE (-3 -3 -1)"]), 0.02)
+    meshes = solids(
+        scene(
+            "+ + CYLINDER 0 CONE 1 CUBE 2",
+            ["SCALE (.5 .5 1)", "TRANSLATE (.6 0 0)", "SCALE (6 6 2) TRANSLATE (-3 -3 -1)"],
+        ),
+        0.02,
+    )
     assert_closed(list(meshes.values()))
     front = {i: area(m, np.all(np.abs(m.positions[..., 2] - 1) < 1e-9, axis=1)) for i, m in meshes.items()}
     r, d = 0.5, 0.6
-    lens = (r * r * math.acos((d * d + r * r - 1) / (2 * d * r)) + math.acos((d * d + 1 - r * r) / (2 * d))
-            - 0.5 * math.sqrt((r + 1 - d) * (d + r - 1) * (d - r + 1) * (d + r + 1)))
+    lens = (
+        r * r * math.acos((d * d + r * r - 1) / (2 * d * r))
+        + math.acos((d * d + 1 - r * r) / (2 * d))
+        - 0.5 * math.sqrt((r + 1 - d) * (d + r - 1) * (d - r + 1) * (d + r + 1))
+    )
     assert front[0] == pytest.approx(math.pi / 4, rel=1e-3)
     assert front[1] == pytest.approx(math.pi - lens, rel=1e-3)
     assert front[2] == pytest.approx(36 - math.pi / 4 - math.pi + lens, rel=1e-3)
@@ -166,9 +188,10 @@ def inside(text, points):
     """Membership of points in the tree, straight from the definition."""
     parsed = prosim_scene.parse(text)
     tests = {
-        "cube": lambda p: np.all((p >= 0) & (p <= 1), axis=1), "sphere": lambda p: (p**2).sum(1) <= 1,
-        "cylinder": lambda p: (p[:, 0]**2 + p[:, 1]**2 <= 1) & (p[:, 2] >= 0) & (p[:, 2] <= 1),
-        "cone": lambda p: (p[:, 0]**2 + p[:, 1]**2 <= p[:, 2]**2) & (p[:, 2] >= 0) & (p[:, 2] <= 1),
+        "cube": lambda p: np.all((p >= 0) & (p <= 1), axis=1),
+        "sphere": lambda p: (p**2).sum(1) <= 1,
+        "cylinder": lambda p: (p[:, 0] ** 2 + p[:, 1] ** 2 <= 1) & (p[:, 2] >= 0) & (p[:, 2] <= 1),
+        "cone": lambda p: (p[:, 0] ** 2 + p[:, 1] ** 2 <= p[:, 2] ** 2) & (p[:, 2] >= 0) & (p[:, 2] <= 1),
     }
     stack = []
     for node in reversed(parsed.csg):
@@ -190,8 +213,11 @@ def test_random_trees_contain_the_right_points(seed):
     def three(low, high, signs=(1,)):
         return " ".join(str(rng.choice(signs) * rng.uniform(low, high)) for _ in range(3))
 
-    transforms = [f"SCALE ({three(0.4, 1.5, (1, -1))}) ROTATE-X ({rng.uniform(0, 360)}) ROTATE-Y ({rng.uniform(0, 360)}) "
-                  f"TRANSLATE ({three(-1.2, 1.2)})" for _ in range(count)]
+    transforms = [
+        f"SCALE ({three(0.4, 1.5, (1, -1))}) ROTATE-X ({rng.uniform(0, 360)}) ROTATE-Y ({rng.uniform(0, 360)}) "
+        f"TRANSLATE ({three(-1.2, 1.2)})"
+        for _ in range(count)
+    ]
     tree = []
     leaves = iter(range(count))
     left = count - 1  # operators to place
@@ -231,7 +257,9 @@ def test_long_alternating_chains_give_what_the_definition_gives():
     rng = random.Random(7)
     count = 60
     transforms = ["SCALE (3 3 3) TRANSLATE (-1.5 -1.5 -1.5)"] + [
-        f"SCALE (.5 .5 .5) TRANSLATE ({' '.join(str(rng.uniform(-1.5, 1.5)) for _ in range(3))})" for _ in range(count - 1)]
+        f"SCALE (.5 .5 .5) TRANSLATE ({' '.join(str(rng.uniform(-1.5, 1.5)) for _ in range(3))})"
+        for _ in range(count - 1)
+    ]
     operators = [rng.choice("+-") for _ in range(count - 1)]
     text = scene(" ".join(operators[::-1]) + " CUBE 0 " + " ".join(f"SPHERE {i}" for i in range(1, count)), transforms)
     with warnings.catch_warnings():
@@ -244,7 +272,9 @@ def test_long_alternating_chains_give_what_the_definition_gives():
 
 def test_dielectrics_give_way_to_opaque_solids():
     glass = "material dieletrico n-refr = 1.5"
-    text = scene("+ CUBE 0 SPHERE 1", ["TRANSLATE (-.5 -1 -.5)", "SCALE (.4 .4 .4)"], ["material lambertiano kd = .5", glass])
+    text = scene(
+        "+ CUBE 0 SPHERE 1", ["TRANSLATE (-.5 -1 -.5)", "SCALE (.4 .4 .4)"], ["material lambertiano kd = .5", glass]
+    )
     meshes = solids(text, 0.005)
     # The opaque box keeps its whole surface: the ray inside the glass meets it.
     assert_closed([meshes[0]])
@@ -265,9 +295,13 @@ def test_two_glasses_have_one_interface():
 
 def test_a_cut_face_belongs_to_the_cutter_whatever_it_is_made_of():
     surfaces = ["material dieletrico n-refr = 1.5"] + 2 * ["material lambertiano kd = .5"]
-    meshes = solids(scene("- SPHERE 0 + CUBE 1 CUBE 2", ["", "SCALE (4 4 4)", "SCALE (4 4 4) TRANSLATE (0 -4 0)"], surfaces))
+    meshes = solids(
+        scene("- SPHERE 0 + CUBE 1 CUBE 2", ["", "SCALE (4 4 4)", "SCALE (4 4 4) TRANSLATE (0 -4 0)"], surfaces)
+    )
     assert_closed(list(meshes.values()))
-    assert area(meshes[1]) == pytest.approx(2 * math.pi / 2, rel=1e-3)  # a quarter of the ball is gone; half discs remain
+    assert area(meshes[1]) == pytest.approx(
+        2 * math.pi / 2, rel=1e-3
+    )  # a quarter of the ball is gone; half discs remain
 
 
 def test_what_vanishes_is_reported():
@@ -279,8 +313,9 @@ def test_what_vanishes_is_reported():
         assert solids(scene("- CUBE 0 CUBE 0", [""])) == {}
 
 
-@pytest.mark.parametrize("tree", ["+ " * 3000 + "CUBE 0 " * 3001, "+ CUBE 0 " * 3000 + "CUBE 0",
-                                  "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"])
+@pytest.mark.parametrize(
+    "tree", ["+ " * 3000 + "CUBE 0 " * 3001, "+ CUBE 0 " * 3000 + "CUBE 0", "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"]
+)
 def test_depth_of_nesting_needs_no_recursion(tree):
     nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
     mesh = SHAPES["cube"].mesh(4, np.eye(4))

@@ -1,4 +1,4 @@
-"""From the CSG tree to triangles: primitives, their transforms, the tree's evaluation and the surfaces of the result."""
+"""From the CSG tree to triangles: primitives, their transforms, the tree evaluated, the surfaces of the result."""
 
 from .detail import TOLERANCE
 from .triangles import Triangles, tessellate

@@ -1,10 +1,10 @@
 """The CSG tree evaluated.
 
-How it stays fast: chains of + and - and chains of * become n-ary operations; operands of a chain whose boxes do not touch
-are exchanged freely, so that a long chain of additions and subtractions takes few operations on the whole.
+How it stays fast: chains of + and - and chains of * become n-ary operations; operands of a chain whose boxes do not
+touch are exchanged freely, so that a long chain of additions and subtractions takes few operations on the whole.
 
-A value maps each medium to its parts: {medium: [Part]}. Media are what solids are made of as far as optics are concerned,
-see :mod:`.media`.
+A value maps each medium to its parts: {medium: [Part]}. Media are what solids are made of as far as optics are
+concerned, see :mod:`.media`.
 """
 
 from __future__ import annotations

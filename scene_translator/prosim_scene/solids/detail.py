@@ -31,12 +31,16 @@ def choose_segments(document: Document, solids: list[Solid], camera: Sight, tole
         if total <= sum(s.primitive.count(0) for s in solids):
             raise document.error(
                 f"the tree's {len(solids):,} different primitives have at least {total:,} triangles; "
-                f"expected {MOST_TRIANGLES:,} at most, which is what memory is provided for", "csg")
+                f"expected {MOST_TRIANGLES:,} at most, which is what memory is provided for",
+                "csg",
+            )
         tolerance *= 1.5
     if tolerance > wanted:
         document.warn(
             f"curved faces are approximated to {tolerance:.2g} pixels instead of {wanted:g}: "
-            f"the tree's {len(solids):,} primitives would have more than {MOST_TRIANGLES:,} triangles", "csg")
+            f"the tree's {len(solids):,} primitives would have more than {MOST_TRIANGLES:,} triangles",
+            "csg",
+        )
 
 
 def warn_if_far(document: Document, camera: Sight, boxes: np.ndarray) -> None:
@@ -50,5 +54,8 @@ def warn_if_far(document: Document, camera: Sight, boxes: np.ndarray) -> None:
     grain = float(np.spacing(np.float32(np.abs(camera.eye).max())))
     if grain > 0.1 * pixel:
         document.warn(
-            f"the scene lies so far from the origin that its coordinates are rounded to {grain:.1g} (single precision), where "
-            f"a pixel is {pixel:.1g} wide: moved to the origin, it is seen more exactly", "view", "eye")
+            f"the scene lies so far from the origin that its coordinates are rounded to {grain:.1g} (single precision), "
+            f"where a pixel is {pixel:.1g} wide: moved to the origin, it is seen more exactly",
+            "view",
+            "eye",
+        )

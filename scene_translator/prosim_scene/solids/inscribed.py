@@ -1,8 +1,8 @@
 """Curved solids that touch another's curved face from within: a ball in a pipe of its own width.
 
-Both faces are approximated by chords, and near the line or the point where they touch, the inner one's facets would stand
-out of the outer one's: patches of the wrong solid, many pixels wide although far thinner than a pixel. So the inner one is
-made smaller, by no more than the chord error of the outer one.
+Both faces are approximated by chords, and near the line or the point where they touch, the inner one's facets would
+stand out of the outer one's: patches of the wrong solid, many pixels wide although far thinner than a pixel. So the
+inner one is made smaller, by no more than the chord error of the outer one.
 """
 
 import math
@@ -20,8 +20,12 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     """Sets ``shrink`` of the solids that touch another's curved face from within; ``segments`` have been chosen."""
     curved = [s for s in solids if s.primitive.curved is not None]
     pairs = _touching(curved)
-    bounds = [(inner, outer) for i, j in pairs for inner, outer in ((curved[i], curved[j]), (curved[j], curved[i]))
-              if _touches_within(inner, outer)]
+    bounds = [
+        (inner, outer)
+        for i, j in pairs
+        for inner, outer in ((curved[i], curved[j]), (curved[j], curved[i]))
+        if _touches_within(inner, outer)
+    ]
     for _ in range(len(bounds)):  # a chain of inscribed solids takes as many rounds as it is long
         changed = False
         for inner, outer in bounds:
@@ -52,8 +56,11 @@ def _touching(solids: list[Solid]) -> list[tuple[int, int]]:
     for i, number in enumerate(order.tolist()):
         window = slice(i + 1, last[i])
         hits = np.all((low[window, 1:] <= high[i, 1:]) & (high[window, 1:] >= low[i, 1:]), axis=1)
-        result += [(number, other) for other in order[window][hits].tolist()
-                   if solids[number].curved_surface < 0 or solids[number].curved_surface != solids[other].curved_surface]
+        result += [
+            (number, other)
+            for other in order[window][hits].tolist()
+            if solids[number].curved_surface < 0 or solids[number].curved_surface != solids[other].curved_surface
+        ]
     return result
 
 

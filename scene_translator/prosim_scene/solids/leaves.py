@@ -22,7 +22,8 @@ FAR = 16  # times its size: a scene that lies farther from the origin than this 
 @dataclass
 class Surface:
     """What the triangles of the result show: ``normals`` (n, 3, 3) of unit length, out of the result, ``uv`` (n, 3, 2),
-    the number of each triangle's ``face`` (n,), and which corners (n, 3) stand ``alone``."""
+    the number of each triangle's ``face`` (n,), and which corners (n, 3) stand ``alone``.
+    """
 
     normals: np.ndarray
     uv: np.ndarray
@@ -33,9 +34,9 @@ class Surface:
 class Leaves:
     """Tables for the leaves of a scene.
 
-    ``solids`` are the different ones, ``meshes`` theirs in the world, with ``origin`` as the point 0; ``of_leaf`` has the
-    number of a leaf's solid. The facets of all solids are numbered through, those of solid i from ``first[i]``: ``faces``
-    has the face of each, ``planes`` those that facets have in common.
+    ``solids`` are the different ones, ``meshes`` theirs in the world, with ``origin`` as the point 0; ``of_leaf`` has
+    the number of a leaf's solid. The facets of all solids are numbered through, those of solid i from ``first[i]``:
+    ``faces`` has the face of each, ``planes`` those that facets have in common.
     """
 
     def __init__(self, document: Document, camera: Sight, tolerance: float) -> None:
@@ -62,8 +63,10 @@ class Leaves:
     def _share(self) -> None:
         """Finds the surfaces that several leaves have in common, and the solids that are the same."""
         at = np.array([(i, f) for i, s in enumerate(self.solids) for f in range(len(s.primitive.quadrics))])
-        surface = same_surfaces(np.concatenate([s.primitive.quadrics for s in self.solids]),
-                                np.array([s.to_world for s in self.solids])[at[:, 0]])
+        surface = same_surfaces(
+            np.concatenate([s.primitive.quadrics for s in self.solids]),
+            np.array([s.to_world for s in self.solids])[at[:, 0]],
+        )
         bearers = np.bincount(surface, np.bincount(self.of_leaf)[at[:, 0]])
         shared = np.where(bearers[surface] > 1, surface, -1)
         for s, surfaces in zip(self.solids, np.split(shared, np.flatnonzero(np.diff(at[:, 0])) + 1)):
@@ -107,12 +110,13 @@ class Leaves:
             self.meshes[i] = self.planes.adjusted(self.meshes[i], int(self.first[i]))
 
     def surface(self, positions: np.ndarray, leaf: np.ndarray, facet: np.ndarray, sign: np.ndarray) -> Surface:
-        """Normals and surface parameters of triangles (n, 3, 3) of the leaves with these numbers; ``sign`` (n,) is -1 where
-        the leaf has been taken away."""
+        """Normals and surface parameters of triangles (n, 3, 3) of the leaves with these numbers; ``sign`` (n,) is -1
+        where the leaf has been taken away.
+        """
         solid, face = self.of_leaf[leaf], self.faces[facet]
         inverse = self.to_local[solid]
         local = positions @ inverse[:, :, :3].transpose(0, 2, 1) + inverse[:, None, :, 3]
-        normals, uv = np.zeros_like(local), np.zeros(local.shape[:2] + (2,))
+        normals, uv = np.zeros_like(local), np.zeros((*local.shape[:2], 2))
         alone = np.zeros(local.shape[:2], bool)
         for number, primitive in enumerate(PRIMITIVES.values()):
             chosen = self.shape[solid] == number

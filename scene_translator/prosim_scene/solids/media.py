@@ -1,7 +1,7 @@
 """How optics are kept: solids of different media are kept apart.
 
-Media are the opaque one, and one for every index of refraction of a dielectric. Every occurrence of a primitive has its own
-id, which manifold3d carries to the triangles of the result.
+Media are the opaque one, and one for every index of refraction of a dielectric. Every occurrence of a primitive has its
+own id, which manifold3d carries to the triangles of the result.
 """
 
 from collections.abc import Hashable, Iterable
@@ -18,8 +18,9 @@ OPAQUE = None  # the medium of everything that is not a dielectric
 
 @dataclass
 class Shell:
-    """Triangles of a result: ``vertices`` (n, 3), ``triangles`` (m, 3), and for each the original id of its primitive, the
-    number of its facet, and a ``sign``, -1 where it is the surface of a primitive that was taken away."""
+    """Triangles of a result: ``vertices`` (n, 3), ``triangles`` (m, 3), and for each the original id of its primitive,
+    the number of its facet, and a ``sign``, -1 where it is the surface of a primitive that was taken away.
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -55,7 +56,9 @@ def shells(value: Value, media: list[Hashable]) -> list[Shell]:
                 mine = np.isin(shell.ids, list(originals))
                 if mine.any():
                     ids = np.array([originals[i] for i in shell.ids[mine].tolist()])
-                    result.append(Shell(shell.vertices, shell.triangles[mine], ids, shell.facets[mine], shell.sign[mine]))
+                    result.append(
+                        Shell(shell.vertices, shell.triangles[mine], ids, shell.facets[mine], shell.sign[mine])
+                    )
     return result
 
 
@@ -65,13 +68,19 @@ def _shell(manifold: Manifold) -> Shell:
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
     back = np.repeat(np.asarray(mesh.run_flags, dtype=np.int64) & 1, runs)
-    return Shell(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64), ids,
-                 np.asarray(mesh.face_id, dtype=np.int64), 1.0 - 2 * back)
+    return Shell(
+        np.array(mesh.vert_properties)[:, :3],
+        np.array(mesh.tri_verts, dtype=np.int64),
+        ids,
+        np.asarray(mesh.face_id, dtype=np.int64),
+        1.0 - 2 * back,
+    )
 
 
 def _renamed(parts: list[Part]) -> tuple[list[Part], dict[int, int]]:
-    """The parts with fresh ids, and a dictionary from these to the old ones: tells one medium's triangles from another's
-    even where one primitive has cut both."""
+    """The parts with fresh ids, and a dictionary from these to the old ones: tells one medium's triangles from
+    another's even where one primitive has cut both.
+    """
     renamed: list[Part] = []
     originals: dict[int, int] = {}
     for part in parts:
@@ -80,8 +89,12 @@ def _renamed(parts: list[Part]) -> tuple[list[Part], dict[int, int]]:
         base = reserve_ids(runs)
         originals.update(zip(range(base, base + runs), np.asarray(mesh.run_original_id).tolist()))
         fresh = Mesh64(
-            np.array(mesh.vert_properties, float), np.array(mesh.tri_verts, np.uint64),
-            run_index=np.array(mesh.run_index, np.uint64), run_flags=np.array(mesh.run_flags, np.uint8),
-            run_original_id=np.arange(base, base + runs, dtype=np.uint32), face_id=np.array(mesh.face_id, np.uint64))
+            np.array(mesh.vert_properties, float),
+            np.array(mesh.tri_verts, np.uint64),
+            run_index=np.array(mesh.run_index, np.uint64),
+            run_flags=np.array(mesh.run_flags, np.uint8),
+            run_original_id=np.arange(base, base + runs, dtype=np.uint32),
+            face_id=np.array(mesh.face_id, np.uint64),
+        )
         renamed += as_parts(Manifold(fresh), part.planes, part.surfaces)
     return renamed, originals

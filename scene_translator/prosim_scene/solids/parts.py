@@ -18,8 +18,9 @@ from .coincidence import Planes
 
 @dataclass(eq=False)
 class Part:
-    """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that its
-    faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same."""
+    """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that
+    its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same.
+    """
 
     make: Callable[[], Manifold]
     low: np.ndarray
@@ -34,21 +35,37 @@ class Part:
         return self.make()
 
 
-def solid(vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray, original_id: int, planes: Planes,
-          surfaces: frozenset[int] = frozenset(), key: Hashable = None) -> list[Part]:
-    """A closed triangle mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets."""
+def solid(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    facets: np.ndarray,
+    original_id: int,
+    planes: Planes,
+    surfaces: frozenset[int] = frozenset(),
+    key: Hashable = None,
+) -> list[Part]:
+    """A closed mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets."""
+
     def make() -> Manifold:
-        return _checked(Manifold(Mesh64(
-            np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(triangles, dtype=np.uint64),
-            run_index=np.array([0, 3 * len(triangles)], dtype=np.uint64),
-            run_original_id=np.array([original_id], dtype=np.uint32), face_id=facets.astype(np.uint64))))
+        return _checked(
+            Manifold(
+                Mesh64(
+                    np.ascontiguousarray(vertices, dtype=np.float64),
+                    np.ascontiguousarray(triangles, dtype=np.uint64),
+                    run_index=np.array([0, 3 * len(triangles)], dtype=np.uint64),
+                    run_original_id=np.array([original_id], dtype=np.uint32),
+                    face_id=facets.astype(np.uint64),
+                )
+            )
+        )
 
     return [Part(make, vertices.min(axis=0) - planes.step, vertices.max(axis=0) + planes.step, surfaces, planes, key)]
 
 
 def as_parts(manifold: Manifold, planes: Planes, *surfaces: frozenset[int]) -> list[Part]:
-    """A list of one part, or of none where nothing is left. Boxes are a little too large: faces that touch but for rounding
-    are in touching boxes."""
+    """A list of one part, or of none where nothing is left. Boxes are a little too large: faces that touch but for
+    rounding are in touching boxes.
+    """
     if _checked(manifold).is_empty():
         return []
     box = np.array(manifold.bounding_box())  # evaluates the operation
@@ -118,8 +135,13 @@ def _composed(parts: list[Part]) -> Part:
     if len(parts) == 1:
         return parts[0]
     low, high = boxes(parts)
-    return Part(lambda: Manifold.compose([p.manifold for p in parts]), low.min(axis=0), high.max(axis=0),
-                frozenset().union(*(p.surfaces for p in parts)), parts[0].planes)
+    return Part(
+        lambda: Manifold.compose([p.manifold for p in parts]),
+        low.min(axis=0),
+        high.max(axis=0),
+        frozenset().union(*(p.surfaces for p in parts)),
+        parts[0].planes,
+    )
 
 
 def _different(parts: list[Part]) -> list[Part]:
@@ -155,8 +177,8 @@ def _components(parts: list[Part]) -> list[list[Part]]:
 def _layers(parts: list[Part]) -> list[list[Part]] | None:
     """Few lists of parts, the parts of each disjoint, that may be united in this order; None where there are too many.
 
-    Greedy colouring in the order of the tree; a part goes behind every earlier one with which it may share a face to the
-    same side. (Where their boxes only touch, faces look at each other, and it does not matter which comes first.)
+    Greedy colouring in the order of the tree; a part goes behind every earlier one with which it may share a face to
+    the same side. (Where their boxes only touch, faces look at each other, and it does not matter which comes first.)
     """
     low, high = boxes(parts)
     color = np.zeros(len(parts), int)
@@ -186,6 +208,9 @@ def _merge(parts: list[Part]) -> list[Part]:
     if layers:
         parts = [_composed(layer) for layer in layers]
     while len(parts) > 1:  # neighbours, in the order of the tree
-        parts = [p for i in range(0, len(parts), 2)
-                 for p in (_combined("+", parts[i], parts[i + 1]) if i + 1 < len(parts) else [parts[i]])]
+        parts = [
+            p
+            for i in range(0, len(parts), 2)
+            for p in (_combined("+", parts[i], parts[i + 1]) if i + 1 < len(parts) else [parts[i]])
+        ]
     return parts

@@ -1,8 +1,8 @@
 """Which faces of different primitives lie on one plane or quadric.
 
-Two surfaces that are meant to be the same differ by the rounding of transforms and of decimal fractions. They are compared
-by their equations, in the space of one of the two primitives, where the rounding is small and a difference that can be
-seen is not.
+Two surfaces that are meant to be the same differ by the rounding of transforms and of decimal fractions. They are
+compared by their equations, in the space of one of the two primitives, where the rounding is small and a difference
+that can be seen is not.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ NEAR = 1e-6  # the same of its coefficients in the whole scene's space: what dif
 def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """For each of n surfaces the number of one that it is the same as, its representative.
 
-    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) of a primitive's own space, which ``matrices[i]`` (n, 4, 4) takes to
-    the world. A representative is its own, and the largest primitive among its like.
+    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) of a primitive's own space, which ``matrices[i]`` (n, 4, 4) takes
+    to the world. A representative is its own, and the largest primitive among its like.
     """
     sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
     group = _clusters(_features(quadrics, matrices))

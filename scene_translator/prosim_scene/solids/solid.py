@@ -13,9 +13,10 @@ from .primitives import Mesh, Primitive
 class Solid:
     """A primitive at its place; leaves of the tree that are the same share one.
 
-    ``to_world`` is a 4x4 matrix, ``segments`` the number around a circle, ``surfaces`` are the numbers of those that it has
-    in common with others, by the number of the face, or -1, and ``frame`` is the map to its space from that of the
-    primitive that its curved face has its facets from. ``shrink`` is a factor of the curved face's size, 1 or a little less.
+    ``to_world`` is a 4x4 matrix, ``segments`` the number around a circle, ``surfaces`` are the numbers of those that it
+    has in common with others, by the number of the face, or -1, and ``frame`` is the map to its space from that of the
+    primitive that its curved face has its facets from. ``shrink`` is a factor of the curved face's size, 1 or a little
+    less.
     """
 
     primitive: Primitive

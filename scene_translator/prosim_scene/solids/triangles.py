@@ -17,7 +17,8 @@ CHUNK = 1 << 18  # triangles at a time
 @dataclass
 class Triangles:
     """Triangles of one material, corner by corner: positions (n, 3, 3), unit normals (n, 3, 3), uv (n, 3, 2), and a key
-    (n, 3) that is equal for equal corners."""
+    (n, 3) that is equal for equal corners.
+    """
 
     positions: np.ndarray
     normals: np.ndarray
@@ -25,11 +26,17 @@ class Triangles:
     keys: np.ndarray
 
 
-def tessellate(document: Document, camera: Sight, tolerance: float, medium: Callable[[Leaf], Hashable],
-               material: Callable[[Leaf], Hashable]) -> dict[Hashable, Triangles]:
+def tessellate(
+    document: Document,
+    camera: Sight,
+    tolerance: float,
+    medium: Callable[[Leaf], Hashable],
+    material: Callable[[Leaf], Hashable],
+) -> dict[Hashable, Triangles]:
     """The surfaces of a document's scene: {material: Triangles}.
 
-    ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or None,
+    ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
+    None,
     ``material(leaf)`` a hashable key: leaves with the same key share a mesh. Raises :class:`SceneError` for a transform
     that cannot be inverted and for more triangles than memory is provided for.
     """
@@ -43,8 +50,17 @@ def tessellate(document: Document, camera: Sight, tolerance: float, medium: Call
     def leaf_value(number: int, leaf: Leaf) -> csg.Value:
         i = table.of_leaf[number]
         solid, mesh = table.solids[i], table.meshes[i]
-        return {medium(leaf): parts.solid(mesh.vertices, mesh.triangles, table.first[i] + mesh.facets, base + number,
-                                          table.planes, frozenset(solid.surfaces[solid.surfaces >= 0].tolist()), solid.key)}
+        return {
+            medium(leaf): parts.solid(
+                mesh.vertices,
+                mesh.triangles,
+                table.first[i] + mesh.facets,
+                base + number,
+                table.planes,
+                frozenset(solid.surfaces[solid.surfaces >= 0].tolist()),
+                solid.key,
+            )
+        }
 
     value = csg.evaluate(scene.csg, leaf_value)
     materials: dict[Hashable, int] = {}
@@ -67,7 +83,8 @@ def tessellate(document: Document, camera: Sight, tolerance: float, medium: Call
             for m in np.unique(group):
                 chosen = group == m
                 collected.setdefault(m, []).append(
-                    [a[chosen] for a in (positions + table.origin, found.normals, found.uv, keys)])
+                    [a[chosen] for a in (positions + table.origin, found.normals, found.uv, keys)]
+                )
         vertices += len(shell.vertices)
     _report_vanished(document, seen)
     names = list(materials)
@@ -90,4 +107,6 @@ def _report_vanished(document: Document, seen: np.ndarray) -> None:
     elif gone:
         names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in gone[:10]]
         more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
-        document.warn(f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result", "csg", gone[0][0])
+        document.warn(
+            f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result", "csg", gone[0][0]
+        )

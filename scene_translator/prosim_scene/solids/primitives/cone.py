@@ -21,7 +21,9 @@ class Cone(Primitive):
         fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise seen from above
         triangles = np.concatenate([fan, np.stack([i, np.full(segments, segments), (i + 1) % segments], axis=1)])
         facets = np.concatenate([np.zeros(segments - 2, int), i + 1])
-        return Mesh(np.append(ring, np.zeros((1, 3)), axis=0), triangles, facets, np.append([1], np.zeros(segments, int)))
+        return Mesh(
+            np.append(ring, np.zeros((1, 3)), axis=0), triangles, facets, np.append([1], np.zeros(segments, int))
+        )
 
     def count(self, segments: int) -> int:
         return 2 * max(segments, MIN_SEGMENTS) - 2

@@ -15,7 +15,13 @@ class Cube(Primitive):
     box = np.array([[0.0, 0, 0], [1, 1, 1]])
     #: Each face's corners, counter-clockwise from outside; corner 4 x + 2 y + z is (x, y, z).
     squares: ClassVar[list[tuple[int, int, int, int]]] = [
-        (0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4), (4, 6, 7, 5), (2, 3, 7, 6), (1, 5, 7, 3)]
+        (0, 1, 3, 2),
+        (0, 4, 5, 1),
+        (0, 2, 6, 4),
+        (4, 6, 7, 5),
+        (2, 3, 7, 6),
+        (1, 5, 7, 3),
+    ]
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
         triangles = np.array([t for a, b, c, d in self.squares for t in ((a, b, c), (a, c, d))])

@@ -21,10 +21,18 @@ class Cylinder(Primitive):
         following = (i + 1) % segments
         fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise seen from above
         low = segments  # ring at z = 1, then at z = 0
-        triangles = np.concatenate([fan, fan[:, ::-1] + low, np.stack([i, i + low, following], axis=1),
-                                    np.stack([following, i + low, following + low], axis=1)])
+        triangles = np.concatenate(
+            [
+                fan,
+                fan[:, ::-1] + low,
+                np.stack([i, i + low, following], axis=1),
+                np.stack([following, i + low, following + low], axis=1),
+            ]
+        )
         facets = np.concatenate([np.repeat([0, 1], segments - 2), i + 2, i + 2])
-        return Mesh(np.concatenate([ring, ring * [1, 1, 0]]), triangles, facets, np.append([1, 2], np.zeros(segments, int)))
+        return Mesh(
+            np.concatenate([ring, ring * [1, 1, 0]]), triangles, facets, np.append([1, 2], np.zeros(segments, int))
+        )
 
     def count(self, segments: int) -> int:
         return 4 * max(segments, MIN_SEGMENTS) - 4

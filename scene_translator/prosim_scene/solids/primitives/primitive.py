@@ -10,16 +10,17 @@ import numpy as np
 from ..sight import Sight
 
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 1024  # around a circle
-#: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer than
-#: so many segments.
+#: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer
+#: than so many segments.
 UNSEEN_TOLERANCE, UNSEEN_SEGMENTS = 10.0, 128
 ON_AXIS = 1e-6  # distance from an axis or an apex within which a corner has no azimuth of its own
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """A closed mesh: ``vertices`` (n, 3), ``triangles`` (m, 3) all wound to the same side, ``facets`` (m,), the number of
-    the plane facet that each triangle is part of, and ``faces`` (k,), the number of the face that each facet is part of.
+    """A closed mesh: ``vertices`` (n, 3), ``triangles`` (m, 3) all wound to the same side, ``facets`` (m,), the number
+    of the plane facet that each triangle is part of, and ``faces`` (k,), the number of the face that each facet is part
+    of.
 
     A flat face is one facet; a curved one is approximated by as many as it takes.
     """
@@ -66,8 +67,8 @@ class Primitive(ABC):
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
         """The solid with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
 
-        ``frame`` (4, 4) is a map that takes the quadric to itself, or another primitive's of the same quadric to this one:
-        the facets of the curved face are the images of those that the identity gives, in the same order.
+        ``frame`` (4, 4) is a map that takes the quadric to itself, or another primitive's of the same quadric to this
+        one: the facets of the curved face are the images of those that the identity gives, in the same order.
         """
 
     @abstractmethod
@@ -80,7 +81,9 @@ class Primitive(ABC):
 
     @abstractmethod
     def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        """Under a linear map: the longest semi-axis of the curved face, and centre and radius of a ball around the solid."""
+        """Under a linear map: the longest semi-axis of the curved face, and centre and radius of a ball around the
+        solid.
+        """
 
     def segments(self, to_world: np.ndarray, camera: Sight, tolerance: float) -> int:
         """Segments around a circle, so that the chord error stays below ``tolerance`` pixels in the image."""
@@ -138,8 +141,9 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def around_an_axis(p: np.ndarray, face: np.ndarray, gradient: np.ndarray, discs: dict[int, int]) -> Corners:
-    """Corners of a solid of revolution: its side, face 0, has ``gradient`` and (azimuth, z), its discs {face: side} have
-    (x, y) in the unit square."""
+    """Corners of a solid of revolution: its side, face 0, has ``gradient`` and (azimuth, z), its discs {face: side}
+    have (x, y) in the unit square.
+    """
     normals = gradient.copy()
     u, pole = azimuth(p)
     uv = np.stack([u, p[..., 2]], axis=2)

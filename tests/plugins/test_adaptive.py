@@ -4,13 +4,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.sampling import adaptive
+from mitsuba_prosim.rendering.error import standard_error
+from mitsuba_prosim.rendering.policies.neighbours import REACH, error_of_neighbours
 
 
 @pytest.mark.parametrize("shape", [(7, 9), (3, 3), (1, 6), (2, 1)])
 def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
     """By NumPy: samples of the 5 x 5 pixels around, mirrored at the border, without the pixel itself."""
-    rng, n, reach = np.random.default_rng(1), 5, adaptive.REACH
+    rng, n, reach = np.random.default_rng(1), 5, REACH
     samples = rng.random((*shape, n))
     height, width = shape
 
@@ -23,7 +24,7 @@ def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
             around = np.concatenate([samples[mirrored(y + dy, height), mirrored(x + dx, width)]
                                      for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1) if dx or dy])
             expected[y, x] = np.sqrt(around.var() / n) / (2 * np.sqrt(around.mean() + 0.01))
-    error = adaptive.error_of_neighbours(
+    error = error_of_neighbours(
         mi.Float(samples.sum(2).ravel()), mi.Float((samples**2).sum(2).ravel()), mi.Float(n),
         dr.opaque(mi.UInt32, width), dr.opaque(mi.UInt32, height))
     assert np.allclose(np.array(error), expected.ravel(), rtol=1e-4)
@@ -34,7 +35,7 @@ def test_a_pixel_has_no_say_in_its_own_samples(variant_rgb):
     size = 11
     total = np.full((size, size), 0.5)
     total[5, 5] = 100
-    error = np.array(adaptive.error_of_neighbours(
+    error = np.array(error_of_neighbours(
         mi.Float(total.ravel()), mi.Float((total**2).ravel()), mi.Float(1), dr.opaque(mi.UInt32, size),
         dr.opaque(mi.UInt32, size))).reshape(size, size)
     noisy = np.zeros((size, size), dtype=bool)
@@ -45,5 +46,5 @@ def test_a_pixel_has_no_say_in_its_own_samples(variant_rgb):
 
 def test_standard_error(variant_rgb):
     values = np.random.default_rng(2).random((50, 9))
-    error = adaptive.standard_error(mi.Float(values.sum(1)), mi.Float((values**2).sum(1)), mi.Float(9))
+    error = standard_error(mi.Float(values.sum(1)), mi.Float((values**2).sum(1)), mi.Float(9))
     assert np.allclose(np.array(error), values.std(1, ddof=1) / 3, rtol=1e-4)

@@ -4,7 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.sampling.spherical_cap import pdf_projected_cap, projected_cap_area, sample_projected_cap
+from mitsuba_prosim.light.spherical_cap import pdf_projected_cap, projected_cap_area, sample_projected_cap
 from scipy import integrate, stats
 
 SIGNIFICANCE = 0.01

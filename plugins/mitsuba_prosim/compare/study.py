@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..transport import lobes
-from ..transport.radiance import scene_flags
+from ..transport.scene_facts import scene_flags
 from . import measures, runs
 
 #: What a row of the table says beside the measures of error.

@@ -7,13 +7,17 @@ import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import plugin
-from ..rendering.derivatives import DifferentiableFrame
-from ..rendering.frame import Frame
+from ..rendering import bands
+from ..rendering.accumulate import Image
+from ..rendering.camera import ray_sampler, uncropped
+from ..rendering.derivatives import Derivatives
+from ..rendering.estimate import Estimator
+from ..rendering.film import Channels, aov_values
+from ..rendering.plan import Plan, Sampling
+from ..rendering.policies import POLICIES
 from ..sampling.nrook import JITTERS, SamplerPoints
-from ..transport.radiance import DEEPEST_TREE, Transport
-
-#: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
-OWN_AOVS = ("samples", "error")
+from ..transport.settings import DEEPEST_TREE, Settings
+from ..transport.transport import Transport
 
 
 @plugin("integrator", "prosim")
@@ -160,7 +164,7 @@ class Prosim(mi.SamplingIntegrator):
             return value
 
         self.samples = number("samples", 5, 1)
-        self.adaptive = choice("adaptive", ("neighbours", "thesis", "none"))
+        self.adaptive = choice("adaptive", tuple(POLICIES))
         self.threshold = number("threshold", 0.006, 0)
         self.min_passes = number("min_passes", 1, 1)
         self.max_samples = number("max_samples", 0, 0)
@@ -174,7 +178,6 @@ class Prosim(mi.SamplingIntegrator):
         self.background = props.get_emissive_texture("background") if "background" in props else None
         self.cutoff = number("cutoff", 0.0, 0)
         self.rr_depth = number("rr_depth", 5, 0)
-        self.hides_emitters = props.get("hide_emitters", False)
         self.jitter = choice("jitter", JITTERS)
         self.channels = props.get("channels", "rgb").lower()
         if set(self.channels) - set("rgb"):
@@ -183,18 +186,18 @@ class Prosim(mi.SamplingIntegrator):
         self.own_aovs, self.mitsuba_aovs = [], None
         others = []
         for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
-            if aov in OWN_AOVS:
+            if aov in bands.OWN_AOVS:
                 self.own_aovs.append(aov)
             elif ":" in aov:
                 others.append(aov)
             else:
-                raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
+                raise reject(props, "aovs", aov, ", ".join(bands.OWN_AOVS) + " or name:type as for the aov integrator")
         if others:
             self.mitsuba_aovs = mi.load_dict({"type": "aov", "aovs": ",".join(others)})
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
-        self.frame = None
         self.cancelled = False
+        self._image = None  # what is being rendered
 
     def traverse(self, callback):
         for name in ("ambient", "background"):
@@ -203,7 +206,7 @@ class Prosim(mi.SamplingIntegrator):
 
     def to_string(self):
         names = ("samples", "adaptive", "threshold", "min_passes", "max_samples", "max_level", "shadows", "ambient",
-                 "background", "diffuse_bounces", "cutoff", "rr_depth", "hides_emitters", "jitter", "channels")
+                 "background", "diffuse_bounces", "cutoff", "rr_depth", "hide_emitters", "jitter", "channels")
         values = [f"{name} = {getattr(self, name)}" for name in names] + [f"aovs = {self.aov_names()}"]
         return "Prosim[\n  " + ",\n  ".join(value.replace("\n", "\n  ") for value in values) + "\n]"
 
@@ -217,28 +220,19 @@ class Prosim(mi.SamplingIntegrator):
 
     def flush(self):
         """Puts the image so far into the film; for ``progress`` to call."""
-        self.frame.put(self.frame.image.tensor())
+        self._put(*self._image)
 
-    def background_radiance(self, ray, si, active):
-        """Radiance of the background in the direction of ``ray``."""
-        d = ray.d
-        si = mi.SurfaceInteraction3f(si)  # whoever called still needs its own uv
-        # Latitude and longitude as Mitsuba's envmap has them: y is up, u = 0 towards +z.
-        u = dr.atan2(d.x, -d.z) * dr.inv_two_pi
-        si.uv = mi.Point2f(u - dr.floor(u), dr.safe_acos(d.y) * dr.inv_pi)
-        return self.background.eval(si, active)
+    # ---------------------------------------------------------------- radiance along a ray
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
-        transport = Transport(self, scene)
+        transport = Transport(self._settings(), scene)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
-        aovs = self.mitsuba_aov_values(scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
+        aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
 
-    def mitsuba_aov_values(self, scene, sampler, ray, active):
-        """The channels that Mitsuba's ``aov`` integrator computes, at the camera ray ``ray``."""
-        if self.mitsuba_aovs is None:
-            return []
-        return list(self.mitsuba_aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
+    def _settings(self):
+        return Settings(self.max_level, self.shadows, self.ambient, self.background, self.diffuse_bounces, self.cutoff,
+                        self.rr_depth, self.hide_emitters)
 
     # ---------------------------------------------------------------- rendering
 
@@ -247,12 +241,10 @@ class Prosim(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return super().render(scene, sensor, seed, spp, develop, evaluate)
-        self.cancelled = False
         film = sensor.film()
         film.prepare(self.aov_names())
-        self.frame = Frame(self, scene, sensor, seed, spp)
-        self.frame.put(self.frame.render())
-        self.frame = None
+        _, _, image = self._render(scene, sensor, seed, spp, self.own_aovs)
+        self._put(film, image)
         image = film.develop() if develop else mi.TensorXf()
         if evaluate:
             dr.eval(image)
@@ -262,9 +254,33 @@ class Prosim(mi.SamplingIntegrator):
             dr.sync_thread()
         return image
 
+    def _render(self, scene, sensor, seed, spp, own_aovs):
+        """``(plan, estimator, image)``: renders the film's window, with the channels ``own_aovs``."""
+        self.cancelled = False
+        plan = Plan.of(Sampling(self.samples, self.adaptive, self.threshold, self.min_passes, self.max_samples, self.jitter,
+                                self.band), sensor.film(), seed, spp)
+        channels = Channels(sensor.film(), self.channels, self.mitsuba_aovs)
+        estimator = Estimator(plan, scene, sensor, Transport(self._settings(), scene), channels)
+        image = Image(plan.window, channels.names, len(own_aovs))
+        self._image = sensor.film(), image
+        with uncropped(sensor):
+            estimator.rays = ray_sampler(sensor)
+            bands.render(plan, POLICIES[self.adaptive](plan, self.threshold), estimator, image, own_aovs, self.progress,
+                         lambda: self.cancelled)
+        self._image = None
+        return plan, estimator, image
+
+    @staticmethod
+    def _put(film, image):
+        """Makes ``image`` what ``film`` holds."""
+        film.clear()
+        film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))
+
+    # ---------------------------------------------------------------- derivatives
+
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
-        frame = self._differentiable_frame(scene, sensor, seed, spp)
-        image = frame.develop(frame.attached_storage())
+        derivatives = self._derivatives(scene, sensor, seed, spp)
+        image = derivatives.develop(derivatives.attached_storage(), self.aov_names())
         dr.forward_to(image)
         gradient = dr.grad(image)
         # What the integrator says of itself comes last, and has no derivatives.
@@ -276,13 +292,17 @@ class Prosim(mi.SamplingIntegrator):
         return mi.TensorXf(complete, (height, width, all_channels))
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
-        frame = self._differentiable_frame(scene, sensor, seed, spp)
-        storage = mi.TensorXf(frame.storage)
+        derivatives = self._derivatives(scene, sensor, seed, spp)
+        storage = mi.TensorXf(derivatives.storage)
         dr.enable_grad(storage)
-        image = frame.develop(storage)
+        image = derivatives.develop(storage, self.aov_names())
         dr.backward(dr.sum(image * grad_in[:, :, :image.shape[2]], axis=None))
-        frame.backward(dr.grad(storage))
+        derivatives.backward(dr.grad(storage))
 
-    def _differentiable_frame(self, scene, sensor, seed, spp):
-        self.cancelled = False
-        return DifferentiableFrame(self, scene, scene.sensors()[sensor] if isinstance(sensor, int) else sensor, seed, spp)
+    def _derivatives(self, scene, sensor, seed, spp):
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        with dr.suspend_grad():
+            plan, estimator, image = self._render(scene, sensor, seed, spp, ["samples"])
+        estimator.transport = Transport(self._settings(), scene, attached=True)
+        return Derivatives(plan, estimator, image)

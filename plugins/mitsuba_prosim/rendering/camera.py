@@ -1,4 +1,8 @@
-"""Camera rays whose code does not depend on the film's size."""
+"""Camera rays whose code does not depend on the film's size, nor their bits on its crop window."""
+
+from __future__ import annotations
+
+import contextlib
 
 import drjit as dr
 import mitsuba as mi
@@ -30,3 +34,22 @@ def ray_sampler(sensor):
         return ray, weight
 
     return sample_ray
+
+
+@contextlib.contextmanager
+def uncropped(sensor):
+    """The film of ``sensor`` without its crop window, so that the rays of a crop are those of the whole image to the
+    bit (a sensor scales positions by the window)."""
+    film = sensor.film()
+    offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())
+    if all(offset == 0) and all(size == film.size()):
+        yield
+        return
+    params = mi.traverse(sensor)
+    try:
+        params["film.crop_offset"], params["film.crop_size"] = mi.ScalarPoint2u(0), mi.ScalarVector2u(film.size())
+        params.update()
+        yield
+    finally:
+        params["film.crop_offset"], params["film.crop_size"] = offset, size
+        params.update()

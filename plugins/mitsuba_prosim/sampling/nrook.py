@@ -86,7 +86,7 @@ class NRook:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
 
     def __call__(self, space, active=True):
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``integrators/prosim.py``)."""
+        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/node.py``)."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)

@@ -1,9 +1,11 @@
-"""The window of a film that is rendered: its pixels, and the values that gather there."""
+"""The window of a film, and the values that gather there."""
 
-import contextlib
+from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
+
+from .plan import pixels
 
 
 class Image:
@@ -67,32 +69,3 @@ class Image:
             weight = dr.gather(mi.Float, values, i - channel + self.weight)
             values = values * dr.select(channel >= self.sampled, weight, 1)
         return mi.TensorXf(values, (self.height, self.width, self.channels))
-
-
-def pixels(rectangle):
-    """``(x, y, width, height)``: the pixels of a rectangle (left, top, right, bottom), row by row, and its size."""
-    left, top, right, bottom = rectangle
-    width, height = dr.opaque(mi.UInt32, right - left), dr.opaque(mi.UInt32, bottom - top)
-    i = dr.arange(mi.UInt32, (right - left) * (bottom - top))
-    y = i // width
-    x = i - y * width
-    return mi.Int32(x) + dr.opaque(mi.Int32, left), mi.Int32(y) + dr.opaque(mi.Int32, top), width, height
-
-
-@contextlib.contextmanager
-def uncropped(sensor):
-    """The film of ``sensor`` without its crop window, so that the rays of a crop are those of the whole image to the
-    bit (a sensor scales positions by the window)."""
-    film = sensor.film()
-    offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())
-    if all(offset == 0) and all(size == film.size()):
-        yield
-        return
-    params = mi.traverse(sensor)
-    try:
-        params["film.crop_offset"], params["film.crop_size"] = mi.ScalarPoint2u(0), mi.ScalarVector2u(film.size())
-        params.update()
-        yield
-    finally:
-        params["film.crop_offset"], params["film.crop_size"] = offset, size
-        params.update()

@@ -1,32 +1,39 @@
-"""Which pixels need more samples (thesis, sections 4.2.1.1 and 5.3.2)."""
+"""All passes where the pixels around are noisy; the pixel itself has no say."""
+
+from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
-
-def standard_error(total, squares, count):
-    """Standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation 4.4).
-
-    Samples of one N-rook pass are stratified, so their mean is better than this says.
-    """
-    mean = total / count
-    variance = dr.maximum(squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
-    return dr.sqrt(variance / count)
-
-
-def error_between_passes(total, pass_squares, passes):
-    """Standard error of the mean of ``passes`` independent passes, from the sum of their means and of its squares."""
-    return standard_error(total, pass_squares, passes)
-
-
-def in_display_units(error, mean):
-    """Error of the displayed value, by the slope of the tone curve: a square root, which is close to sRGB's."""
-    return error / (2 * dr.sqrt(dr.maximum(mean, 0) + 0.01))
-
+from ..error import in_display_units
+from ..plan import Plan
 
 #: Reach of the neighbourhood: 5 x 5 pixels. Sees an outlier that 3 x 3 miss; and what is noisy is found in time, also
 #: where the first samples of the very next pixels happen to agree.
 REACH = 2
+
+
+class Neighbours:
+    """A first wave everywhere, then all other passes where the 24 pixels around suggest a standard error above the
+    threshold, in display units."""
+
+    quiet = None
+
+    def __init__(self, plan: Plan, threshold: float):
+        self.first, self.last, self.n = plan.least_passes, plan.most_passes, plan.n
+        self.reach = REACH if self.first < self.last else 0
+        self.threshold = dr.opaque(mi.Float, threshold)
+
+    def waves(self, estimate, x, y, size, band):
+        """One further wave, for the noisy pixels of ``band``."""
+        if self.first == self.last:
+            return
+        error = error_of_neighbours(estimate.total, estimate.squares, mi.Float(self.first * self.n), *size)
+        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in band)
+        inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
+        noisy = dr.compress(inside & (error > self.threshold))
+        if dr.width(noisy) > 0:
+            yield noisy, self.first, self.last
 
 
 def error_of_neighbours(total, squares, count, width, height):

@@ -53,9 +53,9 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
     return int(value)
 
 
-def choice(props: mi.Properties, name: str, allowed: Sequence[str]) -> str:
-    """One of the words ``allowed``, of which the first is the default. Raises ValueError for anything else."""
-    value = props.get(name, allowed[0])
+def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str | None = None) -> str:
+    """One of the words ``allowed``; the first is the ``default``, if no other is named. Else raises ValueError."""
+    value = props.get(name, allowed[0] if default is None else default)
     if value not in allowed:
         raise reject(props, name, value, "one of " + ", ".join(allowed) if len(allowed) > 2 else " or ".join(allowed))
     return value

@@ -14,9 +14,11 @@ import mitsuba as mi
 
 from . import llvm
 
-#: The folders whose modules depend on the variant: one plugin a module, or a base class that its neighbours share
-#: (``common``, which stands before them in the alphabet and so runs first). In the order of the thesis: 5.1 materials,
-#: 5.2 sources, textures, views, 5.3 sampling, 5.4 rendering.
+#: Modules of base classes that several plugins share; they depend on the variant as well, and run first.
+BASES = ("optics.pigmented", "procedural.mixture")
+
+#: The folders of plugins, one a module. In the order of the thesis: 5.1 materials, 5.2 sources, textures, views, 5.3
+#: sampling, 5.4 rendering.
 FOLDERS = ("bsdfs", "emitters", "textures", "sensors", "samplers", "integrators")
 
 #: Plugin name -> class, filled by the decorator below for the active variant.
@@ -41,7 +43,8 @@ def plugin(kind, name):
 
 
 def modules():
-    """Full names of the modules that run anew for every variant."""
+    """Full names of the modules that run anew for every variant, base classes first."""
+    yield from (f"{__package__}.{module}" for module in BASES)
     for folder in FOLDERS:
         path = Path(__file__).with_name(folder)
         yield from (f"{__package__}.{folder}.{module.name}" for module in pkgutil.iter_modules([str(path)]))

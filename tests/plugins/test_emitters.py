@@ -2,7 +2,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.emitters import distribution
+from mitsuba_prosim.light import beam
 from scipy import integrate
 
 SIGNIFICANCE = 0.01
@@ -232,13 +232,13 @@ def test_sampling_and_evaluation_agree(variant_rgb, name, unattenuated):
 
 @pytest.mark.parametrize("cos_angle, exponent", ((0.9, None), (-0.5, None), (0.0, 0.0), (0.0, 7.0), (0.8, 30.0)))
 def test_falloff_is_what_is_sampled(variant_rgb, cos_angle, exponent):
-    whole = distribution.total(mi.Float(cos_angle), exponent)[0]
+    whole = beam.total(mi.Float(cos_angle), exponent)[0]
     expected = 2 * np.pi * integrate.quad(lambda c: c ** (exponent or 0), cos_angle, 1)[0]
     assert whole == pytest.approx(expected, rel=1e-5)
     test = mi.chi2.ChiSquareTest(
         domain=mi.chi2.SphericalDomain(), sample_count=200_000, res=101, ires=32, sample_dim=2,
-        sample_func=lambda u: distribution.sample_falloff(u, mi.Float(cos_angle), exponent),
-        pdf_func=lambda d: distribution.falloff(d.z, cos_angle, exponent) / whole,
+        sample_func=lambda u: beam.sample_falloff(u, mi.Float(cos_angle), exponent),
+        pdf_func=lambda d: beam.falloff(d.z, cos_angle, exponent) / whole,
     )
     assert test.run(significance_level=SIGNIFICANCE, test_count=5), test.messages
 

@@ -1,12 +1,14 @@
 """Glass and water: prosim_dielectric."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import attenuation, visible
-from ..parameters import reject
+from ..optics.reading import ambient, index, reflectance, roughness
+from ..parameters import describe, expose, reject
 from ..registry import plugin
-from .common import ambient, describe, expose, index, reflectance, roughness
 
 
 @plugin("bsdf", "prosim_dielectric")
@@ -75,7 +77,7 @@ class Dielectric(mi.BSDF):
             'alpha': 0.1
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         int_ior, ext_ior = index(props, "int_ior", "bk7"), index(props, "ext_ior", "air")
         self.eta = mi.Float(int_ior / ext_ior)
@@ -95,19 +97,21 @@ class Dielectric(mi.BSDF):
         self.m_components = [self.types[0] | sides, self.types[1] | sides | flags.NonSymmetric]
         self.m_flags = self.m_components[0] | self.m_components[1]
 
-    def traverse(self, callback):
+    def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, eta=self.eta, specular_reflectance=self.specular_reflectance,
                specular_transmittance=self.specular_transmittance, ambient=self.ambient,
                **{self.distribution.parameter: self.roughness})
 
-    def enabled(self, ctx):
+    def enabled(self, ctx: mi.BSDFContext) -> tuple[bool, bool]:
+        """Whether ``ctx`` asks for the reflected, and for the transmitted component."""
         return ctx.is_enabled(self.types[0], 0), ctx.is_enabled(self.types[1], 1)
 
-    def share(self, ctx, reflected, f):
+    def share(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
         """Probability of the component that was chosen, given Fresnel's reflectance ``f``."""
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
-    def energy(self, ctx, si, reflected, f, eta, active):
+    def energy(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, reflected: mi.Bool, f: mi.Float, eta: mi.Float,
+               active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Share of the light that a facet reflects or transmits, as a spectrum.
 
         ``eta`` is the index on wo's side over that on wi's: radiance that crosses is divided by its square, for it
@@ -119,7 +123,8 @@ class Dielectric(mi.BSDF):
             t = t * dr.square(dr.rcp(eta))
         return mi.UnpolarizedSpectrum(dr.select(reflected, f * r, (1 - f) * t))
 
-    def sample(self, ctx, si, sample1, sample2, active=True):
+    def sample(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f,
+               active: mi.Bool = True) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
         active &= si.wi.z != 0
@@ -148,7 +153,8 @@ class Dielectric(mi.BSDF):
             value *= g / dr.select(active, g1, 1)
         return bs, mi.depolarizer(value / dr.select(active, share, 1)) & active
 
-    def facets(self, si, wo, m, reflected, eta, width):
+    def facets(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, m: mi.Vector3f, reflected: mi.Bool, eta: mi.Float,
+               width: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
         """(density, G, G1): the facets ``m`` that send light from ``wo`` to ``wi``, and the shares lit and seen.
 
         ``density`` is D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations
@@ -163,13 +169,16 @@ class Dielectric(mi.BSDF):
         g = dr.select(reflected, dr.minimum(g1, g1_o), g1 * g1_o)
         return self.distribution.D(m, width) * a / cos_i * jacobian, g, g1
 
-    def eval(self, ctx, si, wo, active=True):
+    def eval(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
+             active: mi.Bool = True) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx, si, wo, active=True):
+    def pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
+            active: mi.Bool = True) -> mi.Float:
         return self.eval_pdf(ctx, si, wo, active)[1]
 
-    def eval_pdf(self, ctx, si, wo, active=True):
+    def eval_pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
+                 active: mi.Bool = True) -> tuple[mi.Spectrum, mi.Float]:
         reflected = si.wi.z * wo.z > 0
         reflection, transmission = self.enabled(ctx)
         active &= (si.wi.z * wo.z != 0) & dr.select(reflected, reflection, transmission)
@@ -188,7 +197,7 @@ class Dielectric(mi.BSDF):
         value = self.energy(ctx, si, reflected, f, eta, active) * (density * g)
         return mi.depolarizer(value) & active, dr.select(active, density * g1 * self.share(ctx, reflected, f), 0)
 
-    def to_string(self):
+    def to_string(self) -> str:
         return describe(self, eta=self.eta, specular_reflectance=self.specular_reflectance,
                         specular_transmittance=self.specular_transmittance, ambient=self.ambient,
                         distribution=self.distribution.name, **{self.distribution.parameter: self.roughness})

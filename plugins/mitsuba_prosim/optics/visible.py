@@ -5,11 +5,15 @@ density D(m) G1(w, m) <w, m> / cos w. As both have the same polar angle, that an
 only the azimuth depends on w: its density is proportional to max(0, min(2, 1 + t cos phi)), t = tan w tan m.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import drjit as dr
 import mitsuba as mi
 
 
-def azimuth(u, t):
+def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     """Draws phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``u`` in [0, 1), ``t`` >= 0.
 
     Where the partner facet is turned away (t cos phi > 1) the density is constant; elsewhere its integral leads to
@@ -34,7 +38,7 @@ def azimuth(u, t):
     return dr.mulsign(dr.select(v < 2 * edge, 0.5 * v, phi), s)
 
 
-def sample(wi, u, polar, roughness):
+def sample(wi: mi.Vector3f, u: mi.Point2f, polar: Callable, roughness: mi.Float) -> mi.Vector3f:
     """Draws a facet visible from ``wi`` (local, wi.z > 0) from ``u`` in the unit square.
 
     ``polar`` is a distribution's function of that name. Returns a unit vector in the upper hemisphere.

@@ -6,45 +6,52 @@ that pi to equation 3.1). ``polar(u, roughness)`` draws the polar angle of a fac
 from ``u`` in [0, 1): it grows with u, so that strata stay strata.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from math import factorial
 from typing import NamedTuple
 
 import drjit as dr
+import mitsuba as mi
 
 
 class Distribution(NamedTuple):
-    name: str
-    parameter: str  #: what its roughness is called
-    range: tuple    #: lowest and highest roughness, and that in words
-    D: Callable
-    polar: Callable
+    """A distribution, and how a plugin's parameters speak of it."""
+
+    name: str                        #: value of the parameter ``distribution``
+    parameter: str                   #: what its roughness is called
+    range: tuple[float, float, str]  #: lowest and highest roughness, and that in words
+    D: Callable[[mi.Vector3f, mi.Float], mi.Float]
+    polar: Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]
 
 
-def sin2(m):
+def sin2(m: mi.Vector3f) -> mi.Float:
     """Squared sine of the polar angle: unlike 1 - m.z², it loses no digits near the pole."""
     return m.x * m.x + m.y * m.y
 
 
-def beckmann(m, alpha):
+def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
     """exp(-tan² / alpha²) / (pi alpha² cos⁴), alpha the RMS slope (the thesis's m)."""
     cos2 = dr.maximum(m.z * m.z, 1e-8)
     alpha2 = dr.maximum(alpha * alpha, 1e-8)      # a texture may be 0 somewhere
     return dr.exp(-sin2(m) / (cos2 * alpha2)) / (dr.pi * alpha2 * cos2 * cos2)
 
 
-def beckmann_polar(u, alpha):
+def beckmann_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """tan² = -alpha² ln(1 - u)."""
     tan2 = -dr.maximum(alpha * alpha, 1e-8) * dr.log(1 - u)
     cos = dr.rsqrt(1 + tan2)
     return dr.sqrt(tan2) * cos, cos
 
 
-def phong(m, exponent):
+def phong(m: mi.Vector3f, exponent: mi.Float) -> mi.Float:
     """(n + 2) / (2 pi) cos^n: Blinn's form of Phong's lobe, about the bisector."""
     return (exponent + 2) * dr.inv_two_pi * dr.power(dr.maximum(m.z, 1e-8), exponent)
 
 
-def phong_polar(u, exponent):
+def phong_polar(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """cos = (1 - u)^(1 / (n + 2))."""
     h = -dr.log(1 - u) / (exponent + 2)
     cos = dr.exp(-h)
     return dr.sqrt(2 * cos * dr.sinh(h)), cos     # 1 - cos², without its cancellation
@@ -54,7 +61,7 @@ def phong_polar(u, exponent):
 SINE = [(-4.0) ** k * factorial(k) / factorial(2 * k + 1) for k in range(9)]
 
 
-def gaussian_tail(s, alpha2):
+def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
     """Integral of exp(-t) sin(2a) / 2a over t from s to infinity, where t = (a / alpha)²: a polynomial times exp(-s).
 
     Term by term, the integral of t^k exp(-t) is k! exp(-s) (1 + s + ... + s^k / k!).
@@ -69,13 +76,14 @@ def gaussian_tail(s, alpha2):
     return total * dr.exp(-s)
 
 
-def gaussian_limits(alpha):
+def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
+    """``(alpha², tail from 90 degrees on, integral up to there)``, for `gaussian_tail`."""
     alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))   # beyond 2, float's cancellation shows
     low = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
     return alpha2, low, gaussian_tail(0, alpha2) - low
 
 
-def gaussian(m, alpha):
+def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
     """C exp(-(a / alpha)²), a the angle: Torrance and Sparrow's own.
 
     The normalisation, 1 / C = pi times the integral of exp(-(a / alpha)²) sin(2a) over [0, pi/2], is a Dawson
@@ -86,7 +94,7 @@ def gaussian(m, alpha):
     return dr.exp(-a * a / alpha2) / (dr.pi * alpha2 * total)
 
 
-def gaussian_polar(u, alpha):
+def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Inverts the series by two of Halley's steps in y = sin²a, where the density is exp(-(a / alpha)²): to 3e-7.
 
     They start from the nearer of two exponentials, exp(-y / alpha²), good for wide distributions, and

@@ -1,14 +1,19 @@
-"""What the five materials share: their parameters and their errors."""
+"""The parameters that materials share: reflectances, roughness, indices of refraction, metals.
+
+Each function reads from the plugin's ``props`` and raises ValueError for what is wrong.
+"""
+
+from __future__ import annotations
 
 from pathlib import Path
 
 import mitsuba as mi
 
-from ..optics.distribution import DISTRIBUTIONS
-from ..parameters import reject
+from ..parameters import choice, reject
+from .facets import DISTRIBUTIONS, Distribution
 
 
-def constant(props, name):
+def constant(props: mi.Properties, name: str) -> list[float]:
     """The numbers of a parameter that is a number, a colour or a spectrum; empty for a texture or nothing.
 
     To be asked before the parameter is turned into a texture.
@@ -21,13 +26,13 @@ def constant(props, name):
     return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
 
 
-def shown(values):
+def shown(values: list[float]) -> float | list[float]:
     """One number as such, several as a list."""
     values = [round(v, 6) for v in values]
     return values[0] if len(set(values)) == 1 else values
 
 
-def reflectance(props, name, default=None):
+def reflectance(props: mi.Properties, name: str, default: float | None = None) -> mi.Texture | None:
     """The texture of a reflectance, checked to lie in [0, 1] where it is constant; None if absent without default."""
     values = constant(props, name)
     if not all(0 <= v <= 1 for v in values):
@@ -37,7 +42,7 @@ def reflectance(props, name, default=None):
     return None if default is None else props.get_texture(name, default)
 
 
-def conserve(props, *names):
+def conserve(props: mi.Properties, *names: str) -> None:
     """Raises an error if constant reflectances add up to more than 1 (s + d = 1, section 3.1.1)."""
     values = [constant(props, name) for name in names]
     if all(values):
@@ -46,15 +51,14 @@ def conserve(props, *names):
             raise reject(props, " + ".join(names), shown(sums), "a sum <= 1, or energy would be created")
 
 
-def roughness(props, allowed=tuple(DISTRIBUTIONS)):
+def roughness(props: mi.Properties,
+              allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, mi.Texture | None]:
     """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
 
     The texture is None for an ideally smooth surface, i.e. if the roughness is absent or ``alpha`` is 0. An
     ``exponent`` alone means Phong's distribution, else Beckmann's is the default.
     """
-    name = props.get("distribution", "phong" if "exponent" in props else allowed[0])
-    if name not in allowed:
-        raise reject(props, "distribution", name, "one of " + ", ".join(allowed))
+    name = choice(props, "distribution", allowed, "phong" if "exponent" in props else None)
     distribution = DISTRIBUTIONS[name]
     parameter = distribution.parameter
     for other in ("alpha", "exponent"):
@@ -70,7 +74,7 @@ def roughness(props, allowed=tuple(DISTRIBUTIONS)):
     return distribution, None if parameter == "alpha" and values == [0] else texture
 
 
-def index(props, name, default):
+def index(props: mi.Properties, name: str, default: float | str) -> float:
     """An index of refraction: a number > 0, or a name from Mitsuba's table."""
     value = props.get(name, default)
     try:
@@ -84,7 +88,7 @@ def index(props, name, default):
     return number
 
 
-def metal(props):
+def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     """The textures (eta, k): given, or measured ones of ``material``, or those of a perfect mirror."""
     material = props.get("material", "none")
     if material == "none":
@@ -112,24 +116,7 @@ def metal(props):
     return found["eta"], found["k"]
 
 
-def ambient(props, default=None):
+def ambient(props: mi.Properties, default: mi.Texture | None = None) -> mi.Texture | None:
     """The texture of the reflectance of ambient light; ``default`` (a texture or None, i.e. black) if not given."""
     given = reflectance(props, "ambient")
     return default if given is None else given
-
-
-def expose(callback, **parameters):
-    """Shows textures and Dr.Jit numbers to ``mi.traverse`` under their names; passes over those that are None.
-
-    A texture called ``ambient`` thereby is the BSDF attribute of that name. The plain numbers of scalar variants are
-    passed over as well, for they cannot be changed in place.
-    """
-    for name, parameter in parameters.items():
-        if parameter is not None and not isinstance(parameter, float):
-            callback.put(name, parameter, mi.ParamFlags.Differentiable)
-
-
-def describe(bsdf, **values):
-    """The text of ``to_string``."""
-    lines = [f"  {name} = {value}".replace("\n", "\n  ") for name, value in values.items() if value is not None]
-    return f"{type(bsdf).__name__}[\n" + ",\n".join(lines) + "\n]"

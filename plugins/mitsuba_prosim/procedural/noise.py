@@ -1,17 +1,21 @@
 """Gradient noise from an integer hash, as a pure function."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 
 from ..sampling.hash import combine
 
 
-def gradient_noise(coordinates, key):
+def gradient_noise(coordinates: Sequence[mi.Float], key: mi.UInt32) -> mi.Float:
     """Gradient noise on the integer lattice of as many dimensions as there are ``coordinates``; zero on its points.
 
     ``key`` is a 32-bit unsigned integer. The components of the gradients are uniform over [-1, 1].
     """
-    corners = [(key, mi.Float(1), ())]  # hash, weight of the interpolation, offset from the corner
+    corners: list[tuple] = [(key, mi.Float(1), ())]  # hash, weight of the interpolation, offset from the corner
     for x in coordinates:
         cell = dr.floor(x)
         f = x - cell
@@ -24,5 +28,5 @@ def gradient_noise(coordinates, key):
     total = mi.Float(0)
     for hashed, weight, offset in corners:
         gradients = (((hashed >> 10 * axis) & 1023) for axis in range(len(offset)))
-        total += weight * sum((mi.Float(g) / 511.5 - 1) * d for g, d in zip(gradients, offset))
+        total += weight * sum((mi.Float(g) / 511.5 - 1) * d for g, d in zip(gradients, offset, strict=True))
     return total

@@ -1,11 +1,10 @@
 """The stochastic ray tracer of the thesis, with adaptive N-rook sampling (chapter 4, sections 5.3 and 5.4)."""
 
-import math
-
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import reject
+from ..light.emission import emissive
+from ..parameters import choice, describe, expose, number, reject, whole
 from ..registry import plugin
 from ..rendering import bands
 from ..rendering.accumulate import Image
@@ -151,38 +150,26 @@ class Prosim(mi.SamplingIntegrator):
             raise ValueError("prosim: light is unpolarised here (thesis, section 2.2.3); use a variant without "
                              "'polarized'.")
 
-        def number(name, default, least):
-            value = props.get(name, default)
-            if not (math.isfinite(value) and value >= least):
-                raise reject(props, name, value, f"a number >= {least}")
-            return value
-
-        def choice(name, allowed):
-            value = props.get(name, allowed[0])
-            if value not in allowed:
-                raise reject(props, name, value, " or ".join(allowed))
-            return value
-
-        self.samples = number("samples", 5, 1)
-        self.adaptive = choice("adaptive", tuple(POLICIES))
-        self.threshold = number("threshold", 0.006, 0)
-        self.min_passes = number("min_passes", 1, 1)
-        self.max_samples = number("max_samples", 0, 0)
-        self.max_level = number("max_level", 4, -1)
-        self.diffuse_bounces = number("diffuse_bounces", 0, -1)
+        self.samples = whole(props, "samples", 5, 1)
+        self.adaptive = choice(props, "adaptive", tuple(POLICIES))
+        self.threshold = number(props, "threshold", 0.006, 0)
+        self.min_passes = whole(props, "min_passes", 1, 1)
+        self.max_samples = whole(props, "max_samples", 0, 0)
+        self.max_level = whole(props, "max_level", 4, -1)
+        self.diffuse_bounces = whole(props, "diffuse_bounces", 0, -1)
         if self.diffuse_bounces == 0 and not 0 <= self.max_level <= DEEPEST_TREE:
             raise reject(props, "max_level", self.max_level,
                          f"0 to {DEEPEST_TREE} for a ray tree (-1, any level, goes with diffuse_bounces)")
         self.shadows = props.get("shadows", True)
-        self.ambient = props.get_emissive_texture("ambient") if "ambient" in props else None
-        self.background = props.get_emissive_texture("background") if "background" in props else None
-        self.cutoff = number("cutoff", 0.0, 0)
-        self.rr_depth = number("rr_depth", 5, 0)
-        self.jitter = choice("jitter", JITTERS)
+        self.ambient = emissive(props, "ambient")
+        self.background = emissive(props, "background")
+        self.cutoff = number(props, "cutoff", 0.0, 0)
+        self.rr_depth = whole(props, "rr_depth", 5, 0)
+        self.jitter = choice(props, "jitter", JITTERS)
         self.channels = props.get("channels", "rgb").lower()
         if set(self.channels) - set("rgb"):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
-        self.band = int(number("band", 1 << 18, 1))
+        self.band = whole(props, "band", 1 << 18, 1)
         self.own_aovs, self.mitsuba_aovs = [], None
         others = []
         for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
@@ -197,18 +184,16 @@ class Prosim(mi.SamplingIntegrator):
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
         self.cancelled = False
-        self._image = None  # what is being rendered
+        self._image = None  # what is being rendered, in JIT variants
+        self._transport = None  # in scalar variants, while an image is rendered
 
     def traverse(self, callback):
-        for name in ("ambient", "background"):
-            if getattr(self, name) is not None:
-                callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
+        expose(callback, ambient=self.ambient, background=self.background)
 
     def to_string(self):
         names = ("samples", "adaptive", "threshold", "min_passes", "max_samples", "max_level", "shadows", "ambient",
                  "background", "diffuse_bounces", "cutoff", "rr_depth", "hide_emitters", "jitter", "channels")
-        values = [f"{name} = {getattr(self, name)}" for name in names] + [f"aovs = {self.aov_names()}"]
-        return "Prosim[\n  " + ",\n  ".join(value.replace("\n", "\n  ") for value in values) + "\n]"
+        return describe(self, **{name: getattr(self, name) for name in names}, aovs=self.aov_names())
 
     def aov_names(self):
         others = self.mitsuba_aovs.aov_names() if self.mitsuba_aovs is not None else []
@@ -219,13 +204,15 @@ class Prosim(mi.SamplingIntegrator):
         self.cancelled = True
 
     def flush(self):
-        """Puts the image so far into the film; for ``progress`` to call."""
-        self._put(*self._image)
+        """Puts the image so far into the film; for ``progress`` to call. Does nothing where no image is being made, or one
+        that is only for derivatives."""
+        if self._image is not None:
+            self._put(*self._image)
 
     # ---------------------------------------------------------------- radiance along a ray
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
-        transport = Transport(self._settings(), scene)
+        transport = self._transport or Transport(self._settings(), scene)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
@@ -240,10 +227,19 @@ class Prosim(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
-            return super().render(scene, sensor, seed, spp, develop, evaluate)
+            return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
+        if dr.flag(dr.JitFlag.FreezingScope):
+            raise RuntimeError("prosim: an image can't be rendered within a function that dr.freeze records, because how "
+                               "many samples are taken is decided on the way; render it outside of that function.")
         film = sensor.film()
         film.prepare(self.aov_names())
-        _, _, image = self._render(scene, sensor, seed, spp, self.own_aovs)
+        plan, estimator = self._plan(scene, sensor, seed, spp)
+        image = Image(plan.window, estimator.channels.names, len(self.own_aovs))
+        self._image = film, image
+        try:
+            self._fill(image, plan, estimator, self.own_aovs)
+        finally:
+            self._image = None
         self._put(film, image)
         image = film.develop() if develop else mi.TensorXf()
         if evaluate:
@@ -254,21 +250,30 @@ class Prosim(mi.SamplingIntegrator):
             dr.sync_thread()
         return image
 
-    def _render(self, scene, sensor, seed, spp, own_aovs):
-        """``(plan, estimator, image)``: renders the film's window, with the channels ``own_aovs``."""
-        self.cancelled = False
+    def _render_scalar(self, scene, *arguments):
+        """Mitsuba's own loop over pixels and samples."""
+        if self._transport is not None:  # Mitsuba calls render() of this class once more
+            return super().render(scene, *arguments)
+        self._transport = Transport(self._settings(), scene)
+        try:
+            return super().render(scene, *arguments)
+        finally:
+            self._transport = None
+
+    def _plan(self, scene, sensor, seed, spp):
+        """``(plan, estimator)``: which samples are taken, and what takes them."""
         plan = Plan.of(Sampling(self.samples, self.adaptive, self.threshold, self.min_passes, self.max_samples, self.jitter,
                                 self.band), sensor.film(), seed, spp)
         channels = Channels(sensor.film(), self.channels, self.mitsuba_aovs)
-        estimator = Estimator(plan, scene, sensor, Transport(self._settings(), scene), channels)
-        image = Image(plan.window, channels.names, len(own_aovs))
-        self._image = sensor.film(), image
-        with uncropped(sensor):
-            estimator.rays = ray_sampler(sensor)
-            bands.render(plan, POLICIES[self.adaptive](plan, self.threshold), estimator, image, own_aovs, self.progress,
-                         lambda: self.cancelled)
-        self._image = None
-        return plan, estimator, image
+        return plan, Estimator(plan, scene, sensor, Transport(self._settings(), scene), channels)
+
+    def _fill(self, image, plan, estimator, own_aovs):
+        """Renders ``image``."""
+        self.cancelled = False
+        policy = POLICIES[self.adaptive](plan, self.threshold)
+        with uncropped(estimator.sensor):
+            estimator.rays = ray_sampler(estimator.sensor)
+            bands.render(plan, policy, estimator, image, own_aovs, self.progress, lambda: self.cancelled)
 
     @staticmethod
     def _put(film, image):
@@ -303,6 +308,8 @@ class Prosim(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
-            plan, estimator, image = self._render(scene, sensor, seed, spp, ["samples"])
+            plan, estimator = self._plan(scene, sensor, seed, spp)
+            image = Image(plan.window, estimator.channels.names, 1)
+            self._fill(image, plan, estimator, ["samples"])
         estimator.transport = Transport(self._settings(), scene, attached=True)
         return Derivatives(plan, estimator, image)

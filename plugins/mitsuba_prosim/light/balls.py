@@ -12,6 +12,9 @@ import mitsuba as mi
 from .sample import LightSample, direction_sample, weighed
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
 
+#: Four times the unit of rounding in single precision.
+SINGLE = 2.0**-22
+
 
 class Balls:
     """Emitters whose shape is a sphere, seen from outside; ``emitters``: all of them, in the order of their numbers."""
@@ -64,9 +67,10 @@ class Balls:
         center, radius = self.ball(number)
         to_center = center - o
         b = dr.dot(to_center, d)
-        # With a margin for the rounding of the renderer's own test.
-        near = dr.squared_norm(to_center - b * d) <= dr.square(radius * 1.001)
-        return near & (b > 0)
+        # With a margin for rounding: the renderer's own test compares squares of the distance, in single precision.
+        distance2 = dr.squared_norm(to_center) + dr.squared_norm(center)
+        near = dr.squared_norm(to_center - b * d) <= dr.square(1.001 * radius) + SINGLE * distance2
+        return near & (b > -radius)
 
 
 def ball(emitter):
@@ -88,10 +92,13 @@ def direction_to_ball(si, center, radius, n, sample):
     to_center = center - si.p
     d2 = dr.squared_norm(to_center)
     axis = to_center * dr.rsqrt(d2)
-    cos_n = dr.dot(n, axis)
-    x = dr.normalize(axis - n * cos_n + 1e-20 * mi.coordinate_system(n)[0])
-    local, pdf = sample_projected_cap(cos_n, dr.square(radius) / d2, sample)
-    d = x * local.x + dr.cross(n, x) * local.y + n * local.z
+    # With y across n and the axis. Where these two are one but for rounding, any y across n will do.
+    across = dr.cross(n, axis)
+    across -= n * dr.dot(n, across)
+    sin_n = dr.norm(across)
+    y = dr.select(sin_n > 1e-7, dr.normalize(across), mi.coordinate_system(n)[1])
+    local, pdf = sample_projected_cap(dr.dot(n, axis), sin_n, dr.square(radius) / d2, sample)
+    d = dr.cross(y, n) * local.x + y * local.y + n * local.z
     # Nearer root of |t d - to_center| = radius, without cancellation for a distant source.
     b = dr.dot(d, to_center)
     chord = dr.safe_sqrt(dr.square(radius) - dr.squared_norm(to_center - b * d))

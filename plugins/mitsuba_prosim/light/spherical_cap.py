@@ -46,17 +46,18 @@ def pdf_projected_cap(cos_n, sin2_theta_max, cos_theta):
     return dr.select(area > 0, dr.maximum(cos_theta, 0) / dr.maximum(area, _TINY), 0)
 
 
-def sample_projected_cap(cos_n, sin2_theta_max, sample2):
+def sample_projected_cap(cos_n, sin_n, sin2_theta_max, sample2):
     """Draws a direction towards a sphere, cosine-weighted and above the horizon: ``(local direction, pdf)``.
 
     The frame has z along the normal and the sphere's centre in the half-plane x >= 0 of xz. The map from the unit
     square is continuous within each of the two pieces and keeps area ratios, so that stratified samples stay so.
-    Parameters as in `projected_cap_area`; the density is per solid angle. Both results are detached: derivatives go
+    Parameters as in `projected_cap_area`; ``sin_n`` is the sine that belongs to ``cos_n`` (of a source overhead, the cosine
+    alone does not tell where it is); the density is per solid angle. Both results are detached: derivatives go
     through what is evaluated in the direction, not through the choice of the direction.
     """
-    cos_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin2_theta_max, sample2))
+    cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     # Most receivers see the whole sphere; the branch spares them the crescent, which costs more than all the rest.
-    d, area = dr.if_stmt((cos_n, sin2_theta_max, sample2), _is_cut(cos_n, sin2_theta_max),
+    d, area = dr.if_stmt((cos_n, sin_n, sin2_theta_max, sample2), _is_cut(cos_n, sin2_theta_max),
                          _sample_cut_cap, _sample_whole_cap, label="cap")
     return d, dr.select(area > 0, d.z / dr.maximum(area, _TINY), 0)
 
@@ -74,11 +75,10 @@ def _ellipse_area(cos_n, sin2_theta_max):
     return dr.select(sin2_theta_max < 1, dr.pi * sin2_theta_max * dr.maximum(cos_n, 0), 0)
 
 
-def _sample_whole_cap(cos_n, sin2_theta_max, sample):
+def _sample_whole_cap(cos_n, sin_n, sin2_theta_max, sample):
     """Direction to a point of the ellipse, and the ellipse's area."""
     # Seen from above: the point's height is that on the cap's boundary circle, plus the bulge within.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
-    sin_n = dr.safe_sqrt(1 - dr.square(cos_n))
     p = mi.warp.square_to_uniform_disk_concentric(sample)
     height = cos_max * cos_n + s * sin_n * p.x
     bulge = sin2_theta_max * dr.maximum(1 - dr.squared_norm(p), 0)
@@ -86,7 +86,7 @@ def _sample_whole_cap(cos_n, sin2_theta_max, sample):
     return d, _ellipse_area(cos_n, sin2_theta_max)
 
 
-def _sample_cut_cap(cos_n, sin2_theta_max, sample):
+def _sample_cut_cap(cos_n, sin_n, sin2_theta_max, sample):
     """Direction to a point of the ellipse or the crescent, and the area of both."""
     crescent = _Crescent(cos_n, sin2_theta_max)
     ellipse = _ellipse_area(cos_n, sin2_theta_max)
@@ -94,7 +94,7 @@ def _sample_cut_cap(cos_n, sin2_theta_max, sample):
     share = ellipse / dr.maximum(area, _TINY)
     in_ellipse = sample.x < share
     u = dr.select(in_ellipse, sample.x / dr.maximum(share, _TINY), (sample.x - share) / dr.maximum(1 - share, _TINY))
-    whole, _ = _sample_whole_cap(cos_n, sin2_theta_max, mi.Point2f(u, sample.y))
+    whole, _ = _sample_whole_cap(cos_n, sin_n, sin2_theta_max, mi.Point2f(u, sample.y))
     return dr.select(in_ellipse, whole, mi.Vector3f(*crescent.sample(u, sample.y))), area
 
 

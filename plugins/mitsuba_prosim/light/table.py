@@ -82,14 +82,27 @@ class Lights:
             self._tabulate(scene)
 
     def _tabulate(self, scene):
-        """Tables by the number of the source, and from Dr.Jit's identity of an emitter to that number."""
+        """Pointers by the number of the source, and for many sources the way back from Dr.Jit's identity of an emitter.
+        (That table's size has to be waited for.)"""
         in_scene = scene.emitters()
         order = mi.UInt32([in_scene.index(emitter) for emitter in self.emitters])
         self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
-        identity = dr.reinterpret_array(mi.UInt32, self.pointers)
-        self.number_of = dr.zeros(mi.UInt32, dr.max(identity)[0] + 1)
-        dr.scatter(self.number_of, dr.arange(mi.UInt32, self.count), identity)
-        dr.make_opaque(self.number_of)
+        if self.lamps > self.UNROLLED:
+            identity = dr.reinterpret_array(mi.UInt32, self.pointers)
+            self.numbers = dr.zeros(mi.UInt32, dr.max(identity)[0] + 1)
+            dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), identity)
+            dr.make_opaque(self.numbers)
+
+    def number_of(self, emitter, active):
+        """The number of the source ``emitter``, a ``mi.EmitterPtr``, or an emitter in scalar variants."""
+        if not self.jit:
+            return self.emitters.index(emitter) if active else 0
+        if self.lamps > self.UNROLLED:
+            return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
+        number = mi.UInt32(0)
+        for k in range(1, self.lamps):
+            number = dr.select(emitter == dr.gather(mi.EmitterPtr, self.pointers, k), k, number)
+        return number
 
     def for_each(self, body, total, active, groups=None):
         """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a :class:`Lamp`."""
@@ -122,12 +135,7 @@ class Lights:
     def pdf(self, si, n, both_sides, ds, active):
         """Density per solid angle with which a lamp is sampled in the direction ``ds`` (``mi.DirectionSample3f``) at
         ``si``, the lamp being the one that is met there; parameters as in :meth:`Lamp.sample`."""
-        if not self.jit:
-            k = self.emitters.index(ds.emitter) if active else 0
-        elif len(self.groups) > 1 or not all(strategy.whole_sphere for strategy, *_ in self.groups):
-            k = dr.gather(mi.UInt32, self.number_of, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
-        else:
-            k = mi.UInt32(0)
+        k = self.number_of(ds.emitter, active)
         pdf = mi.Float(0)
         for strategy, first, end in self.groups:
             mine = active & (first <= k) & (k < end)

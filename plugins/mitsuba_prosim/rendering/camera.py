@@ -9,13 +9,14 @@ import mitsuba as mi
 
 
 def ray_sampler(sensor):
-    """What ``sensor.sample_ray`` is, for a film without a crop window.
+    """What ``sensor.sample_ray_differential`` is, but for the differentials, for a film without a crop window. (Not every
+    sensor has a ``sample_ray``.)
 
     Mitsuba's perspective camera has the film's size as a constant in its code, so that each resolution would be
     compiled anew: its rays are made here, by its own matrices.
     """
     if sensor.class_name() != "PerspectiveCamera":
-        return sensor.sample_ray
+        return sensor.sample_ray_differential
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
     to_camera, to_world = sensor.projection_transform().inverse(), sensor.world_transform()

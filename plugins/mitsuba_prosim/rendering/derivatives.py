@@ -38,7 +38,7 @@ class Derivatives:
         x, y, *_ = pixels(self.plan.window)
         with uncropped(self.sensor):
             self.estimator.rays = ray_sampler(self.sensor)
-            for r in range(self.plan.most_passes):
+            for r in range(-(-self.plan.most // n)):
                 taken = dr.compress(self.counts > r * n + 0.5)
                 if dr.width(taken) == 0:
                     break

@@ -13,6 +13,9 @@ from .error import error_between_passes, standard_error
 from .film import Channels
 from .plan import Plan
 
+#: A sample counts as no brighter than this in what is said of the error: the squares of N² samples stay finite.
+BRIGHTEST = 1e16
+
 
 @dataclass
 class Estimate:
@@ -34,11 +37,12 @@ class Estimate:
             dr.scatter_add(total, part, where, mode=dr.ReduceMode.NoConflicts)
 
     def error(self, n):
-        """Standard error of the mean luminance: between passes (of ``n`` samples) where there are two or more."""
+        """Standard error of the mean luminance: between passes (of ``n`` samples) where there are two or more, all whole."""
         count = mi.Float(self.count)
         passes = count / n
         between = error_between_passes(self.total / n, self.pass_squares, passes)
-        return dr.select(passes > 1, between, standard_error(self.total, self.squares, count))
+        whole = (self.count > n) & (self.count % n == 0)
+        return dr.select(whole, between, standard_error(self.total, self.squares, count))
 
 
 class Estimator:
@@ -80,7 +84,7 @@ class Estimator:
     def spread(self, values, position):
         """``(weight, value)`` for each pixel within the filter's reach, row by row, and each value."""
         reach = self.plan.reach
-        if reach == 0:
+        if self.rfilter.is_box_filter():
             return [(mi.Float(1), v) for v in values]
         offsets = range(-reach, reach + 1)
         across = [self.rfilter.eval(k + 0.5 - position.x) for k in offsets]
@@ -88,18 +92,19 @@ class Estimator:
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
     def take(self, x, y, begin, end, quiet=None) -> Estimate:
-        """Takes the passes ``begin`` .. ``end`` - 1 (integers) of the pixels (x, y), one lane a pixel.
+        """Takes the samples ``begin`` .. ``end`` - 1 (integers) of the pixels (x, y), one lane a pixel.
 
         ``quiet(total, squares, t)``, if given, says after each pass which pixels end, ``t`` being the number of samples.
         """
         n, reach = self.plan.n, self.plan.reach
-        end = dr.opaque(mi.UInt32, end * n)
+        end = dr.opaque(mi.UInt32, end)
 
         def step(t, estimate, in_pass, active):
             r = t // n
             i = t - r * n
             values, luminance, position = self.sample(x, y, r, i)
             sums = [s + w * v for s, (w, v) in zip(estimate.sums, self.spread(values, position))]
+            luminance = dr.clip(luminance, -BRIGHTEST, BRIGHTEST)
             total, squares = estimate.total + luminance, estimate.squares + dr.square(luminance)
             in_pass = in_pass + luminance
             last = i + 1 == n
@@ -111,7 +116,7 @@ class Estimator:
                 active &= ~(last & quiet(total, squares, t))
             return t, Estimate(sums, total, squares, pass_squares, t), in_pass, active
 
-        begin = dr.opaque(mi.UInt32, begin * n)
+        begin = dr.opaque(mi.UInt32, begin)
         zeros = [mi.Float(0) for _ in range(len(self.channels.names) * (2 * reach + 1) ** 2)]
         state = (mi.UInt32(begin), Estimate(zeros, mi.Float(0), mi.Float(0), mi.Float(0), mi.UInt32(begin)), mi.Float(0),
                  dr.full(mi.Bool, True, dr.width(x)))

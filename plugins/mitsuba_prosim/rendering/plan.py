@@ -9,9 +9,6 @@ import mitsuba as mi
 
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 
-#: Pixels beyond the film that may have a number of their own (for films with ``sample_border``).
-MARGIN = 16
-
 
 @dataclass(frozen=True)
 class Sampling:
@@ -32,9 +29,9 @@ class Plan:
 
     #: N: samples of a pass.
     n: int
-    #: Passes that every pixel gets, and that one may get at most.
-    least_passes: int
-    most_passes: int
+    #: Samples that every pixel gets, and that one may get at most: passes, of which the very last may be cut short.
+    least: int
+    most: int
     #: Places of samples in their cells, ``"multi"`` or ``"uniform"``.
     jitter: str
     permutations: Permutations
@@ -47,23 +44,20 @@ class Plan:
     reach: int
     #: Pixels that are rendered at a time.
     band: int
-    #: Pixels from one row to the next, in the numbers of the pixels.
-    row: mi.Int32
 
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed, spp: int) -> Plan:
         """The plan for ``film``; a nonzero ``spp`` replaces ``max_samples``, and ``samples`` by its root, rounded up."""
-        n = grid_size(spp) if spp else int(sampling.samples)
-        most = spp or int(sampling.max_samples) or n ** 2
-        most_passes = min(max(round(most / n), 1), n)
+        most = spp or sampling.max_samples or sampling.samples ** 2
+        n = min(grid_size(spp) if spp else sampling.samples, most)
+        most = min(most, n ** 2)
         (x, y), (w, h), (width, height) = film.crop_offset(), film.crop_size(), film.size()
         x, y, w, h, width, height = (int(v) for v in (x, y, w, h, width, height))
         reach = film.rfilter().border_size()
         border = reach if film.sample_border() else 0
-        return cls(n, min(int(sampling.min_passes), most_passes), most_passes, sampling.jitter, Permutations(n),
+        return cls(n, min(sampling.min_passes * n, most), most, sampling.jitter, Permutations(n),
                    dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed),
-                   (x, y, x + w, y + h), (-border, -border, width + border, height + border), reach,
-                   int(sampling.band), dr.opaque(mi.Int32, width + 2 * MARGIN))
+                   (x, y, x + w, y + h), (-border, -border, width + border, height + border), reach, sampling.band)
 
     @property
     def region(self) -> tuple[int, int, int, int]:
@@ -73,8 +67,9 @@ class Plan:
     def points(self, x, y, r, i) -> NRook:
         """The sample ``i`` of pass ``r`` in the pixels (x, y), in every space: a pure function of seed, pixel, pass and
         index."""
-        pixel = (y + MARGIN) * self.row + x + MARGIN
-        return NRook(self.permutations, pixel_key(self.seed, mi.UInt32(pixel)), r, i, self.jitter)
+        # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
+        pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
+        return NRook(self.permutations, pixel_key(self.seed, pixel), r, i, self.jitter)
 
 
 def widened(rectangle, reach, domain):

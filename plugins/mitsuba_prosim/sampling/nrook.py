@@ -20,8 +20,12 @@ JITTERS = ("multi", "uniform")
 
 
 def pixel_key(seed, pixel):
-    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit)."""
-    return combine(hash32(seed), pixel)
+    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
+
+    The pixel is hashed before the seed is mixed in, and then both again: no seed's keys are another's, shifted. Under one
+    seed, different pixels have different keys.
+    """
+    return combine(hash32(pixel), hash32(seed))
 
 
 class Permutations:

@@ -9,6 +9,8 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from . import lobes
+from .ambient import ambient_reflectance, faces_viewer
+from .indivisible import belongs_to
 from .scene_facts import SceneFacts
 from .settings import Settings
 from .surroundings import background_radiance
@@ -102,16 +104,14 @@ class Nodes:
             return ray.throughput * L, Node(si, None, False)
         bsdf = si.bsdf()
         if settings.ambient is not None:
-            has = surface_inside
-            if not self.facts.all_ambient:
-                has = has & bsdf.has_attribute("ambient", has)
-            L += dr.select(has, bsdf.eval_attribute("ambient", si, has) * settings.ambient.eval(si, has), 0)
+            L += self.ambient(si, bsdf, surface_inside)
         L += self.direct(ray, si, bsdf, points, surface_inside)
         return ray.throughput * L, Node(si, bsdf, surface)
 
     def meet(self, ray: Ray, camera, active):
         """The ``mi.Ray3f`` of a :class:`Ray`, and its interaction with the scene."""
         ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
+        ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
         return ray3, self.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
     def past_emitters(self, ray, si, active):
@@ -125,18 +125,23 @@ class Nodes:
             return si
         hidden &= si.shape.is_emitter()
 
+        def beyond(o):
+            """The rest of the ray, from ``o`` on."""
+            rest = mi.Ray3f(ray)
+            rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
+            return rest
+
         def step(o, blocked):
-            pi = self.scene.ray_intersect_preliminary(mi.Ray3f(o, ray.d, ray.time, ray.wavelengths), active=blocked)
+            pi = self.scene.ray_intersect_preliminary(beyond(o), active=blocked)
             blocked = blocked & pi.is_valid()
             if idle(blocked):
                 return o, blocked
             blocked &= pi.shape.is_emitter()
-            front = pi.compute_surface_interaction(mi.Ray3f(o, ray.d), mi.RayFlags.Minimal, blocked)
+            front = pi.compute_surface_interaction(beyond(o), mi.RayFlags.Minimal, blocked)
             return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
 
         o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
-        behind = self.scene.ray_intersect(mi.Ray3f(o, ray.d, ray.time, ray.wavelengths), hidden)
-        return dr.select(hidden, behind, si)
+        return dr.select(hidden, self.scene.ray_intersect(beyond(o), hidden), si)
 
     def end(self, ray: Ray, camera, active):
         """What a ray adds that can only end in a source."""
@@ -162,6 +167,20 @@ class Nodes:
         pdf = lights.pdf(origin, ray.n, ray.both_sides if self.facts.both_sides else False, ds, shares)
         return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
 
+    def ambient(self, si, bsdf, active):
+        """The ambient term ka I_a."""
+        has = active
+        if not self.facts.all_ambient:
+            has = has & bsdf.has_attribute("ambient", has)
+        ka = mi.UnpolarizedSpectrum(0)
+        if not idle(has):
+            has = has & faces_viewer(bsdf.flags(), si)
+            ka = dr.select(has, bsdf.eval_attribute("ambient", si, has), 0)
+        for one in self.facts.hidden_ambient:
+            is_one = active & one.equals(bsdf)
+            ka = dr.select(is_one, ambient_reflectance(one.bsdf, si, is_one), ka)
+        return ka * self.settings.ambient.eval(si, active)
+
     def direct(self, ray: Ray, si, bsdf, points, active):
         """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1)."""
         lights, alone = self.facts.lights, self.facts.alone
@@ -170,6 +189,7 @@ class Nodes:
         n = viewer_side(si)
         both_sides = active & lobes.has_any(flags, *lobes.BOTH_SIDES) if self.facts.both_sides else False
         first_space = self.space(ray.node, NODE_SPACES)
+        whole = active & self.facts.is_whole(bsdf)
 
         def light(lamp, L):
             sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active, self.attached)
@@ -179,16 +199,21 @@ class Nodes:
             for lobe in self.facts.partners:
                 f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit)
                 f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
+            if self.facts.indivisible:
+                f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
             return L + self.unless_in_shadow(si, sample.p, f * sample.weight, lit)
 
         L = lights.for_each(light, mi.Spectrum(0), active)
         if lights.sky is not None and alone is not None:
             # The rays that are drawn from the other lobes meet the sky by themselves.
-            active = active & lobes.has_any(flags, *lobes.DIFFUSE)
-            both_sides = active & lobes.has_any(flags, "DiffuseTransmission") if self.facts.both_sides else False
+            active = active & (lobes.has_any(flags, *lobes.DIFFUSE) | whole)
+            if self.facts.both_sides:
+                both_sides &= active & (lobes.has_any(flags, "DiffuseTransmission") | whole)
             sample = lights.sample_sky(si, n, both_sides, points(first_space + lights.lamps, active), active)
-            lit = active & (sample.pdf > 0)
-            f = bsdf.eval(alone, si, si.to_local(sample.d), lit)
+            lit, wo = active & (sample.pdf > 0), si.to_local(sample.d)
+            f = bsdf.eval(alone, si, wo, lit)
+            if self.facts.indivisible:
+                f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
             L += self.unless_in_shadow(si, sample.p, f * sample.weight, lit)
         return L
 
@@ -212,25 +237,45 @@ class Nodes:
         # Only whole BSDFs choose among lobes often enough for strata to pay.
         choice = points(space, active).x if lobes.is_everything(lobe) else points.choice(space)
         sample = points(self.space(ray.node, k), active)
+        counts = mi.Bool(True)
         with dr.suspend_grad(when=self.attached):
             bs, weight = bsdf.sample(lobe, si, choice, sample, active)
+            # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their own.
+            belongs = (bs.sampled_type & lobe.type_mask) != 0
+            if self.facts.indivisible:
+                whole = active & self.facts.is_whole(bsdf)
+                bs, weight, belongs = self.sample_whole(lobe, si, bsdf, choice, sample, whole, (bs, weight, belongs))
+                counts = but_not(counts, but_not(whole, lobes.has_any(bs.sampled_type, "Delta", "Null")))
             d = si.to_world(bs.wo)
         ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
         if self.attached:
             f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), but_not(active, ideal))
             _, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
+            if self.facts.indivisible:
+                f_whole, pdf_whole = bsdf.eval_pdf(lobes.everything(), si, si.to_local(d), but_not(whole, ideal))
+                _, ideal_whole = bsdf.sample(lobes.everything(), si, choice, sample, whole & ideal)
+                f, pdf, ideal_weight = dr.select(whole, (f_whole, pdf_whole, ideal_whole), (f, pdf, ideal_weight))
             weight = dr.select(ideal, ideal_weight, f / dr.detach(dr.select(pdf > 0, pdf, 1)))
-        throughput = ray.throughput * weight
-        active = active & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
+        throughput, o = ray.throughput * weight, dr.detach(si.spawn_ray(d).o)
+        active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
         if settings.max_level >= 0 and lights.can_foresee:
             # The rays below the deepest level can only end in a source.
-            active &= (ray.level < settings.max_level) | lights.may_meet(si.p, d)
-        following = replace(ray, o=dr.detach(si.spawn_ray(d).o), d=d, throughput=throughput, level=ray.level + 1,
-                            node=ray.node * 2 + (k == REFRACTED), pdf=bs.pdf, shares=but_not(mi.Bool(True), ideal), counts=mi.Bool(True),
+            active &= (ray.level < settings.max_level) | lights.may_meet(o, d)
+        following = replace(ray, o=o, d=d, throughput=throughput, level=ray.level + 1,
+                            node=ray.node * 2 + (k == REFRACTED), pdf=bs.pdf, shares=but_not(mi.Bool(True), ideal), counts=counts,
                             n=viewer_side(si))
         if self.facts.both_sides:
             following.both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES)
         return following, active, bs.eta
+
+    @staticmethod
+    def sample_whole(lobe, si, bsdf, choice, sample, whole, others):
+        """``(bs, weight, belongs)``: ``others`` but for the lanes ``whole``, where all lobes of ``bsdf`` are sampled, and
+        ``belongs`` says whether the sample counts for ``lobe``."""
+        if idle(whole):
+            return others
+        bs, weight = bsdf.sample(lobes.everything(), si, choice, sample, whole)
+        return tuple(dr.select(whole, a, b) for a, b in zip((bs, weight, belongs_to(lobe, si.wi, bs)), others))
 
 
 def viewer_side(si):

@@ -9,10 +9,23 @@ import mitsuba as mi
 
 from ..light.table import Lights
 from . import lobes
+from .ambient import hides_ambient, knows_ambient
+from .indivisible import is_indivisible
 from .settings import Settings
 
-#: Class names of Mitsuba's BSDFs that do not tell their lobes apart.
-INDIVISIBLE = ("Principled", "PrincipledThin")
+
+class Singled:
+    """A BSDF of the scene that is treated apart; to be made outside of loops."""
+
+    def __init__(self, bsdf: mi.BSDF):
+        self.bsdf = bsdf
+        if dr.is_jit_v(mi.Float):
+            self._pointer = mi.BSDFPtr(bsdf)
+            dr.make_opaque(self._pointer)  # else the kernel would depend on it
+
+    def equals(self, bsdf):
+        """Where ``bsdf`` (a ``mi.BSDFPtr``, or a BSDF in scalar variants) is this one."""
+        return bsdf == self._pointer if dr.is_jit_v(mi.Float) else bsdf is self.bsdf
 
 
 @dataclass(frozen=True)
@@ -25,8 +38,11 @@ class SceneFacts:
     refracts: bool
     #: Whether light from both of its sides reaches any surface's smooth lobes.
     both_sides: bool
-    #: Whether every BSDF has the attribute ``ambient``.
+    #: Whether every BSDF has the attribute ``ambient``, as far as is known; and those that hide one of a nested BSDF's.
     all_ambient: bool
+    hidden_ambient: tuple[Singled, ...]
+    #: BSDFs that are taken whole, see :mod:`.indivisible`.
+    indivisible: tuple[Singled, ...]
     #: ``mi.BSDFContext`` of the lobes that the sources are sampled for alone, as no ray is drawn from them that may
     #: meet a source; or None.
     alone: mi.BSDFContext | None
@@ -35,11 +51,13 @@ class SceneFacts:
 
     @classmethod
     def of(cls, scene: mi.Scene, settings: Settings) -> SceneFacts:
-        """The facts of ``scene`` that matter under ``settings``; warns where its light can't be followed rightly."""
-        bsdfs = [shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None]
-        if settings.diffuse_bounces >= 0 and any(bsdf.class_name() in INDIVISIBLE for bsdf in bsdfs):
-            mi.Log(mi.LogLevel.Warn, "prosim: the principled BSDF does not tell its lobes apart, so its light is counted "
-                                     "more than once; use another material, or diffuse_bounces=-1.")
+        """The facts of ``scene`` that matter under ``settings``."""
+        bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
+        instances = any(shape.class_name() == "Instance" for shape in scene.shapes())
+
+        def singled(kind):
+            return tuple(Singled(bsdf) for bsdf in bsdfs if kind(bsdf))
+
         lights, flags = Lights(scene), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)
@@ -53,7 +71,15 @@ class SceneFacts:
             else:
                 partners = (lobes.specular(),)
         return cls(lights, reflects, refracts, lobes.has_any(flags, *lobes.BOTH_SIDES),
-                   all(dr.all(bsdf.has_attribute("ambient")) for bsdf in bsdfs), alone, partners)
+                   not instances and all(map(knows_ambient, bsdfs)), singled(hides_ambient),
+                   singled(is_indivisible) if settings.diffuse_bounces >= 0 else (), alone, partners)
+
+    def is_whole(self, bsdf):
+        """Whether ``bsdf`` (a ``mi.BSDFPtr``, or a BSDF in scalar variants) is one that is taken whole: a mask or False."""
+        whole = False
+        for one in self.indivisible:
+            whole = whole | one.equals(bsdf)
+        return whole
 
 
 def scene_flags(scene: mi.Scene) -> int:

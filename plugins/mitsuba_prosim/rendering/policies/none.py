@@ -1,4 +1,4 @@
-"""Every pixel gets all passes."""
+"""Every pixel gets all samples."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from ..plan import Plan
 
 
 class Everything:
-    """Takes all passes in one wave."""
+    """Takes all samples in one wave."""
 
     reach = 0
     quiet = None
 
     def __init__(self, plan: Plan, threshold: float):
-        self.first = plan.most_passes
+        self.first = plan.most
 
     def waves(self, estimate, x, y, size, band):
         """No further waves."""

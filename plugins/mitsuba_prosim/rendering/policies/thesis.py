@@ -18,8 +18,8 @@ class Thesis:
     reach = 0
 
     def __init__(self, plan: Plan, threshold: float):
-        self.first = plan.most_passes
-        self.least = plan.least_passes * plan.n
+        self.first = plan.most
+        self.least = plan.least
         self.threshold = dr.opaque(mi.Float, threshold)
 
     def quiet(self, total, squares, t):

@@ -46,7 +46,8 @@ class Prosim(mi.SamplingIntegrator):
 
      * - min_passes, max_samples
        - |int|
-       - Passes that every pixel gets (Default: 1) and the most samples that one may get (Default: :math:`N^2`)
+       - Passes that every pixel gets (Default: 1) and the most samples that one may get, at most :math:`N^2`; where it
+         is no multiple of :math:`N`, the last pass is cut short (Default: :math:`N^2`)
 
      * - max_level
        - |int|
@@ -118,8 +119,13 @@ class Prosim(mi.SamplingIntegrator):
     the number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` given to ``render()``
     replaces :monosp:`max_samples`, and :monosp:`samples` by its square root, rounded up.
 
-    The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. All of its BSDFs honour
-    it but :monosp:`principled` and :monosp:`principledthin`, which need :monosp:`diffuse_bounces` -1.
+    The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no separate
+    lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within others) are
+    taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where they are smooth.
+
+    Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
+    within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too (but not
+    behind instances). The back of a one-sided surface reflects none.
 
     In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
     sample count of the sensor's sampler, and that sampler's samples.

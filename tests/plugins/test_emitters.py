@@ -391,3 +391,29 @@ def test_errors(variant_rgb, make, parameter, parameters):
 def test_errors_of_the_point_source(variant_rgb, parameter, parameters):
     with pytest.raises(Exception, match=f'prosim_point.*parameter "{parameter}" is .*; allowed: '):
         mi.load_dict({"type": "prosim_point", **parameters})
+
+
+@pytest.mark.parametrize("value", (-1.0, float("nan"), float("inf"), {"type": "rgb", "value": [1.0, -0.2, 0.3]},
+                                   {"type": "spectrum", "value": [(400, 1.0), (700, -1.0)]}), ids=str)
+@pytest.mark.parametrize("name, source", (
+    ("radiance", area()), ("intensity", {"type": "prosim_point"}), ("radiance", {"type": "prosim_point", "radius": 0.1}),
+), ids=("area", "point", "ball"))
+def test_light_is_finite_and_not_negative(variant_rgb, name, source, value):
+    with pytest.raises(Exception, match=f'parameter "{name}" is .*; allowed: finite numbers >= 0'):
+        mi.load_dict(source | {name: value})
+
+
+@pytest.mark.parametrize("texel", (-1.0, float("nan"), float("inf")))
+def test_an_image_of_light_is_finite_and_not_negative(variant_rgb, texel):
+    texels = np.ones((3, 3, 3), np.float32)
+    texels[1, 1, 2] = texel
+    for nested in (False, True):
+        texture = {"type": "bitmap", "raw": True, "data": mi.TensorXf(texels)}
+        given = {"type": "prosim_product", "a": texture} if nested else texture
+        with pytest.raises(Exception, match='parameter "radiance" is .*data has .*; allowed: finite numbers >= 0'):
+            mi.load_dict(sphere(area() | {"radiance": given}))
+
+
+def test_a_place_is_finite(variant_rgb):
+    with pytest.raises(Exception, match='parameter "position" is .*; allowed: finite coordinates'):
+        mi.load_dict({"type": "prosim_point", "position": [0, float("nan"), 0]})

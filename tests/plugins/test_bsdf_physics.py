@@ -92,6 +92,43 @@ def test_furnace_by_sampling(variant_rgb, bsdf):
         assert (weight.mean(axis=1) <= 1 + 1e-3 + error).all()
 
 
+STRIPES = {"type": "prosim_stripes", "color0": 0.2, "color1": 0.9}
+PEAKS = {"type": "spectrum", "value": [(400, 0.9), (500, 0.1), (550, 0.8), (700, 0.2)]}
+GREENISH = {"type": "rgb", "value": [0.05, 0.9, 0.05]}
+
+
+@pytest.mark.parametrize("kd, ks", ((STRIPES, 0.7), (0.4, STRIPES), (STRIPES, STRIPES), (STRIPES, None), (None, STRIPES),
+                                    (PEAKS, 0.5), (PEAKS, {"type": "spectrum", "value": [(400, 0.9), (700, 0.9)]}),
+                                    (GREENISH, {"type": "rgb", "value": [0.95, 0.1, 0.95]})))
+@pytest.mark.parametrize("variant", ("llvm_ad_rgb", "llvm_ad_spectral"))
+def test_paint_creates_no_energy(variant, kd, ks):
+    """Whatever the textures or spectra are, no more light leaves at any point, wavelength or angle than arrives."""
+    mi.set_variant(variant)
+    given = {"diffuse_reflectance": kd, "specular_reflectance": ks}
+    n = 20000
+    for lobe in ({}, {"alpha": 0.1}):
+        bsdf = mi.load_dict({"type": "prosim_composite", **lobe} | {k: v for k, v in given.items() if v is not None})
+        for angle in (0, 60, 85, 89.5):
+            for place in (0.0, 0.1):                       # a stripe of either colour
+                si = curves.interaction(curves.direction(angle) + dr.zeros(mi.Vector3f, n))
+                si.uv = mi.Point2f(place, 0)
+                weight = spectrum(bsdf.sample(mi.BSDFContext(), si, *uniform(n, 1))[1])
+                error = 4 * weight.std(axis=1) / n**0.5
+                assert (weight.mean(axis=1) <= 1 + 1e-5 + error).all()
+
+
+def test_paint_keeps_the_sum_of_textures(variant_rgb):
+    """A specular weight that is too high beside the pigment counts as what is left."""
+    si = curves.interaction(curves.direction([30.0]))
+    si.uv = mi.Point2f(0.1, 0)                             # 0.9
+    wo = curves.direction([35.0], -1)
+    for kd, ks, same in ((STRIPES, 0.7, 0.1), (0.4, STRIPES, 0.6)):
+        found, expected = (mi.load_dict({"type": "prosim_composite", "alpha": 0.2, "diffuse_reflectance": d,
+                                         "specular_reflectance": s}) for d, s in
+                           ((kd, ks), (0.9 if kd is STRIPES else kd, same)))
+        np.testing.assert_allclose(*(b.eval(mi.BSDFContext(), si, wo) for b in (found, expected)), rtol=1e-5)
+
+
 @each([b for b in ROUGH + SMOOTH if b["type"] != "prosim_phong"])
 def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
     """With one specular component enabled, a sample weighs at most F (or 1 - F) of its facet."""

@@ -269,6 +269,8 @@ def test_as_few_kernels_as_mitsubas_own(variant_rgb):
      ("diffuse_reflectance + specular_reflectance", "1.1", "<= 1")),
     ({"type": "prosim_composite", "diffuse_reflectance": 0.7, "specular_reflectance": RGB},
      ("diffuse_reflectance + specular_reflectance", "1.3", "<= 1")),
+    ({"type": "prosim_composite", "specular_reflectance": 0.9},
+     ("diffuse_reflectance + specular_reflectance", "1.4", "diffuse_reflectance is 0.5 if not given")),
     ({"type": "prosim_phong", "diffuse_reflectance": 1.1}, ("diffuse_reflectance", "1.1", "between 0 and 1")),
     ({"type": "prosim_phong", "distribution": "gaussian"}, ("distribution", "gaussian", "phong")),
 ), ids=lambda p: p["type"] if isinstance(p, dict) else p[0])
@@ -277,3 +279,20 @@ def test_errors_say_what_is_wrong(variant_rgb, material, words):
         mi.load_dict(material)
     for word in (material["type"], *words):
         assert word in str(error.value)
+
+
+def test_a_table_that_cannot_be_read_is_named_as_the_cause(variant_rgb, tmp_path):
+    """Not "unknown material", though a list of known ones that contains it would give that away."""
+    folder = tmp_path / "data" / "ior"
+    folder.mkdir(parents=True)
+    for quantity in ("eta", "k"):
+        (folder / f"Cu.{quantity}.spd").write_text("400 zero")
+    resolver = mi.file_resolver()
+    resolver.prepend(str(tmp_path))
+    try:
+        with pytest.raises(RuntimeError) as error:
+            mi.load_dict({"type": "prosim_conductor", "material": "Cu"})
+    finally:
+        del resolver[0]
+    assert "allowed" not in str(error.value)
+    assert 'table of the metal "Cu"' in str(error.value) and "more than two elements" in str(error.value)

@@ -29,11 +29,14 @@ def power(versine: mi.Float, exponent: mi.Float) -> mi.Float:
     return dr.select(versine <= 1, dr.exp(exponent * log1p(-versine)), 0)
 
 
-def sample(u: mi.Float, exponent: mi.Float, least: mi.Float = 0) -> tuple[mi.Float, mi.Float]:
-    """``(sin, cos)`` of an angle with the density of cos^n sin between 0 and 90 degrees, from ``u`` in [0, 1).
+def share(versine: mi.Float, exponent: mi.Float) -> mi.Float:
+    """Share of the integral of cos^n sin from 0 to 90 degrees that lies within the angle: 1 - cos^(n + 1)."""
+    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)       # below, it is 1
+    return -2 * dr.sinh(h) * dr.exp(h)
 
-    ``least``: cos^(n + 1) of the angle that is the greatest, if that is not 90 degrees. The angle grows with u.
-    """
-    h = -log1p(-u * (1 - least)) / (exponent + 1)
+
+def sample(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """``(sin, cos)`` of an angle with the density of cos^n sin, whose `share` is ``u`` in [0, 1); it grows with u."""
+    h = -log1p(-u) / (exponent + 1)
     cos = dr.exp(-h)
     return dr.sqrt(dr.maximum(2 * cos * dr.sinh(h), 0)), cos     # 1 - cos², without its cancellation

@@ -196,6 +196,46 @@ def test_samples_agree_with_eval_and_pdf(variant, bsdf):
         np.testing.assert_allclose((weight * drawn)[:, smooth], value[:, smooth], rtol=2e-2)
 
 
+def contexts(bsdf):
+    """Every mask of types that can be asked for with a single flag or a pair, and every component's number."""
+    flags = mi.BSDFFlags
+    single = (flags.Null, flags.DiffuseReflection, flags.DiffuseTransmission, flags.GlossyReflection,
+              flags.GlossyTransmission, flags.DeltaReflection, flags.DeltaTransmission)
+    for mask in {+a | +b for a in single for b in single} | {+flags.All}:
+        for component in (0xFFFFFFFF, *range(3)):
+            context = mi.BSDFContext()
+            context.type_mask, context.component = mask, component
+            yield context, [k for k in range(bsdf.component_count())
+                            if component in (0xFFFFFFFF, k) and +bsdf.flags(k) & +flags.All & ~mask == 0]
+
+
+@each(FEW)
+def test_a_context_is_honoured_exactly(variant_rgb, bsdf):
+    """A sample is of a component that was asked for; values and densities are the sums of what such components give."""
+    bsdf = mi.load_dict(bsdf)
+    n = 2000
+    wi, u = inputs(n)
+    si, wo = curves.interaction(mi.Vector3f(wi)), directions(n, 13, True)
+    alone = {}
+    for k in range(bsdf.component_count()):
+        context = mi.BSDFContext()
+        context.component = k
+        alone[k] = spectrum(bsdf.eval(context, si, wo))
+    for context, allowed in contexts(bsdf):
+        bs, weight = bsdf.sample(context, si, mi.Float(u[0]), mi.Point2f(u[1:]))
+        value, pdf = bsdf.eval_pdf(context, si, wo)
+        drawn = np.broadcast_to(np.array(bs.pdf), n) > 0
+        kind, component = (np.broadcast_to(np.array(x), n)[drawn] for x in (bs.sampled_type, bs.sampled_component))
+        assert drawn.any() == bool(allowed)
+        assert set(component.tolist()) <= set(allowed) and not (kind & ~np.uint32(context.type_mask)).any()
+        for k in set(component.tolist()):
+            assert (kind[component == k] == (+bsdf.flags(k) & +mi.BSDFFlags.All)).all()
+        expected = sum((alone[k] for k in allowed), np.zeros((3, 1)))
+        np.testing.assert_allclose(*np.broadcast_arrays(spectrum(value), expected), rtol=1e-4, atol=1e-6)
+        if not allowed:
+            assert not np.array(pdf).any() and not spectrum(weight).any()
+
+
 @each(FEW)
 def test_scalar_variant_agrees(bsdf):
     """scalar_rgb and llvm_ad_rgb say the same."""

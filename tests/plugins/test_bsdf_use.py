@@ -4,7 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.optics import curves
+from mitsuba_prosim.optics import ambient, curves
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -144,6 +144,52 @@ def test_ambient_attribute(variant):
             assert np.ravel(bsdf.eval_attribute_1("ambient", si))[0] == pytest.approx(expected)
             np.testing.assert_allclose(np.ravel(bsdf.eval_attribute("ambient", si)), expected, rtol=1e-5)
         assert not dr.any(bsdf.has_attribute("no such thing"))
+
+
+def ambient_cases():
+    """BSDFs within Mitsuba's adapters, with their reflectance of ambient light seen from the front and from the back."""
+    low, high = ({"type": "prosim_lambertian", "reflectance": x} for x in (0.4, 0.8))
+    flat = {"type": "bitmap", "data": mi.TensorXf(np.full((2, 2, 3), (0.5, 0.5, 1.0))), "raw": True}
+    blend = {"type": "blendbsdf", "weight": 0.25, "a": low, "b": high}
+    return (
+        (low, 0.4, 0),
+        ({"type": "prosim_dielectric", "ambient": 0.3}, 0.3, 0.3),
+        ({"type": "prosim_dielectric"}, 0, 0),
+        ({"type": "diffuse"}, 0, 0),
+        ({"type": "mask", "opacity": 0.25, "a": low}, 0.1, 0),
+        (blend, 0.5, 0),
+        ({"type": "bumpmap", "texture": {"type": "checkerboard"}, "a": low}, 0.4, 0),
+        ({"type": "normalmap", "normalmap": flat, "a": low}, 0.4, 0),
+        ({"type": "twosided", "a": low}, 0.4, 0.4),
+        ({"type": "twosided", "a": low, "b": high}, 0.4, 0.8),
+        ({"type": "twosided", "a": blend}, 0.5, 0.5),
+        ({"type": "mask", "opacity": 0.5, "a": {"type": "blendbsdf", "weight": 0.5, "a": low, "b": {"type": "diffuse"}}},
+         0.1, 0),
+    )
+
+
+@pytest.mark.parametrize("name", ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral"))
+def test_ambient_reflectance_through_adapters(name):
+    mi.set_variant(name)
+    for material, front, back in ambient_cases():
+        bsdf = mi.load_dict(material)
+        assert ambient.reflects(bsdf) == (front > 0)
+        for z, expected in ((1, front), (-1, back)):
+            si = curves.interaction(mi.Vector3f(0, 0, z))
+            np.testing.assert_allclose(np.ravel(ambient.reflectance(bsdf, si)), expected, rtol=1e-5)
+
+
+def test_ambient_reflectance_of_a_whole_scene(variant_rgb):
+    """By a virtual call over all BSDFs of a scene at once."""
+    cases = ambient_cases()
+    world = mi.load_dict({"type": "scene"} | {
+        f"ball{i}": {"type": "sphere", "center": [3 * i, 0, 0], "bsdf": bsdf} for i, (bsdf, _, _) in enumerate(cases)})
+    for side, column in ((1, 1), (-1, 2)):                 # from outside, and from the centre
+        x = 3 * dr.arange(mi.Float, len(cases))
+        ray = mi.Ray3f(mi.Point3f(x, 0, 9 if side > 0 else 0), mi.Vector3f(0, 0, -1))
+        si = world.ray_intersect(ray)
+        found = dr.dispatch(si.bsdf(), ambient.reflectance, si, mi.Bool(True))
+        np.testing.assert_allclose(np.array(found)[1], [case[column] for case in cases], rtol=1e-5)
 
 
 def test_every_metal_of_mitsubas(variant_rgb):

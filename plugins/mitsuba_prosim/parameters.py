@@ -70,6 +70,25 @@ def _bounds(low: float, high: float, open_below: bool) -> str:
     return " " + " and ".join(parts) if parts else ""
 
 
+def constant(props: mi.Properties, name: str) -> list[float]:
+    """The numbers of a parameter that is a number, a colour or a spectrum; empty for a texture or nothing.
+
+    To be asked before the parameter is turned into a texture.
+    """
+    value = props.get(name)
+    if value is None or isinstance(value, mi.Object):
+        return []
+    if isinstance(value, (str, bool)):
+        raise reject(props, name, value, "a number, a colour or a texture")
+    return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
+
+
+def shown(values: list[float]) -> float | list[float]:
+    """The numbers of `constant` as an error shows them: one as such, several as a list."""
+    values = [round(v, 6) for v in values]
+    return values[0] if len(set(values)) == 1 else values
+
+
 def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /, **parameters: Any) -> None:
     """Shows textures and Dr.Jit values to ``mi.traverse`` under their names, as differentiable or with other ``flags``.
 

@@ -5,9 +5,12 @@ defines one has to run again when the variant changes: Mitsuba does the same wit
 that hold pure functions look ``mi`` up when they are called and need no second run.
 """
 
+from __future__ import annotations
+
 import importlib
 import pkgutil
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import mitsuba as mi
@@ -22,19 +25,19 @@ BASES = ("optics.pigmented", "procedural.mixture")
 FOLDERS = ("bsdfs", "emitters", "textures", "sensors", "samplers", "integrators")
 
 #: Plugin name -> class, filled by the decorator below for the active variant.
-PLUGINS = {}
+PLUGINS: dict[str, type] = {}
 
-_registered_for = None
+_registered_for: str | None = None
 
 
-def plugin(kind, name):
+def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
     Mitsuba 3.9 asks for the type of a plugin under ``scalar_rgb``, whatever variant is active (``load_dict`` would
     merge two equal emitters, and writing XML would fail, if the name were unknown there); so the name is made known
     to that variant too. Only its type is asked for: the real class takes over when ``scalar_rgb`` becomes active.
     """
-    def register(cls):
+    def register(cls: type) -> type:
         for variant in {mi.variant(), "scalar_rgb"}:
             getattr(getattr(mi, variant), "register_" + kind)(name, cls)
         PLUGINS[name] = cls
@@ -42,7 +45,7 @@ def plugin(kind, name):
     return register
 
 
-def modules():
+def modules() -> Iterator[str]:
     """Full names of the modules that run anew for every variant, base classes first."""
     yield from (f"{__package__}.{module}" for module in BASES)
     for folder in FOLDERS:
@@ -50,7 +53,7 @@ def modules():
         yield from (f"{__package__}.{folder}.{module.name}" for module in pkgutil.iter_modules([str(path)]))
 
 
-def register_plugins(*_):
+def register_plugins(*_: object) -> None:
     """Registers all plugins for the active variant; does nothing while none is set, or when that is done already.
 
     Serves as Mitsuba's variant callback, hence the ignored arguments (old variant, new variant). Raises RuntimeError

@@ -29,8 +29,9 @@ class Composite(Pigmented):
 
      * - specular_reflectance
        - |spectrum| or |texture|
-       - Weight of the specular lobe, :math:`k_s`; the sum of the two is at most 1. (Default:
-         ``1 - diffuse_reflectance``)
+       - Weight of the specular lobe, :math:`k_s`. The sum of the two is at most 1: numbers and colours that exceed it are
+         an error, also if :math:`k_d` is left at its default, and where textures or spectra do, :math:`k_s` is
+         :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
        - |exposed|, |differentiable|
 
      * - int_ior, ext_ior
@@ -93,7 +94,7 @@ class Composite(Pigmented):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        conserve(props, "diffuse_reflectance", "specular_reflectance")
+        self.conserves = conserve(props, diffuse_reflectance=0.5, specular_reflectance=None)
         self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.ambient = ambient(props, self.diffuse_reflectance)
@@ -107,11 +108,13 @@ class Composite(Pigmented):
                ambient=self.ambient, eta=self.eta, **{self.distribution.parameter: self.roughness})
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Fresnel's reflectance times ks."""
+        """Fresnel's reflectance times ks, which is at most 1 - kd at every point and wavelength."""
         if self.specular_reflectance is None:
-            ks = 1 - self.diffuse_reflectance.eval(si, active)
+            ks = dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0)
         else:
             ks = self.specular_reflectance.eval(si, active)
+            if not self.conserves:
+                ks = dr.minimum(ks, dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0))
         return ks * fresnel.dielectric(cos, self.eta)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import attenuation, fresnel, torrance_sparrow
+from ..optics.half_vectors import GRAZING
 from ..optics.reading import ambient, index, metal, reflectance, roughness
 from ..parameters import choice, describe, expose
 from ..registry import plugin
@@ -115,7 +116,7 @@ class Conductor(mi.BSDF):
     def sample(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f,
                active: mi.Bool = True) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
-        active &= si.wi.z > 0
+        active &= si.wi.z > GRAZING
         if active is False or not ctx.is_enabled(self.specular_type, 0):
             return bs, mi.Spectrum(0)
         bs.eta = 1
@@ -123,18 +124,19 @@ class Conductor(mi.BSDF):
         bs.sampled_component = 0
         if self.roughness is None:
             bs.wo = mi.reflect(si.wi)
-            bs.pdf = 1
+            bs.pdf = dr.select(active, mi.Float(1), 0)
             return bs, mi.depolarizer(self.reflected(si, si.wi.z, active)) & active
         width = self.roughness.eval_1(si, active)
         m = torrance_sparrow.sample(si.wi, sample2, self.distribution, width)
         i_m = dr.dot(si.wi, m)
         bs.wo = mi.reflect(si.wi, m)
         g1 = attenuation.g1(si.wi.z, m.z, i_m)
-        bs.pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
-        active &= (i_m > 0) & (bs.wo.z > 0) & (bs.pdf > 0)
+        pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
+        active &= (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
+        bs.pdf = dr.select(active, pdf, 0)
         if active is False:
             return bs, mi.Spectrum(0)
-        weight = attenuation.g(si.wi.z, bs.wo.z, m.z, i_m) / g1
+        weight = attenuation.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
         return bs, mi.depolarizer(self.reflected(si, i_m, active) * weight) & active
 
     def eval(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
@@ -147,7 +149,7 @@ class Conductor(mi.BSDF):
 
     def eval_pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
                  active: mi.Bool = True) -> tuple[mi.Spectrum, mi.Float]:
-        active &= (si.wi.z > 0) & (wo.z > 0)
+        active &= (si.wi.z > GRAZING) & (wo.z > 0)
         if active is False or self.roughness is None or not ctx.is_enabled(self.specular_type, 0):
             return mi.Spectrum(0), mi.Float(0)
         width = self.roughness.eval_1(si, active)

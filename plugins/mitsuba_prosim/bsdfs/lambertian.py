@@ -66,11 +66,12 @@ class Lambertian(mi.BSDF):
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return bs, mi.Spectrum(0)
         bs.wo = mi.warp.square_to_cosine_hemisphere(sample2)
-        bs.pdf = mi.warp.square_to_cosine_hemisphere_pdf(bs.wo)
+        pdf = mi.warp.square_to_cosine_hemisphere_pdf(bs.wo)
         bs.eta = 1
         bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
         bs.sampled_component = 0
-        active &= (si.wi.z > 0) & (bs.pdf > 0)
+        active &= (si.wi.z > 0) & (pdf > 0)
+        bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active
 
     def eval(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,

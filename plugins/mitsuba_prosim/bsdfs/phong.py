@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from ..optics import cosine
 from ..optics.pigmented import Pigmented
 from ..optics.reading import ambient, reflectance, roughness
 from ..parameters import describe, expose
@@ -88,16 +89,14 @@ class Phong(Pigmented):
         return self.specular_reflectance.eval(si, active)
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        cos = dr.power(1 - sample2.x, 1 / (self.exponent.eval_1(si, active) + 1))     # equation 4.10
-        sin = dr.safe_sqrt(1 - cos * cos)
+        sin, cos = cosine.sample(sample2.x, self.exponent.eval_1(si, active))     # equation 4.10
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample2.y)
         return mi.Frame3f(mi.reflect(si.wi)).to_world(mi.Vector3f(sin * cos_phi, sin * sin_phi, cos))
 
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
                           active: mi.Bool) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
         n = self.exponent.eval_1(si, active)
-        cos = dr.dot(mi.reflect(si.wi), wo)
-        lobe = dr.select(cos > 0, dr.power(dr.maximum(cos, 1e-8), n), 0) * dr.inv_two_pi
+        lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
         return self.specular_reflectance.eval(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe
 
     def to_string(self) -> str:

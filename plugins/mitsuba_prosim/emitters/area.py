@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..light.beam import read_beam
-from ..light.emission import sample_spectrum
+from ..light.emission import read_emission, sample_spectrum
 from ..parameters import describe, expose, reject
 from ..registry import plugin
 
@@ -23,7 +23,7 @@ class Area(mi.Emitter):
 
      * - radiance
        - |spectrum| or |texture|
-       - Emitted radiance on the axis, in power per unit area and unit solid angle. (Default: 1)
+       - Emitted radiance on the axis, >= 0, in power per unit area and unit solid angle. (Default: 1)
        - |exposed|, |differentiable|
 
      * - distribution
@@ -105,7 +105,7 @@ class Area(mi.Emitter):
         super().__init__(props)
         if "to_world" in props:
             raise reject(props, "to_world", "a transform", "that of the shape")
-        self.radiance = props.get_emissive_texture("radiance", 1.0)
+        self.radiance = read_emission(props, "radiance", 1.0)
         self.unattenuated = props.get("unattenuated", False)
         self.beam = read_beam(props)
         self.textured = self.radiance.is_spatially_varying()

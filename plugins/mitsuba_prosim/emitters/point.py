@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 
 from ..light.beam import read_beam
-from ..light.emission import sample_spectrum
+from ..light.emission import read_emission, sample_spectrum
 from ..parameters import describe, expose, number, reject
 from ..registry import plugin
 
@@ -28,7 +30,7 @@ class Point(mi.Emitter):
 
      * - intensity
        - |spectrum|
-       - Radiant intensity on the axis, in power per unit solid angle. (Default: 1)
+       - Radiant intensity on the axis, >= 0, in power per unit solid angle. (Default: 1)
        - |exposed|, |differentiable|
 
      * - distribution
@@ -103,7 +105,10 @@ class Point(mi.Emitter):
         super().__init__(props)
         if "to_world" in props:
             raise reject(props, "to_world", "a transform", '"position" and "direction"')
-        self.position = mi.Point3f(props.get("position", mi.ScalarPoint3f(0)))
+        position = props.get("position", mi.ScalarPoint3f(0))
+        if not all(map(math.isfinite, position)):
+            raise reject(props, "position", list(position), "finite coordinates")
+        self.position = mi.Point3f(position)
         self.unattenuated = props.get("unattenuated", False)
         self.radius = number(props, "radius", 0.0, 0)
         self.quantity, self.scale = "intensity", 1.0
@@ -113,7 +118,7 @@ class Point(mi.Emitter):
             if self.radius == 0:
                 raise reject(props, "radius", self.radius, 'a number > 0 with "radiance"')
             self.quantity, self.scale = "radiance", dr.pi * self.radius**2
-        self.intensity = props.get_emissive_texture(self.quantity, 1.0)
+        self.intensity = read_emission(props, self.quantity, 1.0)
         if self.intensity.is_spatially_varying():
             raise reject(props, self.quantity, "a texture", "a colour, a spectrum or a number")
         self.beam = read_beam(props)

@@ -3,7 +3,7 @@
 import drjit as dr
 import mitsuba as mi
 
-from ..light.emission import emissive
+from ..light.emission import read_emission
 from ..parameters import choice, describe, expose, number, reject, whole
 from ..registry import plugin
 from ..rendering import bands
@@ -124,8 +124,8 @@ class Prosim(mi.SamplingIntegrator):
     taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where they are smooth.
 
     Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
-    within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too (but not
-    behind instances). The back of a one-sided surface reflects none.
+    within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
+    The back of a one-sided surface reflects none.
 
     In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
     sample count of the sensor's sampler, and that sampler's samples.
@@ -167,8 +167,8 @@ class Prosim(mi.SamplingIntegrator):
             raise reject(props, "max_level", self.max_level,
                          f"0 to {DEEPEST_TREE} for a ray tree (-1, any level, goes with diffuse_bounces)")
         self.shadows = props.get("shadows", True)
-        self.ambient = emissive(props, "ambient")
-        self.background = emissive(props, "background")
+        self.ambient = read_emission(props, "ambient")
+        self.background = read_emission(props, "background")
         self.cutoff = number(props, "cutoff", 0.0, 0)
         self.rr_depth = whole(props, "rr_depth", 5, 0)
         self.jitter = choice(props, "jitter", JITTERS)

@@ -1,8 +1,8 @@
 """Angular distributions of a source's intensity (section 5.2, figure 5.6): uniform, cone, spot.
 
 A cone of half-opening alpha is the constant 1 for beta <= alpha; a spot is cos^n(beta), cut off at alpha (90 degrees by
-default). beta is the angle between the source's direction and that of the light. Both are described by the cosine of
-alpha and by the exponent n, which is None for a cone.
+default). beta is the angle between the source's direction and that of the light. Both are described by the versines of
+the angles, 1 - cos, which keep their digits in narrow beams, and by the exponent n, which is None for a cone.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..optics import cosine
 from ..parameters import choice, expose, number, reject
 
 #: Values of the parameter ``distribution``.
@@ -22,30 +23,26 @@ SHAPES = ("uniform", "cone", "spot")
 WIDEST = {"cone": 180, "spot": 90}
 
 
-def falloff(cos_beta: mi.Float, cos_angle: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
+def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
     """Intensity over that on the axis, in [0, 1]."""
-    inside = cos_beta >= cos_angle
-    if exponent is None:
-        return dr.select(inside, mi.Float(1), mi.Float(0))
-    # The floor keeps the power, and its derivatives, finite behind the source.
-    return dr.select(inside & (cos_beta > 0), dr.power(dr.maximum(cos_beta, 1e-6), exponent), mi.Float(0))
+    inside = dr.minimum(versine, 2) <= limit
+    return dr.select(inside, mi.Float(1) if exponent is None else cosine.power(versine, exponent), mi.Float(0))
 
 
-def total(cos_angle: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
+def total(limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
     """Integral of `falloff` over all directions, in steradians."""
-    if exponent is None:
-        return dr.two_pi * (1 - cos_angle)
-    return dr.two_pi * (1 - dr.power(dr.maximum(cos_angle, 1e-6), exponent + 1)) / (exponent + 1)
+    return dr.two_pi * (limit if exponent is None else cosine.share(limit, exponent) / (exponent + 1))
 
 
-def sample_falloff(sample2: mi.Point2f, cos_angle: mi.Float, exponent: mi.Float | None = None) -> mi.Vector3f:
+def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Vector3f:
     """Draws a direction about the z axis with density `falloff` / `total`."""
     if exponent is None:
-        return mi.warp.square_to_uniform_cone(sample2, cos_angle)
-    least = dr.power(dr.maximum(cos_angle, 1e-6), exponent + 1)
-    cos = dr.power(dr.maximum(1 - sample2.x * (1 - least), 1e-35), 1 / (exponent + 1))
+        p = mi.warp.square_to_uniform_disk_concentric(sample2)
+        versine = limit * dr.squared_norm(p)
+        p *= dr.safe_sqrt(limit * (2 - versine))
+        return mi.Vector3f(p.x, p.y, 1 - versine)
+    sin, cos = cosine.sample(sample2.x * cosine.share(limit, exponent), exponent)
     sin_phi, cos_phi = dr.sincos(dr.two_pi * sample2.y)
-    sin = dr.safe_sqrt(1 - dr.square(cos))
     return mi.Vector3f(sin * cos_phi, sin * sin_phi, cos)
 
 
@@ -63,23 +60,23 @@ class Beam:
         """Whether the source sends the same in every direction."""
         return self.angle is None
 
-    def cos_angle(self) -> mi.Float:
-        """Cosine of the angle beyond which there is no light."""
-        return dr.cos(dr.deg2rad(self.angle))
+    def limit(self) -> mi.Float:
+        """Versine of the angle beyond which there is no light."""
+        return 2 * dr.square(dr.sin(0.5 * dr.deg2rad(self.angle)))
 
     def towards(self, d: mi.Vector3f) -> mi.Float:
-        """Intensity in the direction ``d``, over that on the axis."""
+        """Intensity in the unit direction ``d``, over that on the axis."""
         if self.uniform:
             return mi.Float(1)
-        return falloff(dr.dot(d, dr.normalize(self.direction)), self.cos_angle(), self.exponent)
+        return falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit(), self.exponent)
 
     def sample(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
         """Draws a direction of light in proportion to the intensity: ``(d, total)``, `total` as above."""
         if self.uniform:
             return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
-        local = sample_falloff(sample2, self.cos_angle(), self.exponent)
+        local = sample_falloff(sample2, self.limit(), self.exponent)
         d = mi.Frame3f(dr.normalize(self.direction)).to_world(local)
-        return d, total(self.cos_angle(), self.exponent)
+        return d, total(self.limit(), self.exponent)
 
     def make_opaque(self) -> None:
         """Keeps the values out of the kernels' code."""

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import drjit as dr
 import mitsuba as mi
 
+from . import cosine
+
 
 class Distribution(NamedTuple):
     """A distribution, and how a plugin's parameters speak of it."""
@@ -47,14 +49,12 @@ def beckmann_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
 
 def phong(m: mi.Vector3f, exponent: mi.Float) -> mi.Float:
     """(n + 2) / (2 pi) cos^n: Blinn's form of Phong's lobe, about the bisector."""
-    return (exponent + 2) * dr.inv_two_pi * dr.power(dr.maximum(m.z, 1e-8), exponent)
+    return (exponent + 2) * dr.inv_two_pi * cosine.power(dr.minimum(sin2(m) / (1 + m.z), 1), exponent)
 
 
 def phong_polar(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
     """cos = (1 - u)^(1 / (n + 2))."""
-    h = -dr.log(1 - u) / (exponent + 2)
-    cos = dr.exp(-h)
-    return dr.sqrt(2 * cos * dr.sinh(h)), cos     # 1 - cos², without its cancellation
+    return cosine.sample(u, exponent + 1)
 
 
 #: Coefficients of sin(2a) / 2a in powers of a², times k!; exact to 1e-8 for a <= pi/2.

@@ -8,6 +8,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from .half_vectors import GRAZING
+
 
 class Pigmented(mi.BSDF):
     """A one-sided BSDF with the components [specular, diffuse].
@@ -55,7 +57,7 @@ class Pigmented(mi.BSDF):
     def sample(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f,
                active: mi.Bool = True) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
-        active &= si.wi.z > 0
+        active &= si.wi.z > GRAZING
         specular, diffuse = self.enabled(ctx)
         if active is False or not (specular or diffuse):
             return bs, mi.Spectrum(0)
@@ -71,17 +73,18 @@ class Pigmented(mi.BSDF):
             lobe = mi.reflect(si.wi) if mirror else self.specular_sample(si, sample2, active)
             wo = dr.select(chosen, lobe, wo)
         bs.wo = wo
-        value, bs.pdf = self.eval_pdf(ctx, si, wo, active)
+        value, pdf = self.eval_pdf(ctx, si, wo, active)
         if mirror and specular:
             value = dr.select(chosen, mi.depolarizer(self.specular_weight(si, active)), value)
-            bs.pdf = dr.select(chosen, p, bs.pdf)
-        active &= (bs.pdf > 0) & (wo.z > 0)
-        return bs, value / dr.select(active, bs.pdf, 1) & active
+            pdf = dr.select(chosen, p, pdf)
+        active &= (pdf > 0) & (wo.z > 0)
+        bs.pdf = dr.select(active, pdf, 0)
+        return bs, value / dr.select(active, pdf, 1) & active
 
     def eval_pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
                  active: mi.Bool = True) -> tuple[mi.Spectrum, mi.Float]:
         specular, diffuse = self.enabled(ctx)
-        active &= (si.wi.z > 0) & (wo.z > 0)
+        active &= (si.wi.z > GRAZING) & (wo.z > 0)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
         if active is False or not (specular or diffuse):
             return mi.Spectrum(0), pdf

@@ -5,31 +5,13 @@ Each function reads from the plugin's ``props`` and raises ValueError for what i
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 
 import mitsuba as mi
 
-from ..parameters import choice, reject
+from ..parameters import choice, constant, reject, shown
 from .facets import DISTRIBUTIONS, Distribution
-
-
-def constant(props: mi.Properties, name: str) -> list[float]:
-    """The numbers of a parameter that is a number, a colour or a spectrum; empty for a texture or nothing.
-
-    To be asked before the parameter is turned into a texture.
-    """
-    value = props.get(name)
-    if value is None or isinstance(value, mi.Object):
-        return []
-    if isinstance(value, str):
-        raise reject(props, name, value, "a number, a colour or a texture")
-    return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
-
-
-def shown(values: list[float]) -> float | list[float]:
-    """One number as such, several as a list."""
-    values = [round(v, 6) for v in values]
-    return values[0] if len(set(values)) == 1 else values
 
 
 def reflectance(props: mi.Properties, name: str, default: float | None = None) -> mi.Texture | None:
@@ -42,13 +24,25 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
     return None if default is None else props.get_texture(name, default)
 
 
-def conserve(props: mi.Properties, *names: str) -> None:
-    """Raises an error if constant reflectances add up to more than 1 (s + d = 1, section 3.1.1)."""
-    values = [constant(props, name) for name in names]
-    if all(values):
-        sums = [sum(v[i % len(v)] for v in values) for i in range(max(map(len, values)))]
-        if max(sums) > 1 + 1e-6:
-            raise reject(props, " + ".join(names), shown(sums), "a sum <= 1, or energy would be created")
+def conserve(props: mi.Properties, **defaults: float | None) -> bool:
+    """Whether the reflectances of these names are known to add up to at most 1 wherever they are evaluated.
+
+    That is so (s + d = 1, section 3.1.1) for numbers, and for colours in a variant that computes with them; of textures
+    and spectra it is known only where they are evaluated. ``defaults``: what a reflectance is if it is not given; None
+    if it is then whatever keeps the sum. Raises ValueError if constants add up to more than 1.
+    """
+    implied = {name: default for name, default in defaults.items() if name not in props}
+    if None in implied.values():
+        return True
+    values = [[implied[name]] if name in implied else constant(props, name) for name in defaults]
+    channels = max(map(len, values))
+    if channels not in (1, 3) or any(len(v) not in (1, channels) for v in values):
+        return False
+    sums = [sum(v[i % len(v)] for v in values) for i in range(channels)]
+    if max(sums) > 1 + 1e-6:
+        note = "".join(f" ({name} is {default} if not given)" for name, default in implied.items())
+        raise reject(props, " + ".join(defaults), shown(sums), f"a sum <= 1{note}, or energy would be created")
+    return channels == 1 or not mi.is_spectral
 
 
 def roughness(props: mi.Properties,
@@ -83,9 +77,15 @@ def index(props: mi.Properties, name: str, default: float | str) -> float:
         raise reject(props, name, value, "a number > 0 or" + str(error).split("Valid choices are:")[-1]) from None
     except TypeError:
         number = 0
-    if not 0 < number < float("inf"):
+    if not 0 < number < inf:
         raise reject(props, name, value, "a number > 0 or a name from Mitsuba's table of indices")
     return number
+
+
+def metals() -> list[str]:
+    """Names of the metals of which Mitsuba has tables, as far as it finds them."""
+    folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
+    return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 
 
 def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
@@ -94,17 +94,22 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     if material == "none":
         for name in ("eta", "k"):
             values = constant(props, name)
-            if not all(v >= 0 for v in values):
-                raise reject(props, name, shown(values), "numbers >= 0")
+            if not all(0 <= v < inf for v in values):
+                raise reject(props, name, shown(values), "finite numbers >= 0")
         return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
     for name in ("eta", "k"):
         if name in props:
             raise reject(props, name, props[name], f'no "{name}" beside "material", which is {material!r}')
     try:
         conductor = mi.load_dict({"type": "conductor", "material": material})
-    except RuntimeError:
-        folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
-        names = sorted(p.name[:-6] for p in folder.glob("*.k.spd"))
+    except RuntimeError as error:
+        names = metals()
+        if not names:
+            raise reject(props, "material", material, "none, for the tables of metals in Mitsuba's folder data/ior "
+                         "are not found") from error
+        if material in names:
+            raise RuntimeError(f'{props.plugin_name()}: the table of the metal "{material}" can\'t be loaded: '
+                               f"{error}") from None
         raise reject(props, "material", material, "none, " + ", ".join(names)) from None
     found = {}
 

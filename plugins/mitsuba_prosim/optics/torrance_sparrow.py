@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import drjit as dr
 import mitsuba as mi
 
-from . import attenuation, visible
+from . import attenuation, half_vectors, visible
 from .facets import Distribution
 
 
@@ -16,13 +15,13 @@ def sample(wi: mi.Vector3f, u: mi.Point2f, facets: Distribution, roughness: mi.F
 
 def eval_pdf(wi: mi.Vector3f, wo: mi.Vector3f, facets: Distribution,
              roughness: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
-    """``(i_m, value, pdf)`` for a pair of unit directions above the surface.
+    """``(i_m, value, pdf)`` for a pair of unit directions above the surface, the cosine of ``wi`` above
+    `half_vectors.GRAZING`.
 
     ``i_m`` is the cosine between ``wi`` and the facet, of which Fresnel's reflectance is to be taken; ``value`` the
     BRDF without it, times the cosine of ``wo``: D G / (4 cos_i); ``pdf`` the density per solid angle with which
     `sample` leads to ``wo``.
     """
-    m = dr.normalize(wi + wo)
-    i_m = dr.dot(wi, m)
+    m, i_m = half_vectors.reflecting(wi, wo)
     density = facets.D(m, roughness) / (4 * wi.z)
     return i_m, density * attenuation.g(wi.z, wo.z, m.z, i_m), density * attenuation.g1(wi.z, m.z, i_m)

@@ -44,7 +44,10 @@ def sample(wi: mi.Vector3f, u: mi.Point2f, polar: Callable, roughness: mi.Float)
     ``polar`` is a distribution's function of that name. Returns a unit vector in the upper hemisphere.
     """
     sin_m, cos_m = polar(u.x, roughness)
-    phi = azimuth(u.y, mi.Frame3f.tan_theta(wi) * sin_m / cos_m)
+    sin2_w = wi.x * wi.x + wi.y * wi.y
+    inverse = dr.rsqrt(dr.maximum(sin2_w, 1e-30))
+    phi = azimuth(u.y, sin2_w * inverse * sin_m / dr.maximum(wi.z * cos_m, 1e-30))
     sin, cos = dr.sincos(phi)
-    y, x = mi.Frame3f.sincos_phi(wi)          # azimuth 0 is that of wi
+    # Azimuth 0 is that of wi, if it has one.
+    x, y = dr.select(sin2_w > 1e-30, wi.x * inverse, 1), dr.select(sin2_w > 1e-30, wi.y * inverse, 0)
     return mi.Vector3f(sin_m * (cos * x - sin * y), sin_m * (cos * y + sin * x), cos_m)

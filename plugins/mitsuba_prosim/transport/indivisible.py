@@ -6,11 +6,12 @@ sampled for all of their lobes together, and of a ray that is drawn it is looked
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
+from ..optics.nested import all_within
 from . import lobes
-from .nested import all_within
 
 #: Class names of Mitsuba's BSDFs that have components by name, but evaluate all of them.
 BY_NAME_ONLY = ("Principled", "PrincipledThin")
@@ -20,6 +21,13 @@ def is_indivisible(bsdf: mi.BSDF) -> bool:
     """Whether ``bsdf``, or one within it, is of this kind: known to be, or with a component of several lobes (hair)."""
     return any(one.class_name() in BY_NAME_ONLY or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
                for one in all_within(bsdf))
+
+
+def is_whole(bsdf, active):
+    """Which of the BSDFs ``bsdf`` (``mi.BSDFPtr``, or one in scalar variants) are taken whole."""
+    if not dr.is_jit_v(mi.Float):
+        return is_indivisible(bsdf)
+    return dr.dispatch(bsdf, lambda one, active: mi.Bool(is_indivisible(one)), active)
 
 
 def _lobes_of(flags) -> int:

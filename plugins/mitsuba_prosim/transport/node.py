@@ -8,9 +8,9 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
+from ..optics import ambient
 from . import lobes
-from .ambient import ambient_reflectance, faces_viewer
-from .indivisible import belongs_to
+from .indivisible import belongs_to, is_whole
 from .scene_facts import SceneFacts
 from .settings import Settings
 from .surroundings import background_radiance
@@ -104,7 +104,7 @@ class Nodes:
             return ray.throughput * L, Node(si, None, False)
         bsdf = si.bsdf()
         if settings.ambient is not None:
-            L += self.ambient(si, bsdf, surface_inside)
+            L += self.ambient_term(si, bsdf, surface_inside)
         L += self.direct(ray, si, bsdf, points, surface_inside)
         return ray.throughput * L, Node(si, bsdf, surface)
 
@@ -167,18 +167,12 @@ class Nodes:
         pdf = lights.pdf(origin, ray.n, ray.both_sides if self.facts.both_sides else False, ds, shares)
         return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
 
-    def ambient(self, si, bsdf, active):
+    def ambient_term(self, si, bsdf, active):
         """The ambient term ka I_a."""
-        has = active
-        if not self.facts.all_ambient:
-            has = has & bsdf.has_attribute("ambient", has)
-        ka = mi.UnpolarizedSpectrum(0)
-        if not idle(has):
-            has = has & faces_viewer(bsdf.flags(), si)
-            ka = dr.select(has, bsdf.eval_attribute("ambient", si, has), 0)
-        for one in self.facts.hidden_ambient:
-            is_one = active & one.equals(bsdf)
-            ka = dr.select(is_one, ambient_reflectance(one.bsdf, si, is_one), ka)
+        if dr.is_jit_v(mi.Float):
+            ka = dr.dispatch(bsdf, ambient.reflectance, si, active)
+        else:
+            ka = ambient.reflectance(bsdf, si, active)
         return ka * self.settings.ambient.eval(si, active)
 
     def direct(self, ray: Ray, si, bsdf, points, active):
@@ -189,7 +183,7 @@ class Nodes:
         n = viewer_side(si)
         both_sides = active & lobes.has_any(flags, *lobes.BOTH_SIDES) if self.facts.both_sides else False
         first_space = self.space(ray.node, NODE_SPACES)
-        whole = active & self.facts.is_whole(bsdf)
+        whole = active & is_whole(bsdf, active) if self.facts.indivisible else mi.Bool(False)
 
         def light(lamp, L):
             sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active, self.attached)
@@ -243,7 +237,7 @@ class Nodes:
             # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their own.
             belongs = (bs.sampled_type & lobe.type_mask) != 0
             if self.facts.indivisible:
-                whole = active & self.facts.is_whole(bsdf)
+                whole = active & is_whole(bsdf, active)
                 bs, weight, belongs = self.sample_whole(lobe, si, bsdf, choice, sample, whole, (bs, weight, belongs))
                 counts = but_not(counts, but_not(whole, lobes.has_any(bs.sampled_type, "Delta", "Null")))
             d = si.to_world(bs.wo)

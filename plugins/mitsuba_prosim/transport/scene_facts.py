@@ -4,28 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import drjit as dr
 import mitsuba as mi
 
 from ..light.table import Lights
 from . import lobes
-from .ambient import hides_ambient, knows_ambient
 from .indivisible import is_indivisible
 from .settings import Settings
-
-
-class Singled:
-    """A BSDF of the scene that is treated apart; to be made outside of loops."""
-
-    def __init__(self, bsdf: mi.BSDF):
-        self.bsdf = bsdf
-        if dr.is_jit_v(mi.Float):
-            self._pointer = mi.BSDFPtr(bsdf)
-            dr.make_opaque(self._pointer)  # else the kernel would depend on it
-
-    def equals(self, bsdf):
-        """Where ``bsdf`` (a ``mi.BSDFPtr``, or a BSDF in scalar variants) is this one."""
-        return bsdf == self._pointer if dr.is_jit_v(mi.Float) else bsdf is self.bsdf
 
 
 @dataclass(frozen=True)
@@ -38,11 +22,8 @@ class SceneFacts:
     refracts: bool
     #: Whether light from both of its sides reaches any surface's smooth lobes.
     both_sides: bool
-    #: Whether every BSDF has the attribute ``ambient``, as far as is known; and those that hide one of a nested BSDF's.
-    all_ambient: bool
-    hidden_ambient: tuple[Singled, ...]
-    #: BSDFs that are taken whole, see :mod:`.indivisible`.
-    indivisible: tuple[Singled, ...]
+    #: Whether any BSDF is taken whole, see :mod:`.indivisible`.
+    indivisible: bool
     #: ``mi.BSDFContext`` of the lobes that the sources are sampled for alone, as no ray is drawn from them that may
     #: meet a source; or None.
     alone: mi.BSDFContext | None
@@ -53,11 +34,6 @@ class SceneFacts:
     def of(cls, scene: mi.Scene, settings: Settings) -> SceneFacts:
         """The facts of ``scene`` that matter under ``settings``."""
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
-        instances = any(shape.class_name() == "Instance" for shape in scene.shapes())
-
-        def singled(kind):
-            return tuple(Singled(bsdf) for bsdf in bsdfs if kind(bsdf))
-
         lights, flags = Lights(scene), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)
@@ -71,15 +47,7 @@ class SceneFacts:
             else:
                 partners = (lobes.specular(),)
         return cls(lights, reflects, refracts, lobes.has_any(flags, *lobes.BOTH_SIDES),
-                   not instances and all(map(knows_ambient, bsdfs)), singled(hides_ambient),
-                   singled(is_indivisible) if settings.diffuse_bounces >= 0 else (), alone, partners)
-
-    def is_whole(self, bsdf):
-        """Whether ``bsdf`` (a ``mi.BSDFPtr``, or a BSDF in scalar variants) is one that is taken whole: a mask or False."""
-        whole = False
-        for one in self.indivisible:
-            whole = whole | one.equals(bsdf)
-        return whole
+                   settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)), alone, partners)
 
 
 def scene_flags(scene: mi.Scene) -> int:

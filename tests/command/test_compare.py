@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 from mitsuba_prosim.command.main import main
 from mitsuba_prosim.compare import measures, runs
-from mitsuba_prosim.compare.scenes import Scene, Spec, typed
+from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
+from mitsuba_prosim.scene_files.opening import SceneFile
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
@@ -150,7 +151,7 @@ def test_contestants_in_words():
 def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     path = tmp_path / "little.xml"
     path.write_text(SCENE)
-    scene = Scene(path, tmp_path)
+    scene = FileScene(SceneFile(path, tmp_path))
     mi.set_log_level(mi.LogLevel.Error)
     assert scene.contestant(Spec("path:ldsampler"), "paths", spp=25).counts().mean() == 64
     assert scene.contestant(Spec("path:orthogonal"), "paths", spp=64).counts().mean() == 121

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import registry
-from mitsuba_prosim.command import hosted, session, stand_in
+from mitsuba_prosim.command import hosted, stand_in
 
 SCENE = """<scene version="3.0.0">
     <default name="spp" value="4"/>
@@ -47,12 +47,12 @@ def mitsuba(folder, *arguments, **env):
                           timeout=120, env=os.environ | env)
 
 
-linked = pytest.mark.skipif(not session.stand_ins(), reason="installed without a C compiler")
+linked = pytest.mark.skipif(not stand_in.stand_ins(), reason="installed without a C compiler")
 
 
 @linked
 def test_every_plugin_has_its_stand_in(variant_rgb):
-    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(session.stand_ins())
+    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(stand_in.stand_ins())
 
 
 def test_names_by_text_alone(variant_rgb):
@@ -169,7 +169,7 @@ def test_plugins_of_another_package(tmp_path):
     (site / "other.py").write_text("import mitsuba as mi\n"
                                    "mi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n")
     (tmp_path / "plugins").mkdir()
-    shutil.copy(session.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
+    shutil.copy(stand_in.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
     scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
     assert mitsuba(tmp_path, scene).returncode == 255
     done = mitsuba(tmp_path, scene, PYTHONPATH=str(site))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mitsuba_prosim import llvm
-from mitsuba_prosim.command import link, session, stand_in
+from mitsuba_prosim.command import link, stand_in
 from mitsuba_prosim.command.main import main
 from tqdm.auto import tqdm
 
@@ -171,7 +171,7 @@ def test_translate_writes_all_or_nothing(palito):
 
 
 def test_translate_says_once_that_stand_ins_are_missing(palito, monkeypatch):
-    monkeypatch.setattr(session, "stand_ins", dict)
+    monkeypatch.setattr(stand_in, "stand_ins", dict)
     assert "prosim doctor" in prosim("translate", palito).stderr or sys.platform != "linux"
     monkeypatch.setattr(llvm, "problem", lambda: None)
     done = prosim("doctor")
@@ -196,7 +196,7 @@ def test_format(palito):
 
 def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):
     done = prosim("doctor")
-    assert f"mitsuba         {len(session.stand_ins())} stand-ins" in done.stdout or sys.platform != "linux"
+    assert f"mitsuba         {len(stand_in.stand_ins())} stand-ins" in done.stdout or sys.platform != "linux"
     assert mi.__version__ in done.stdout and "llvm_ad_rgb" in done.stdout
     monkeypatch.setattr(llvm, "version", lambda: (15, 0, 6))
     monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
@@ -212,12 +212,12 @@ def test_link_and_unlink(own, tmp_path, monkeypatch):
     folder, listed = tmp_path / "plugins", []
     folder.mkdir()
     (folder / "path.so").write_bytes(b"Mitsuba's own")
-    monkeypatch.setattr(session, "plugin_folder", lambda: folder)
+    monkeypatch.setattr(stand_in, "plugin_folder", lambda: folder)
     monkeypatch.setattr(link, "plugin_folder", lambda: folder)
     monkeypatch.setattr(link, "record", listed.extend)
     done = prosim("link")
     assert done.exit_code == 0, done.output
-    assert {"prosim_conductor", "nrook", "prb"} <= set(session.stand_ins())
+    assert {"prosim_conductor", "nrook", "prb"} <= set(stand_in.stand_ins())
     assert {path.name for path in listed} | {"path.so"} == set(names(folder))
     assert prosim("link", "--remove").exit_code == 0
     assert names(folder) == ["path.so"]
@@ -250,13 +250,13 @@ def test_misplaced_stand_ins_are_moved(own, monkeypatch):
     true.mkdir(parents=True)
     misplaced.mkdir(parents=True)
     (misplaced / "nrook.so").write_bytes(stand_in.MARK)
-    monkeypatch.setattr(session, "plugin_folder", lambda: true)
+    monkeypatch.setattr(stand_in, "plugin_folder", lambda: true)
     monkeypatch.setattr(link, "plugin_folder", lambda: true)
     (misplaced / "other.so").write_bytes(b"not ours")
     assert prosim("link").exit_code == 1 and (misplaced / "other.so").exists()
     (misplaced / "other.so").unlink()
     assert prosim("link").exit_code == 0
-    assert not misplaced.parent.exists() and "nrook" in session.stand_ins()
+    assert not misplaced.parent.exists() and "nrook" in stand_in.stand_ins()
 
 
 def test_mitsuba_itself_is_never_misplaced(own):

@@ -1,18 +1,19 @@
 """``prosim compare``: a scene under two integrators or samplers, as a page with every measure."""
 
 import importlib.util
-import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
 import prosim_scene
 from tqdm.auto import tqdm
 
-from . import session
-from .options import SCENE, Definition, translation
-from .render import InputError, log
+from ..scene_files import opening, session, writing
+from .log import log
+from .options import SCENE, Definition, InputError, choose_variant, translation
 
 
 class Levels(click.ParamType):
@@ -50,8 +51,9 @@ class Levels(click.ParamType):
 @click.option("--cache", type=click.Path(file_okay=False, path_type=Path), show_default=False,
               help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]")
 @translation
-def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_seconds, exposure, cache, resolution,
-            samples, **language):
+def compare(scene: Path, a: str, b: str, output: Path | None, mode: str | None, definitions: tuple[tuple[str, str], ...],
+            rounds: int, levels: tuple[int, ...], reference_seconds: float, exposure: float, cache: Path | None,
+            resolution: tuple[int, ...] | None, samples: int | None, **language: Any) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time, samples, and light left out.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
@@ -63,24 +65,19 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
     if missing := [package for module, package in needed.items() if importlib.util.find_spec(module) is None]:
         raise click.ClickException(f"prosim compare needs {', '.join(missing)}. "
                                    "Run: pip install 'mitsuba-prosim[compare]'")
-    if mode and mode not in mi.variants():
-        raise click.BadParameter(f"{mode!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
-    try:
-        session.set_variant(mode)
-    except (ImportError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from None
+    choose_variant(mode)
     if mi.variant().startswith("scalar_") or not mi.variant().endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {mi.variant()}: it needs a variant that ends in _rgb and "
                                    "does not begin with scalar_.")
 
     from ..compare import page, scenes
-    from ..compare.study import study
+    from ..compare.study import Effort, study
     with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(0):
         try:
             specs = scenes.Spec(a), scenes.Spec(b)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            with session.enough_threads():
-                opened = scenes.Scene(scene, folder, resolution, samples, dict(definitions), **language)
+            opened = scenes.FileScene(opening.SceneFile(scene, folder, definitions=dict(definitions),
+                                                        resolution=resolution, samples=samples, **language))
             for spec in specs:  # whatever is wrong with them shows before the long work
                 opened.contestant(spec, spec.transport or "scene", spp=4)
         except prosim_scene.SceneError as error:
@@ -94,27 +91,17 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
             def tell(text, done):
                 bar.set_description_str(text)
                 bar.update(100 * done - bar.n)
-            facts, images = study(opened, *specs, levels=levels, rounds=rounds, seconds=reference_seconds, cache=cache,
-                                  exposure=exposure, tell=tell)
+            effort = Effort(levels, rounds, reference_seconds, cache, tell)
+            facts, images = study(opened, scene.name, *specs, effort, exposure)
     stem = (output or scene.with_name(scene.stem + "-compare")).with_suffix("")
-    # The page first: it adds the scales of its maps to the facts.
     texts = {".html": page.html(facts, images), ".json": page.json_text(facts), ".csv": page.csv_text(facts)}
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    written = []
-    for suffix, text in texts.items():
-        path = stem.with_name(stem.name + suffix)
-        part = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            part.write_text(text, encoding="utf-8")
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-        written.append(str(path))
+    written = [str(path) for path in writing.write(
+        {stem.with_name(stem.name + suffix): text.encode("utf-8") for suffix, text in texts.items()})]
     click.echo(summary(facts))
     click.echo(f"{', '.join(written[:-1])} and {written[-1]}")
 
 
-def summary(facts):
+def summary(facts: Mapping[str, Any]) -> str:
     """The main result in a few lines."""
     section = facts["sections"][0]
     light = {"paths": "every path of light, without the ambient term", "direct": "direct light alone",

@@ -11,15 +11,15 @@ import drjit as dr
 import mitsuba as mi
 
 from .. import llvm
-from . import session
+from ..scene_files import session
+from . import stand_in
 from .link import misplaced_folder
-from .stand_in import compiler, names_in_source
 
 BACKENDS = {"scalar": None, "llvm": dr.JitBackend.LLVM, "cuda": dr.JitBackend.CUDA, "metal": dr.JitBackend.Metal}
 
 
 @click.command(short_help="Print what was found on this machine.")
-def doctor():
+def doctor() -> None:
     """Print what was found: versions, variants, LLVM, the `mitsuba` command; and what to do where something is amiss.
 
     Exit code 0 if all is well, else 1.
@@ -41,13 +41,13 @@ def doctor():
         troubles.append(problem)
 
     if sys.platform == "linux":
-        stand_ins, folder = session.stand_ins(), session.plugin_folder()
+        stand_ins, folder = stand_in.stand_ins(), stand_in.plugin_folder()
         say("mitsuba", f"{len(stand_ins)} stand-ins for plugins written in Python in {folder}")
         if misplaced := misplaced_folder():
             troubles.append(f"{misplaced} keeps the mitsuba command from starting, because Mitsuba itself is in "
                             f"{folder.parent}. Run: prosim link")
-        elif missing := sorted(set(names_in_source(Path(llvm.__file__).parent)) - set(stand_ins)):
-            advice = "Run: prosim link" if compiler() else "Install a C compiler, then run: prosim link"
+        elif missing := sorted(set(stand_in.names_in_source(Path(llvm.__file__).parent)) - set(stand_ins)):
+            advice = "Run: prosim link" if stand_in.compiler() else "Install a C compiler, then run: prosim link"
             troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). {advice}")
     else:
         say("mitsuba", "the mitsuba command can run plugins written in Python on Linux only; use prosim render")
@@ -59,18 +59,18 @@ def doctor():
     sys.exit(bool(troubles))
 
 
-def say(label, text):
+def say(label: str, text: str) -> None:
     """Prints a line of two columns."""
     click.echo(f"{label:<16}{text}")
 
 
-def has_backend(variant):
+def has_backend(variant: str) -> bool:
     """Whether this machine can run a variant."""
     backend = BACKENDS[variant.partition("_")[0]]
     return backend is None or dr.has_backend(backend)
 
 
-def origin():
+def origin() -> str:
     """How Dr.Jit came to its LLVM."""
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
     if not path:

@@ -14,7 +14,7 @@ from .translate import format_scene, translate
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(None, "-V", "--version", package_name="mitsuba-prosim")
-def main():
+def main() -> None:
     """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
 
     Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else.

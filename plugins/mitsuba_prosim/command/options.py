@@ -1,10 +1,30 @@
-"""Options and argument types that several commands share."""
+"""Options and argument types that several commands share, and what they make of them."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
+import mitsuba as mi
+
+from ..scene_files import session
 
 SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
+
+
+class InputError(click.ClickException):
+    """The scene is wrong; nothing has been written."""
+
+    exit_code = 2
+
+
+def choose_variant(name: str | None) -> None:
+    """Sets the variant that ``-m`` gives, or the default one, and loads all plugins."""
+    if name and name not in mi.variants():
+        raise click.BadParameter(f"{name!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
+    try:
+        session.set_variant(name)
+    except (ImportError, RuntimeError) as error:
+        raise click.ClickException(str(error)) from None
 
 
 class Numbers(click.ParamType):
@@ -35,7 +55,7 @@ class Definition(click.ParamType):
         return key, text
 
 
-def translation(command):
+def translation(command: Callable) -> Callable:
     """Decorator: the options for scenes in the thesis's language."""
     for option in reversed([
         click.option("--light-units", type=click.Choice(["calibrated", "radiance", "unattenuated"]),

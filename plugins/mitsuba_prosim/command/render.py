@@ -1,24 +1,26 @@
 """``prosim render``: a scene file in, an EXR and a PNG image out."""
 
-import os
+from __future__ import annotations
+
 import signal
 import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
-import numpy as np
 import prosim_scene
 from tqdm.auto import tqdm
 
-from . import session
-from .options import SCENE, Definition, Numbers, translation
-from .tone import compress
+from ..scene_files import images, opening, rendering, session, writing
+from .log import log
+from .options import SCENE, Definition, InputError, Numbers, choose_variant, translation
 
 
 @click.command(short_help="Render a scene to an EXR and a PNG image.")
@@ -42,43 +44,36 @@ from .tone import compress
 @click.option("--exposure", type=float, default=0.0, metavar="STOPS",
               help="Makes the PNG brighter by so many factors of two; negative: darker.")
 @translation
-def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed, crop, exposure, resolution, samples,
-           **language):
+def render(scene: Path, output: Path | None, mode: str | None, definitions: tuple[tuple[str, str], ...], sensor: int,
+           threads: int | None, verbose: int, spp: int | None, seed: int, crop: tuple[int, ...] | None, exposure: float,
+           resolution: tuple[int, ...] | None, samples: int | None, **language: Any) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
 
     Writes a linear EXR (with how it was made as metadata) and a tone-mapped PNG. Existing files are replaced when the
     new ones are complete. Ctrl-C ends the render and keeps the image so far.
     """
-    if mode and mode not in mi.variants():
-        raise click.BadParameter(f"{mode!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
-    try:
-        session.set_variant(mode)
-    except (ImportError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from None
-
+    choose_variant(mode)
     with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(verbose), session.threads(threads):
         try:
             stem = image_stem(scene, output)
-            with session.enough_threads():
-                loaded = load(scene, folder, dict(definitions), resolution, samples, crop, language)
-            chosen = session.pick_sensor(loaded, sensor)
+            loaded = opening.SceneFile(scene, folder, definitions=dict(definitions), resolution=resolution, crop=crop,
+                                       samples=samples, **language).load()
+            chosen = opening.pick_sensor(loaded, sensor)
         except prosim_scene.SceneError as error:
             raise InputError(str(error)) from None
         except (RuntimeError, TypeError, ValueError) as error:
             raise InputError(session.message(error)) from None
 
         integrator, start = loaded.integrator(), time.perf_counter()
-        if hasattr(integrator, "band"):
-            # Some seconds at most between two steps of the bar, at which Ctrl-C is heard as well.
-            integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or integrator.samples**2)))
-        with progress_bar(integrator), interruptible(integrator) as interrupted:
-            session.render(loaded, chosen, seed, spp or 0)
+        with progress_bar(integrator) as tell, interruptible(integrator) as interrupted:
+            rendering.render(loaded, chosen, seed, spp or 0, tell)
         seconds = time.perf_counter() - start
 
     facts = {"prosim.scene": str(scene), "prosim.version": version("mitsuba-prosim"), "prosim.variant": mi.variant(),
              "prosim.integrator": str(integrator), "prosim.seed": str(seed), "prosim.seconds": f"{seconds:.3f}"}
     try:
-        written = write_images(stem, chosen.film().bitmap(), facts, exposure)
+        encoded = images.encode(chosen.film().bitmap(), facts, exposure)
+        written = writing.write({stem.with_name(stem.name + suffix): image for suffix, image in encoded.items()})
     except (RuntimeError, OSError) as error:
         raise click.ClickException(f"the image could not be written: {error}") from None
     width, height = chosen.film().crop_size()
@@ -88,13 +83,7 @@ def render(scene, output, mode, definitions, sensor, threads, verbose, spp, seed
         sys.exit(1)
 
 
-class InputError(click.ClickException):
-    """The scene is wrong; nothing has been written."""
-
-    exit_code = 2
-
-
-def image_stem(scene, output):
+def image_stem(scene: Path, output: Path | None) -> Path:
     """Path of the images without suffix: the output's, or the name that the scene gives itself, beside the scene."""
     if output:
         return output.with_suffix("") if output.suffix.lower() in (".exr", ".png") else output
@@ -106,74 +95,22 @@ def image_stem(scene, output):
     return scene.with_name(Path(name).name or scene.stem)
 
 
-def load(scene, folder, definitions, resolution, samples, crop, language):
-    """Loads a scene file of either kind; translates it in ``folder`` first if it is in the thesis's language."""
-    xml = scene
-    if scene.suffix.lower() != ".xml":
-        xml = prosim_scene.translate(scene, Path(folder), resolution=resolution, samples=samples, **language)
-    with session.search_paths(first=[xml.parent, scene.parent]):
-        state = session.parse(xml, definitions)
-        for node in state.nodes:
-            if node.type == mi.ObjectType.Film:
-                override(node.props, ("width", "height"), resolution)
-                override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
-            elif node.type == mi.ObjectType.Integrator and node.props.plugin_name() == "prosim" and samples:
-                node.props["samples"] = samples
-        return session.instantiate(state)
-
-
-def override(props, names, values):
-    """Sets named properties, if values are given."""
-    for name, value in zip(names, values or ()):
-        props[name] = value
-
-
-class Log(mi.Appender):
-    """Mitsuba's log on standard error, out of the progress bar's way."""
-
-    def append(self, level, text):
-        tqdm.write(text, file=sys.stderr)
-
-    def log_progress(self, *args):
-        """The bar shows it."""
-
-
 @contextmanager
-def log(verbose):
-    """Sends Mitsuba's log to standard error: warnings, or more if ``verbose``."""
-    logger, level = mi.logger(), mi.log_level()
-    before = [logger.appender(i) for i in range(logger.appender_count())]
-    logger.clear_appenders()
-    logger.add_appender(Log())
-    mi.set_log_level([mi.LogLevel.Warn, mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace][min(verbose, 3)])
-    try:
-        yield
-    finally:
-        logger.clear_appenders()
-        for appender in before:
-            logger.add_appender(appender)
-        mi.set_log_level(level)
+def progress_bar(integrator: mi.Integrator) -> Iterator[Callable[[float], None] | None]:
+    """Shows how far a render is, with the time left, if the integrator tells and a person watches.
 
-
-@contextmanager
-def progress_bar(integrator):
-    """Shows how far a render is, with the time left, if the integrator tells and a person watches."""
-    if not hasattr(integrator, "progress"):
-        yield
+    Yields the function to be told the part done, 0 to 1, or None.
+    """
+    if not rendering.tells_progress(integrator):
+        yield None
         return
     with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}, {remaining} left", disable=None,
               file=sys.stderr, leave=False) as bar:
-        def show(done):
-            bar.update(100 * done - bar.n)
-        integrator.progress = show
-        try:
-            yield
-        finally:
-            integrator.progress = None
+        yield lambda done: bar.update(100 * done - bar.n)
 
 
 @contextmanager
-def interruptible(integrator):
+def interruptible(integrator: mi.Integrator) -> Iterator[list[bool]]:
     """Lets the first Ctrl-C end the render, so that the film keeps what it has; yields a list, empty until then."""
     seen = []
 
@@ -187,32 +124,3 @@ def interruptible(integrator):
         yield seen
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def write_images(stem, bitmap, facts, exposure):
-    """Writes STEM.exr and STEM.png, each complete or not at all; returns their paths.
-
-    The PNG is ``2**exposure`` times as bright, its highlights compressed. A film without colours (spectral bins, say) has none.
-    """
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    for name, fact in facts.items():
-        bitmap.metadata()[name] = fact
-    images = {".exr": bitmap}
-    colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
-    if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
-        linear = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
-        images[".png"] = mi.Bitmap(compress(np.array(linear) * np.float32(2**exposure))).convert(
-            component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
-    finished = {}
-    try:
-        with session.enough_threads():
-            for suffix, image in images.items():
-                part = stem.with_name(f".{stem.name}.{os.getpid()}{suffix}")
-                finished[part] = stem.with_name(stem.name + suffix)
-                image.write(str(part))
-        for part, path in finished.items():
-            os.replace(part, path)
-    finally:
-        for part in finished:
-            part.unlink(missing_ok=True)
-    return list(finished.values())

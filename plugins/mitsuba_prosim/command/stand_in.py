@@ -1,5 +1,6 @@
-"""Building stand-ins for plugins (see ``stand_in.c``). Used when the package is built as well: standard library only."""
+"""Building and finding stand-ins for plugins (see ``stand_in.c``). Used when the package is built: standard library only."""
 
+import importlib.util
 import os
 import re
 import shutil
@@ -17,13 +18,28 @@ BUNDLED = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projectiv
 REGISTERED = re.compile(r'^@plugin\("\w+", "(\w+)"\)', re.MULTILINE)
 
 
-def names_in_source(package):
+def plugin_folder() -> Path:
+    """Mitsuba's folder of plugins."""
+    return Path(importlib.util.find_spec("mitsuba").origin).with_name("plugins")
+
+
+def is_stand_in(path: Path) -> bool:
+    """Whether a file is a stand-in (of any version), not a plugin of Mitsuba's."""
+    return path.stat().st_size < 2**16 and MARK in path.read_bytes()
+
+
+def stand_ins() -> dict[str, Path]:
+    """Plugin name -> path, of every stand-in that is in place."""
+    return {path.stem: path for path in plugin_folder().glob("*.so") if is_stand_in(path)}
+
+
+def names_in_source(package: str | Path) -> list[str]:
     """Names of the plugins that the modules of a package define, by their text alone."""
     return sorted(name for module in Path(package).glob("*/*.py")
                   for name in REGISTERED.findall(module.read_text(encoding="utf-8")))
 
 
-def compiler():
+def compiler() -> list[str] | None:
     """The C compiler's command line, as a list, or None."""
     if named := os.environ.get("CC"):
         return named.split()
@@ -31,7 +47,7 @@ def compiler():
     return found and [found]
 
 
-def compile_stand_in(path, python=None):
+def compile_stand_in(path: str | Path, python: str | None = None) -> None:
     """Compiles a stand-in to ``path``, which starts ``python`` or, by default, the interpreter beside Mitsuba.
 
     Raises RuntimeError where there is no compiler, or it fails.

@@ -1,15 +1,15 @@
 """``prosim translate`` and ``prosim format``: the scene language, to Mitsuba's or to its tidy form."""
 
-import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 import prosim_scene
 
-from . import session
-from .options import SCENE, translation
-from .render import InputError
+from ..scene_files import writing
+from . import stand_in
+from .options import SCENE, InputError, translation
 
 
 @click.command(short_help="Translate the scene language to Mitsuba's XML.")
@@ -20,14 +20,14 @@ from .render import InputError
               help="Plugins that the XML names: this package's, or only those that Mitsuba brings.")
 @click.option("--check", is_flag=True, help="Write nothing; only say what is wrong or doubtful.")
 @translation
-def translate(scene, output, check, **options):
+def translate(scene: Path, output: Path | None, check: bool, **options: Any) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
     try:
         if check:
             prosim_scene.check(scene, **options)
         else:
             click.echo(prosim_scene.translate(scene, output, **options))
-            if options["target"] == "prosim" and sys.platform == "linux" and not session.stand_ins():
+            if options["target"] == "prosim" and sys.platform == "linux" and not stand_in.stand_ins():
                 click.echo("The mitsuba command can't run this scene yet, see prosim doctor; prosim render can.", err=True)
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
@@ -36,7 +36,7 @@ def translate(scene, output, check, **options):
 @click.command("format", short_help="Rewrite scenes in tidy form.")
 @click.argument("scenes", type=SCENE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
-def format_scene(scenes, check):
+def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES in the thesis's scene language in tidy form; what they mean stays the same."""
     tidy = {}
     for scene in scenes:
@@ -50,8 +50,6 @@ def format_scene(scenes, check):
     for scene, text in tidy.items():
         click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
         if not check:
-            part = scene.with_name(f".{scene.name}.{os.getpid()}")
-            part.write_text(text, encoding="utf-8")
-            os.replace(part, scene)
+            writing.write({scene: text.encode("utf-8")})
     if check and tidy:
         sys.exit(1)

@@ -1,0 +1,84 @@
+"""Mitsuba made ready: a variant, the plugins of all packages, threads and search paths."""
+
+import re
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+
+#: The order in which the native command tries them, as far as what it tries first can be had.
+PREFERRED = {
+    "cuda_ad_rgb": dr.JitBackend.CUDA,
+    "metal_ad_rgb": dr.JitBackend.Metal,
+    "llvm_ad_rgb": dr.JitBackend.LLVM,
+    "scalar_rgb": None,
+}
+
+
+def default_variant() -> str:
+    """The most capable variant whose backend this machine has, by the native command's order."""
+    return next(variant for variant, backend in PREFERRED.items()
+                if variant in mi.variants() and (backend is None or dr.has_backend(backend)))
+
+
+def set_variant(variant: str | None = None) -> None:
+    """Sets the variant (default: :func:`default_variant`) and loads the plugins of all packages.
+
+    Raises ImportError for a variant that this Mitsuba does not have, RuntimeError for one that can't be used here.
+    """
+    mi.set_variant(variant or default_variant())
+    load_plugins()
+
+
+def load_plugins() -> None:
+    """Loads the plugins of every package that offers some.
+
+    A package does so by an entry point in the group ``mitsuba``, which names a module that registers them for the
+    active variant when it is imported. Mitsuba 3.10 and later load these by themselves, 3.9 does not.
+    """
+    for entry in entry_points(group="mitsuba"):
+        try:
+            entry.load()
+        except Exception as error:  # noqa: BLE001 (whatever another package does, our plugins can be used)
+            warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
+
+
+def message(error: Exception) -> str:
+    """What an error says, without the Python traceback that Mitsuba puts in the midst of its own words."""
+    return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error))
+
+
+@contextmanager
+def search_paths(first: Iterable[str | Path] = (), last: Iterable[str | Path] = ()) -> Iterator[None]:
+    """Adds folders to both ends of Mitsuba's search path, for a while."""
+    before = mi.file_resolver()
+    resolver = mi.FileResolver(before)
+    for path in reversed(list(first)):
+        resolver.prepend(str(path))
+    for path in last:
+        resolver.append(str(path))
+    mi.set_file_resolver(resolver)
+    try:
+        yield
+    finally:
+        mi.set_file_resolver(before)
+
+
+@contextmanager
+def threads(count: int | None) -> Iterator[None]:
+    """Works with so many threads, for a while; None: with as many as before."""
+    before = dr.thread_count()
+    dr.set_thread_count(count or before)
+    try:
+        yield
+    finally:
+        dr.set_thread_count(before)
+
+
+def enough_threads() -> AbstractContextManager[None]:
+    """Mitsuba 3.9 waits for ever when it reads or writes an EXR with one or two threads: lends it a third, for a while."""
+    return threads(max(dr.thread_count(), 3))

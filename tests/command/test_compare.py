@@ -11,10 +11,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.command.main import main
 from mitsuba_prosim.compare import measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
 from mitsuba_prosim.scene_files.opening import SceneFile
+from prosim_start.group import prosim
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
@@ -52,7 +52,7 @@ def report(tmp_path_factory):
     """(page, facts, folder) of a comparison at tiny size."""
     folder = tmp_path_factory.mktemp("compare")
     (folder / "little.xml").write_text(SCENE)
-    result = CliRunner().invoke(main, [
+    result = CliRunner().invoke(prosim, [
         "compare", str(folder / "little.xml"), "prosim", "path:multijitter", "--rounds", "2", "--levels", "2,3", "--exposure", "-1",
         "--reference-seconds", "0", "--cache", str(folder / "cache"), "-m", "llvm_ad_rgb"])
     assert result.exit_code == 0, result.output
@@ -266,7 +266,7 @@ def test_page_in_a_browser(report):
 ])
 def test_wrong_input_writes_nothing(tmp_path, arguments, message):
     (tmp_path / "little.xml").write_text(SCENE)
-    result = CliRunner().invoke(main, ["compare", str(tmp_path / "little.xml"), *arguments, "-m", "llvm_ad_rgb"])
+    result = CliRunner().invoke(prosim, ["compare", str(tmp_path / "little.xml"), *arguments, "-m", "llvm_ad_rgb"])
     assert result.exit_code == 2
     assert message in result.output
     assert [p.name for p in tmp_path.iterdir()] == ["little.xml"]

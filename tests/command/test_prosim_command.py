@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from mitsuba_prosim import llvm
 from mitsuba_prosim.command import link, stand_in
-from mitsuba_prosim.command.main import main
+from prosim_start import group
 from tqdm.auto import tqdm
 
 PALITO = Path(__file__).parents[2] / "examples" / "palito.scn"
@@ -30,7 +30,7 @@ XML = """<scene version="3.0.0">
 
 
 def prosim(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+    return CliRunner().invoke(group.prosim, [str(a) for a in arguments])
 
 
 def pixels(path):
@@ -265,7 +265,8 @@ def test_mitsuba_itself_is_never_misplaced(own):
     assert link.misplaced_folder() is None
 
 
-@pytest.mark.parametrize("command", ["render", "translate", "format", "doctor", "link"])
+@pytest.mark.parametrize("command", group.COMMANDS)
 def test_help(command):
-    assert prosim(command, "-h").exit_code == 0
+    done = prosim(command, "-h")
+    assert done.exit_code == 0 and f"Usage: prosim {command}" in done.output
     assert command in prosim("-h").output

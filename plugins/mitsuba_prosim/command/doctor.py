@@ -18,7 +18,7 @@ from .link import misplaced_folder
 BACKENDS = {"scalar": None, "llvm": dr.JitBackend.LLVM, "cuda": dr.JitBackend.CUDA, "metal": dr.JitBackend.Metal}
 
 
-@click.command(short_help="Print what was found on this machine.")
+@click.command()
 def doctor() -> None:
     """Print what was found: versions, variants, LLVM, the `mitsuba` command; and what to do where something is amiss.
 

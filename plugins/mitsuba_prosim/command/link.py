@@ -62,7 +62,7 @@ def record(paths: Iterable[Path]) -> None:
         file.writelines(f"{path},,\n" for path in (os.path.relpath(path, site) for path in paths) if path not in known)
 
 
-@click.command(short_help="Let the mitsuba command run plugins in Python.")
+@click.command()
 @click.option("--remove", is_flag=True, help="Take the stand-ins away instead.")
 def link(remove: bool) -> None:
     """Let the `mitsuba` command run plugins that are written in Python.

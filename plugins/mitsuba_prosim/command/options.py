@@ -1,10 +1,13 @@
 """Options and argument types that several commands share, and what they make of them."""
 
+import functools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import click
 import mitsuba as mi
+import prosim_scene
 
 from ..scene_files import session
 
@@ -56,7 +59,12 @@ class Definition(click.ParamType):
 
 
 def translation(command: Callable) -> Callable:
-    """Decorator: the options for scenes in the thesis's language."""
+    """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
+    @functools.wraps(command)
+    def warning(*args, **options):
+        warnings.simplefilter("always", prosim_scene.SceneWarning)
+        return command(*args, **options)
+
     for option in reversed([
         click.option("--light-units", type=click.Choice(["calibrated", "radiance", "unattenuated"]),
                      default="calibrated", help="What a light's intensity means."),
@@ -67,5 +75,5 @@ def translation(command: Callable) -> Callable:
                      help="N of the N-rook sampling: N samples a pass, at most N*N a pixel."),
         click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
     ]):
-        command = option(command)
-    return command
+        warning = option(warning)
+    return warning

@@ -23,7 +23,7 @@ from .log import log
 from .options import SCENE, Definition, InputError, Numbers, choose_variant, translation
 
 
-@click.command(short_help="Render a scene to an EXR and a PNG image.")
+@click.command()
 @click.argument("scene", type=SCENE)
 @click.option("-o", "--output", type=click.Path(path_type=Path),
               help="Image to write, without or with the suffix .exr or .png: both are written. "

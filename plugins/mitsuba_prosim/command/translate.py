@@ -12,7 +12,7 @@ from . import stand_in
 from .options import SCENE, InputError, translation
 
 
-@click.command(short_help="Translate the scene language to Mitsuba's XML.")
+@click.command()
 @click.argument("scene", type=SCENE)
 @click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), show_default=False,
               help="Folder to write to. [default: the scene's]")
@@ -33,7 +33,7 @@ def translate(scene: Path, output: Path | None, check: bool, **options: Any) -> 
         raise InputError(str(error)) from None
 
 
-@click.command("format", short_help="Rewrite scenes in tidy form.")
+@click.command("format")
 @click.argument("scenes", type=SCENE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:

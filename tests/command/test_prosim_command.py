@@ -1,67 +1,24 @@
 """The ``prosim`` command: what it writes, says and exits with."""
 
-import os
-import signal
 import sys
 from importlib.metadata import distribution
-from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from mitsuba_prosim import llvm
 from mitsuba_prosim.command import link, stand_in
 from prosim_start import group
-from tqdm.auto import tqdm
-
-PALITO = Path(__file__).parents[2] / "examples" / "palito.scn"
-
-XML = """<scene version="3.0.0">
-    <default name="radiance" value="0.5"/>
-    <integrator type="path"/>
-    <sensor type="perspective">
-        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>
-        <sampler type="nrook"><integer name="sample_count" value="4"/></sampler>
-    </sensor>
-    <emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>
-</scene>
-"""
-
-
-def prosim(*arguments):
-    return CliRunner().invoke(group.prosim, [str(a) for a in arguments])
-
-
-def pixels(path):
-    return np.array(mi.Bitmap(str(path)))
-
-
-@pytest.fixture
-def scene(tmp_path):
-    path = tmp_path / "scene.xml"
-    path.write_text(XML)
-    return path
-
-
-@pytest.fixture
-def palito(tmp_path):
-    path = tmp_path / "listing.scn"
-    path.write_bytes(PALITO.read_bytes())
-    return path
-
-
-def names(folder):
-    return sorted(path.name for path in folder.iterdir())
+from running import PALITO, XML, names, pixels, prosim
 
 
 def test_renders_the_thesis_scene(palito):
-    """By default the images bear the name that the scene gives itself; nothing else is left behind."""
+    """By default the images bear the name of the scene's file; nothing else is left behind."""
     done = prosim("render", palito, "--resolution", "40x40", "--samples", 2)
     assert done.exit_code == 0, done.output
-    assert "palito.exr and " in done.stdout and "40 x 40 pixels" in done.stdout and done.stdout.count("\n") == 1
-    assert names(palito.parent) == ["listing.scn", "palito.exr", "palito.png"]
-    assert pixels(palito.with_name("palito.exr")).shape == (40, 40, 3)
+    assert "listing.exr and " in done.stdout and "40 x 40 pixels" in done.stdout and done.stdout.count("\n") == 1
+    assert names(palito.parent) == ["listing.exr", "listing.png", "listing.scn"]
+    assert pixels(palito.with_suffix(".exr")).shape == (40, 40, 3)
 
 
 def test_translation_renders_alike(palito):
@@ -89,13 +46,6 @@ def test_crop_is_part_of_the_whole(palito):
     assert np.array_equal(pixels(palito.with_name("part.exr")), pixels(palito.with_name("whole.exr"))[4:10, 10:18])
 
 
-@pytest.mark.parametrize("suffix", ["", ".exr", ".png"])
-def test_output_names(scene, suffix):
-    done = prosim("render", scene, "-o", scene.with_name("new") / f"a.b{suffix}")
-    assert done.exit_code == 0, done.output
-    assert names(scene.with_name("new")) == ["a.b.exr", "a.b.png"]
-
-
 @pytest.mark.parametrize("text, says", [
     ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
     (XML.replace("$radiance", "$missing"), "missing"),
@@ -120,45 +70,12 @@ def test_wrong_scene_in_the_language(palito):
     assert names(palito.parent) == ["listing.scn"]
 
 
-@pytest.mark.parametrize("arguments", [
-    ["--resolution", "40"], ["--resolution", "0x4"], ["--crop", "1,2,3"], ["-D", "key"], ["-m", "no_such_variant"],
-    ["--spp", "0"], ["-s", "7"], ["--crop", "0,0,100,100"],
-])
-def test_wrong_use(scene, arguments):
-    done = prosim("render", scene, *arguments)
-    assert done.exit_code == 2, done.output
-    assert names(scene.parent) == ["scene.xml"]
-
-
 def test_an_image_survives_a_failed_render(scene):
     assert prosim("render", scene).exit_code == 0
     before = scene.with_suffix(".exr").read_bytes()
     scene.write_text(XML.replace("path", "prosim_missing"))
     assert prosim("render", scene).exit_code == 2
     assert scene.with_suffix(".exr").read_bytes() == before
-
-
-def test_an_image_that_cannot_be_written(scene):
-    done = prosim("render", scene, "-o", "/proc/image")
-    assert done.exit_code == 1 and "/proc" in done.output
-
-
-def test_ctrl_c_keeps_the_image_so_far(scene, monkeypatch):
-    """Pressed when the first band is done."""
-    class Bar(tqdm):
-        def update(self, done):
-            os.kill(os.getpid(), signal.SIGINT)
-            return super().update(done)
-
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
-    scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/>'
-                                 '<integer name="band" value="48"/></integrator>'))
-    before = signal.getsignal(signal.SIGINT)
-    done = prosim("render", scene)
-    assert done.exit_code == 1 and "interrupted" in done.stdout
-    assert signal.getsignal(signal.SIGINT) is before
-    image = pixels(scene.with_suffix(".exr"))
-    assert image[0].min() > 0 and image[-1].max() == 0
 
 
 def test_translate_writes_all_or_nothing(palito):

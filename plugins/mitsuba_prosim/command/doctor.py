@@ -7,15 +7,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 import click
-import drjit as dr
 import mitsuba as mi
 
 from .. import llvm
 from ..scene_files import session
 from . import stand_in
 from .link import misplaced_folder
-
-BACKENDS = {"scalar": None, "llvm": dr.JitBackend.LLVM, "cuda": dr.JitBackend.CUDA, "metal": dr.JitBackend.Metal}
 
 
 @click.command()
@@ -30,7 +27,7 @@ def doctor() -> None:
         say(name, version(name))
     say("platform", f"{platform.platform()}, {os.cpu_count()} processors")
 
-    usable = [v for v in mi.variants() if has_backend(v)]
+    usable = [v for v in mi.variants() if session.has_backend(v)]
     say("variants", f"{', '.join(usable)} (default {session.default_variant()})")
     if missing := sorted({v.partition("_")[0] for v in mi.variants()} - {v.partition("_")[0] for v in usable}):
         say("", f"no device or library for {', '.join(missing)}")
@@ -62,12 +59,6 @@ def doctor() -> None:
 def say(label: str, text: str) -> None:
     """Prints a line of two columns."""
     click.echo(f"{label:<16}{text}")
-
-
-def has_backend(variant: str) -> bool:
-    """Whether this machine can run a variant."""
-    backend = BACKENDS[variant.partition("_")[0]]
-    return backend is None or dr.has_backend(backend)
 
 
 def origin() -> str:

@@ -10,11 +10,26 @@ import prosim_scene
 from ..scene_files import writing
 from . import stand_in
 from .options import SCENE, InputError, translation
+from .output import KNOWN, said
+
+
+class Folder(click.Path):
+    """A folder, to be made if need be, whose name is not that of another kind of file."""
+
+    def __init__(self):
+        super().__init__(file_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The folder's path."""
+        path = super().convert(value, param, ctx)
+        if path.suffix.lower() in KNOWN and not path.exists():
+            self.fail(f"{str(path)!r}: name the folder; the file in it is called after the scene.", param, ctx)
+        return path
 
 
 @click.command()
 @click.argument("scene", type=SCENE)
-@click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), show_default=False,
+@click.option("-o", "--output", type=Folder(), show_default=False,
               help="Folder to write to. [default: the scene's]")
 @click.option("--target", type=click.Choice(["prosim", "stock"]), default="prosim",
               help="Plugins that the XML names: this package's, or only those that Mitsuba brings.")
@@ -48,8 +63,11 @@ def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
         if before != after:
             tidy[scene] = after
     for scene, text in tidy.items():
-        click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
         if not check:
-            writing.write({scene: text.encode("utf-8")})
+            try:
+                writing.write({scene: text.encode("utf-8")})
+            except OSError as error:
+                raise click.ClickException(f"{scene} stays as it is: {said(error)}") from None
+        click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
     if check and tidy:
         sys.exit(1)

@@ -24,7 +24,7 @@ def render(scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0,
     told = tell is not None and tells_progress(integrator)
     if told:
         # Some seconds at most between two steps, at which Ctrl-C is heard as well.
-        integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or integrator.samples**2)))
+        integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or int(integrator.samples)**2)))
         integrator.progress = tell
     try:
         # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.

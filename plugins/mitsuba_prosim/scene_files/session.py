@@ -10,19 +10,27 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 
-#: The order in which the native command tries them, as far as what it tries first can be had.
-PREFERRED = {
-    "cuda_ad_rgb": dr.JitBackend.CUDA,
-    "metal_ad_rgb": dr.JitBackend.Metal,
-    "llvm_ad_rgb": dr.JitBackend.LLVM,
-    "scalar_rgb": None,
+#: Beginning of a variant's name -> (its backend, what that needs).
+BACKENDS = {
+    "scalar": (None, ""),
+    "llvm": (dr.JitBackend.LLVM, "LLVM"),
+    "cuda": (dr.JitBackend.CUDA, "an NVIDIA GPU with its driver"),
+    "metal": (dr.JitBackend.Metal, "a GPU of Apple's"),
 }
+
+#: The order in which the native command tries them, as far as what it tries first can be had.
+PREFERRED = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
+
+
+def has_backend(variant: str) -> bool:
+    """Whether this machine has what a variant runs on."""
+    backend, _ = BACKENDS[variant.partition("_")[0]]
+    return backend is None or dr.has_backend(backend)
 
 
 def default_variant() -> str:
     """The most capable variant whose backend this machine has, by the native command's order."""
-    return next(variant for variant, backend in PREFERRED.items()
-                if variant in mi.variants() and (backend is None or dr.has_backend(backend)))
+    return next(variant for variant in PREFERRED if variant in mi.variants() and has_backend(variant))
 
 
 def set_variant(variant: str | None = None) -> None:
@@ -30,7 +38,12 @@ def set_variant(variant: str | None = None) -> None:
 
     Raises ImportError for a variant that this Mitsuba does not have, RuntimeError for one that can't be used here.
     """
-    mi.set_variant(variant or default_variant())
+    variant = variant or default_variant()
+    if variant in mi.variants() and not has_backend(variant):
+        _, need = BACKENDS[variant.partition("_")[0]]
+        raise RuntimeError(f"{variant} needs {need}, and Dr.Jit finds none here. This machine can run "
+                           f"{', '.join(filter(has_backend, mi.variants()))}; prosim doctor tells more.")
+    mi.set_variant(variant)
     load_plugins()
 
 

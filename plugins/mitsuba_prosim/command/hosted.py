@@ -154,7 +154,8 @@ def render(scene: mi.Scene, index: int, path: str) -> None:
 
 def main(plugin: str, *words: str) -> int:
     """Runs the command ``mitsuba WORDS...``, which has met ``plugin``; returns its exit code."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not, if it is ignored
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGHUP, lambda *_: hang_ups.append(True))
     try:
         run(plugin, words)

@@ -7,7 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import llvm
-from mitsuba_prosim.command import link, stand_in
+from mitsuba_prosim.command import compare, link, stand_in
+from mitsuba_prosim.scene_files import session
 from prosim_start import group
 from running import PALITO, XML, names, pixels, prosim
 
@@ -119,6 +120,21 @@ def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):
     monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
     done = prosim("doctor")
     assert done.exit_code == 1 and "abort the process" in done.stdout
+
+
+def test_doctor_says_what_an_installation_lacks(monkeypatch, tmp_path):
+    """No compiler when it was installed, no GPU, and not the packages of prosim compare."""
+    monkeypatch.setattr(stand_in, "plugin_folder", lambda: tmp_path)
+    monkeypatch.setattr(stand_in, "compiler", lambda: None)
+    monkeypatch.setattr(session, "has_backend", lambda variant: variant.startswith("scalar"))
+    monkeypatch.setattr(compare, "NEEDED", {"no_such_module": "no-such-package"})
+    done = prosim("doctor")
+    said = " ".join(done.stdout.split())
+    assert "not cuda_ad_rgb" in said and "which need an NVIDIA GPU with its driver" in said and "need LLVM" in said
+    assert "lacks no-such-package; to get them: pip install 'mitsuba-prosim[compare]'" in said
+    if sys.platform == "linux":
+        assert done.exit_code == 1 and "can't run nrook, prosim," in said and "prosim link" in said
+        assert "C compiler none" in said and "apt install gcc" in said
 
 
 compiled = pytest.mark.skipif(sys.platform != "linux" or not stand_in.compiler(), reason="needs a C compiler, on Linux")

@@ -33,6 +33,15 @@ class Levels(click.ParamType):
         return tuple(sorted(set(levels)))
 
 
+#: Module -> package, of what this command alone needs.
+NEEDED = {"matplotlib": "matplotlib", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator", "jinja2": "jinja2"}
+
+
+def missing_packages() -> list[str]:
+    """Those of the packages that ``prosim compare`` needs which are not installed."""
+    return [package for module, package in NEEDED.items() if importlib.util.find_spec(module) is None]
+
+
 @click.command()
 @click.argument("scene", type=SCENE)
 @click.argument("a", default="prosim")
@@ -63,8 +72,7 @@ def compare(scene: Path, a: str, b: str, output: str | None, mode: str | None, d
     converged reference. Where A is prosim and B is not, A renders both in B's transport of light and in the scene's.
     Without SAMPLER, it is the scene's.
     """
-    needed = {"matplotlib": "matplotlib", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator", "jinja2": "jinja2"}
-    if missing := [package for module, package in needed.items() if importlib.util.find_spec(module) is None]:
+    if missing := missing_packages():
         raise click.ClickException(f"prosim compare needs {', '.join(missing)}. "
                                    "Run: pip install 'mitsuba-prosim[compare]'")
     stem = files.stem(output, scene.with_name(scene.stem + "-compare"), SUFFIXES)

@@ -12,6 +12,7 @@ import mitsuba as mi
 from .. import llvm
 from ..scene_files import session
 from . import stand_in
+from .compare import missing_packages
 from .link import misplaced_folder
 
 
@@ -23,14 +24,15 @@ def doctor() -> None:
     """
     troubles = []
     say("Python", f"{platform.python_version()}, {sys.executable}")
-    for name in ("mitsuba-prosim", "mitsuba", "drjit", "numpy", "manifold3d"):
+    for name in ("mitsuba-prosim", "mitsuba", "drjit", "numpy", "OpenEXR", "manifold3d"):
         say(name, version(name))
     say("platform", f"{platform.platform()}, {os.cpu_count()} processors")
 
     usable = [v for v in mi.variants() if session.has_backend(v)]
     say("variants", f"{', '.join(usable)} (default {session.default_variant()})")
-    if missing := sorted({v.partition("_")[0] for v in mi.variants()} - {v.partition("_")[0] for v in usable}):
-        say("", f"no device or library for {', '.join(missing)}")
+    for kind, (_, need) in session.BACKENDS.items():
+        if (unusable := [v for v in mi.variants() if v.startswith(f"{kind}_")]) and unusable[0] not in usable:
+            say("", f"not {', '.join(unusable)}, which need {need}")
 
     found = llvm.version()
     say("LLVM", f"{'.'.join(map(str, found))}, {llvm.library()}, {origin()}" if found else "none")
@@ -40,14 +42,19 @@ def doctor() -> None:
     if sys.platform == "linux":
         stand_ins, folder = stand_in.stand_ins(), stand_in.plugin_folder()
         say("mitsuba", f"{len(stand_ins)} stand-ins for plugins written in Python in {folder}")
+        compiler = stand_in.compiler()
+        say("C compiler", " ".join(compiler) if compiler else "none (only to build stand-ins)")
         if misplaced := misplaced_folder():
             troubles.append(f"{misplaced} keeps the mitsuba command from starting, because Mitsuba itself is in "
                             f"{folder.parent}. Run: prosim link")
         elif missing := sorted(set(stand_in.names_in_source(Path(llvm.__file__).parent)) - set(stand_ins)):
-            advice = "Run: prosim link" if stand_in.compiler() else "Install a C compiler, then run: prosim link"
+            advice = "Run: prosim link" if compiler else f"Install {stand_in.COMPILER}, then run: prosim link"
             troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). {advice}")
     else:
         say("mitsuba", "the mitsuba command can run plugins written in Python on Linux only; use prosim render")
+
+    lacking = missing_packages()
+    say("compare", f"lacks {', '.join(lacking)}; to get them: pip install 'mitsuba-prosim[compare]'" if lacking else "ready")
 
     for trouble in troubles:
         click.echo(f"\n{trouble}")

@@ -18,7 +18,7 @@
 #include <unistd.h>
 
 /* By these words link.py knows a stand-in from a true plugin. */
-__attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a Python plugin, 1";
+__attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a Python plugin, 2";
 
 /* Not `python -m`, which would look for modules among the scenes, in the current folder. */
 static char program[] =

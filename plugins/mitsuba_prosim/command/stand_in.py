@@ -15,6 +15,9 @@ MARK = b"mitsuba-prosim stand-in for a Python plugin"
 #: The plugins of Mitsuba 3.9 itself that are written in Python, which its command can't run either.
 BUNDLED = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective", "volprim_rf_basic", "flat_sensor")
 
+#: What to install where there is none.
+COMPILER = "a C compiler (on Debian and Ubuntu: apt install gcc libc6-dev)"
+
 REGISTERED = re.compile(r'^@plugin\("\w+", "(\w+)"\)', re.MULTILINE)
 
 
@@ -54,7 +57,7 @@ def compile_stand_in(path: str | Path, python: str | None = None) -> None:
     """
     command = compiler()
     if command is None:
-        raise RuntimeError("there is no C compiler (on Debian and Ubuntu: apt install gcc libc6-dev)")
+        raise RuntimeError(f"there is no C compiler; install {COMPILER}")
     define = [f'-DPYTHON="{python}"'] if python else []
     try:
         subprocess.run([*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", *define, "-o", str(path),

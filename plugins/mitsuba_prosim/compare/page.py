@@ -105,7 +105,7 @@ def chart(section: Facts) -> str:
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
     axes = figure.subplots(2, 2, sharey="row")
     for row, measure in zip(axes, ("rmse", "flip")):
-        for axis, (cost, label) in zip(row, (("samples", "samples per pixel"), ("cpu", "seconds"))):
+        for axis, (cost, label) in zip(row, (("samples", "samples per pixel"), ("cpu", "processor seconds per thread"))):
             for curve, colour in zip(section["curves"], ("#c2410c", "#1d4ed8")):
                 axis.loglog([p[cost] for p in curve["points"]], [max(p[measure], 1e-7) for p in curve["points"]], "o-",
                             color=colour, label=curve["name"])

@@ -1,5 +1,7 @@
 """The ``prosim`` command: what it writes, says and exits with."""
 
+import errno
+import os
 import sys
 from importlib.metadata import distribution
 
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim import llvm
 from mitsuba_prosim.command import compare, link, stand_in
-from mitsuba_prosim.scene_files import session
+from mitsuba_prosim.scene_files import session, writing
 from prosim_start import group
 from running import PALITO, XML, names, pixels, prosim
 
@@ -110,6 +112,24 @@ def test_format(palito):
     assert prosim("format", "--check", palito).exit_code == 0
     assert prosim("format", palito).output == "" and palito.read_text() == tidy
     assert names(palito.parent) == ["listing.scn"]
+
+
+def test_format_keeps_the_link_and_the_mode(palito):
+    palito.chmod(0o600)
+    link = palito.with_name("link.scn")
+    link.symlink_to(palito)
+    assert prosim("format", link).exit_code == 0
+    assert link.is_symlink() and palito.stat().st_mode & 0o777 == 0o600
+    assert prosim("format", "--check", palito).exit_code == 0
+
+
+def test_format_says_what_it_could_not_write(palito, monkeypatch):
+    """And not that it has."""
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(palito.parent))
+    monkeypatch.setattr(writing, "write", full)
+    done = prosim("format", palito)
+    assert done.exit_code == 1 and done.stdout == "" and "stays as it is" in done.stderr and "No space left" in done.stderr
 
 
 def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):

@@ -60,9 +60,11 @@ def load_plugins() -> None:
             warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
 
 
-def message(error: Exception) -> str:
-    """What an error says, without the Python traceback that Mitsuba puts in the midst of its own words."""
-    return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error))
+def message(error: BaseException) -> str:
+    """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its own
+    words."""
+    cause = f" {message(error.__cause__)}" if error.__cause__ else ""
+    return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
 
 
 @contextmanager

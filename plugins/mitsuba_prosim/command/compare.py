@@ -76,9 +76,9 @@ def compare(scene: Path, a: str, b: str, output: str | None, mode: str | None, d
         raise click.ClickException(f"prosim compare needs {', '.join(missing)}. "
                                    "Run: pip install 'mitsuba-prosim[compare]'")
     stem = files.stem(output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
-    choose_variant(mode)
-    if mi.variant().startswith("scalar_") or not mi.variant().endswith("_rgb"):
-        raise click.ClickException(f"prosim compare can't use {mi.variant()}: it needs a variant that ends in _rgb and "
+    variant = choose_variant(mode)
+    if variant.startswith("scalar_") or not variant.endswith("_rgb"):
+        raise click.ClickException(f"prosim compare can't use {variant}: it needs a variant that ends in _rgb and "
                                    "does not begin with scalar_.")
 
     from ..compare import page, scenes

@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -29,7 +30,7 @@ OPTIMIZATIONS = (dr.JitFlag.MergeFunctions, dr.JitFlag.ConstantPropagation, dr.J
                  dr.JitFlag.OptimizeCalls, dr.JitFlag.OptimizeLoops)
 
 #: Option -> its values, None for each time that a flag is given.
-Options = dict[str, list[str | None]]
+Options = dict[str, list[Any]]
 
 #: Not empty: a hang-up signal has come, and the image so far has not been written yet.
 hang_ups: list[bool] = []
@@ -37,7 +38,8 @@ hang_ups: list[bool] = []
 
 def parse_arguments(words: Iterable[str]) -> tuple[Options, list[str]]:
     """Returns ``(options, scenes)``: option -> list of values (None for each time that a flag is given)."""
-    options, scenes, words = {}, [], list(words)
+    options: Options = {}
+    scenes, words = [], list(words)
     while words:
         word = words.pop(0)
         if not word.startswith("-"):
@@ -63,7 +65,7 @@ def parse_arguments(words: Iterable[str]) -> tuple[Options, list[str]]:
     return options, scenes
 
 
-def integer(options: Options, option: str, default: int | None = None) -> int | None:
+def integer(options: Options, option: str, default: int) -> int:
     """The whole number that an option gives (the first time), or the default."""
     if option not in options:
         return default
@@ -82,9 +84,9 @@ def set_up(options: Options) -> None:
     dr.set_log_level([dr.LogLevel.Error, dr.LogLevel.Warn, dr.LogLevel.Info, dr.LogLevel.InfoSym, dr.LogLevel.Debug,
                       dr.LogLevel.Trace][min(verbose, 5)])
     if "-t" in options:
-        dr.set_thread_count(max(integer(options, "-t"), 1))
-    session.set_variant(options["-m"][0] if "-m" in options else "scalar_rgb" if "-h" in options else None)
-    if mi.variant().startswith("scalar_"):
+        dr.set_thread_count(max(integer(options, "-t", 1), 1))
+    variant = session.set_variant(options["-m"][0] if "-m" in options else "scalar_rgb" if "-h" in options else None)
+    if variant.startswith("scalar_"):
         if {"-O", "-W", "-S"} & set(options):
             raise ValueError("Specified an argument that only makes sense in a JIT (LLVM/CUDA/Metal) mode!")
         return

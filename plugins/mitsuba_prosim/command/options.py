@@ -37,12 +37,12 @@ def wrong_input() -> Iterator[None]:
         raise InputError(session.message(error)) from None
 
 
-def choose_variant(name: str | None) -> None:
-    """Sets the variant that ``-m`` gives, or the default one, and loads all plugins."""
+def choose_variant(name: str | None) -> str:
+    """Sets the variant that ``-m`` gives, or the default one, and loads all plugins; returns its name."""
     if name and name not in mi.variants():
         raise click.BadParameter(f"{name!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
     try:
-        session.set_variant(name)
+        return session.set_variant(name)
     except (ImportError, RuntimeError) as error:
         raise click.ClickException(session.message(error)) from None
 

@@ -67,7 +67,7 @@ def render(scene: Path, output: str | None, mode: str | None, definitions: tuple
     if spp and samples:
         raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
     stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES)
-    choose_variant(mode)
+    variant = choose_variant(mode)
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
             loaded = opening.SceneFile(
@@ -82,16 +82,16 @@ def render(scene: Path, output: str | None, mode: str | None, definitions: tuple
         start = time.perf_counter()
         with interruptible(integrator.cancel) as signals:
             try:
-                with progress_bar(integrator) as tell:
+                with progress_bar(integrator, variant) as tell:
                     rendering.render(loaded, chosen, seed, spp or 0, tell)
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
             seconds, interrupted = time.perf_counter() - start, bool(signals)
             facts = {"prosim.scene": str(scene), "prosim.version": version("mitsuba-prosim"),
-                     "prosim.variant": mi.variant(), "prosim.integrator": str(integrator), "prosim.seed": str(seed),
+                     "prosim.variant": variant, "prosim.integrator": str(integrator), "prosim.seed": str(seed),
                      "prosim.seconds": f"{seconds:.3f}"}
             written = files.save(stem, images.encode(chosen.film().bitmap(), facts, exposure))
-    click.echo(f"{' and '.join(map(str, written))}: {width} x {height} pixels, {mi.variant()}, {seconds:.2f} s"
+    click.echo(f"{' and '.join(map(str, written))}: {width} x {height} pixels, {variant}, {seconds:.2f} s"
                + (", interrupted" if interrupted else ""))
     if interrupted:
         sys.exit(1)
@@ -108,7 +108,7 @@ def parameters(paths: bool, max_level: int | None, threshold: float | None) -> d
 
 
 @contextmanager
-def progress_bar(integrator: mi.Integrator) -> Iterator[Callable[[float], None] | None]:
+def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
     """Shows how far a render is, with the time left, if the integrator tells and a person watches.
 
     Yields the function to be told the part done, 0 to 1, or None.
@@ -117,7 +117,7 @@ def progress_bar(integrator: mi.Integrator) -> Iterator[Callable[[float], None] 
     form = "{l_bar}{bar}| {elapsed}, {remaining} left" if told else "{desc}"
     with tqdm(total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
         # The first step comes when the kernels are compiled and a part is rendered.
-        bar.set_description_str("compiling kernels" if told and not mi.variant().startswith("scalar") else "rendering")
+        bar.set_description_str("compiling kernels" if told and not variant.startswith("scalar") else "rendering")
 
         def tell(done: float) -> None:
             bar.set_description_str("rendering", refresh=False)

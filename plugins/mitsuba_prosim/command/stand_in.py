@@ -23,7 +23,10 @@ REGISTERED = re.compile(r'^@plugin\("\w+", "(\w+)"\)', re.MULTILINE)
 
 def plugin_folder() -> Path:
     """Mitsuba's folder of plugins."""
-    return Path(importlib.util.find_spec("mitsuba").origin).with_name("plugins")
+    spec = importlib.util.find_spec("mitsuba")
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError("there is no Mitsuba for this Python")
+    return Path(spec.origin).with_name("plugins")
 
 
 def is_stand_in(path: Path) -> bool:
@@ -47,7 +50,7 @@ def compiler() -> list[str] | None:
     if named := os.environ.get("CC"):
         return named.split()
     found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    return found and [found]
+    return [found] if found else None
 
 
 def compile_stand_in(path: str | Path, python: str | None = None) -> None:

@@ -1,5 +1,6 @@
 """``prosim translate`` and ``prosim format``: the scene language, to Mitsuba's or to its tidy form."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ class Folder(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The folder's path."""
-        path = super().convert(value, param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if path.suffix.lower() in KNOWN and not path.exists():
             self.fail(f"{str(path)!r}: name the folder; the file in it is called after the scene.", param, ctx)
         return path

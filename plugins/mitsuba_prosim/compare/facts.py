@@ -31,7 +31,7 @@ def section(part: Part, a: Spec, b: Spec, k: int, scale: float) -> dict[str, Any
     rows = [{"role": role, "name": names[role[0]], "samples": run.samples, "cold": run.cold,
              **{what: spread(run.spread(what)) for what in (*COSTS, *measures.ALL)}}
             for role, run in part.rows.items()]
-    curves = []
+    curves: list[dict[str, Any]] = []
     for role, curve in part.curves.items():
         points = [{"level": n, "samples": run.samples, **{what: run.median(what) for what in (*COSTS, *measures.ALL)}}
                   for n, run in curve.items()]

@@ -48,6 +48,7 @@ class Contestant:
 
     def measure(self, image: np.ndarray, measures: Measures) -> dict[str, float]:
         """Value of each of the ``measures`` (name -> function) for an image."""
+        assert self.reference is not None
         image, wanted = image * self.scale, self.reference.image * self.scale
         return {name: measure(image, wanted) for name, measure in measures.items()}
 
@@ -145,7 +146,8 @@ def reference(folder: str | Path, key: str, estimators: Sequence[Contestant], se
     grants more time. At least three passes each.
     """
     path = Path(folder) / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
-    spent, count, sums, squares, means = 0.0, 0, None, None, []
+    spent, count, means = 0.0, 0, []
+    sums = squares = np.zeros(1)
     if path.exists():
         with np.load(path) as kept:
             spent, count, sums, squares, means = (kept[n] for n in ("spent", "count", "sums", "squares", "means"))
@@ -154,8 +156,8 @@ def reference(folder: str | Path, key: str, estimators: Sequence[Contestant], se
     while count < 3 or spent < seconds:
         start = time.perf_counter()
         images = np.array([e.render(REFERENCE_SEEDS + count)[0] for e in estimators], dtype=np.float64)
-        sums = images if sums is None else sums + images
-        squares = images ** 2 if squares is None else squares + images ** 2
+        sums = sums + images if count else images
+        squares = squares + images ** 2 if count else images ** 2
         means.append(images.mean(axis=(1, 2, 3)).tolist())
         count += 1
         spent += time.perf_counter() - start

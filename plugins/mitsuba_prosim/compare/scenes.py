@@ -128,14 +128,15 @@ class Spec:
     def __init__(self, text: str):
         head, *parameters = text.split(",")
         self.text = text
-        self.integrator, _, self.sampler = (part or None for part in head.partition(":"))
+        self.integrator, _, sampler = head.partition(":")
+        self.sampler = sampler or None
         self.parameters: dict[str, Any] = {}
         for parameter in parameters:
             name, equals, value = parameter.partition("=")
             if not (name and equals and value):
                 raise ValueError(f"{parameter!r} in {text!r} is not of the form PARAMETER=VALUE")
             self.parameters[name.strip()] = typed(value.strip())
-        if self.integrator is None:
+        if not self.integrator:
             raise ValueError(f"{text!r} is not of the form INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]")
 
     def but(self, **parameters: Any) -> Spec:

@@ -51,12 +51,12 @@ def study(scene: Scene, name: str, a: Spec, b: Spec, effort: Effort = Effort(),
     said = {"scene": name, "a": a.text, "b": b.text, "rounds": effort.rounds, "exposure": exposure,
             "machine": runs.machine(), "width": int(width), "height": int(height),
             "sections": [facts.section(part, a if k == 0 else free[0], b, k, scale) for k, part in enumerate(parts)]}
-    images = {}
+    images: dict[str, np.ndarray] = {}
     for k, part in enumerate(parts):
         images |= {f"{k}/{name}": image for name, image in facts.pictures(part, scale).items()}
     if own_light:
-        said["difference"], difference_images = facts.difference(
-            scene, free[0], *(part.reference.image * scale for part in parts), scale)
+        paths, own = (part.reference.image * scale for part in parts)
+        said["difference"], difference_images = facts.difference(scene, free[0], paths, own, scale)
         images |= difference_images
     return said | {"scales": facts.scales(images)}, images
 
@@ -89,7 +89,7 @@ def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> runs.Contestan
     """The contestant with n * n samples a pixel, or at most as many if it counts by itself."""
     if not spec.counts_itself:
         return scene.contestant(spec, transport, spp=n * n)
-    own = scene.contestant(spec, transport).integrator
+    own: Any = scene.contestant(spec, transport).integrator
     # The threshold goes with the count, or the curve would end where every pixel is quiet enough.
     return scene.contestant(spec.but(samples=n, threshold=own.threshold * own.samples / n), transport)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import mitsuba as mi
 import prosim_scene
@@ -110,14 +110,14 @@ def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserSt
     """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
     if taken := {"config", "filename"} & set(parameters):
         raise ValueError(f'-D {taken.pop()}=...: Mitsuba\'s Python parser keeps this name for itself; choose another')
-    return mi.parser.parse_file(mi.parser.ParserConfig(mi.variant()), str(path), **parameters)
+    return mi.parser.parse_file(_config(), str(path), **parameters)
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:
     """Makes the scene of a parser state, which is used up."""
-    config = mi.parser.ParserConfig(mi.variant())
+    config = _config()
     mi.parser.transform_all(config, state)
-    return mi.parser.instantiate(config, state)
+    return cast(mi.Scene, mi.parser.instantiate(config, state))
 
 
 def plugin_names(state: mi.parser.ParserState) -> set[str]:
@@ -134,6 +134,10 @@ def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
     if not 0 <= index < len(scene.sensors()):
         raise ValueError("Specified sensor index is out of bounds!")
     return scene.sensors()[index]
+
+
+def _config():
+    return mi.parser.ParserConfig(mi.variant() or "")
 
 
 def _override(props, names, values):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -20,7 +21,7 @@ def render(scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0,
     ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
     step of an integrator that :func:`tells_progress`.
     """
-    integrator = scene.integrator()
+    integrator: Any = scene.integrator()
     told = tell is not None and tells_progress(integrator)
     if told:
         # Some seconds at most between two steps, at which Ctrl-C is heard as well.

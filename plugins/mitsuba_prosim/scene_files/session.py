@@ -25,7 +25,7 @@ PREFERRED = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 def has_backend(variant: str) -> bool:
     """Whether this machine has what a variant runs on."""
     backend, _ = BACKENDS[variant.partition("_")[0]]
-    return backend is None or dr.has_backend(backend)
+    return backend is None or bool(dr.has_backend(backend))
 
 
 def default_variant() -> str:
@@ -33,8 +33,8 @@ def default_variant() -> str:
     return next(variant for variant in PREFERRED if variant in mi.variants() and has_backend(variant))
 
 
-def set_variant(variant: str | None = None) -> None:
-    """Sets the variant (default: :func:`default_variant`) and loads the plugins of all packages.
+def set_variant(variant: str | None = None) -> str:
+    """Sets the variant (default: :func:`default_variant`), loads the plugins of all packages, and returns its name.
 
     Raises ImportError for a variant that this Mitsuba does not have, RuntimeError for one that can't be used here.
     """
@@ -45,6 +45,7 @@ def set_variant(variant: str | None = None) -> None:
                            f"{', '.join(filter(has_backend, mi.variants()))}; prosim doctor tells more.")
     mi.set_variant(variant)
     load_plugins()
+    return variant
 
 
 def load_plugins() -> None:

@@ -42,7 +42,7 @@ def check(paths: Iterable[Path], size: int) -> None:
             with _Parts() as parts:
                 _allocate(parts.new(folder)[0], size)
         except OSError as error:
-            raise OSError(error.errno, f"no file of {size} bytes can be written there: {os.strerror(error.errno)}",
+            raise OSError(error.errno, f"no file of {size} bytes can be written there: {error.strerror}",
                           str(folder)) from None
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def compress(rgb):
+def compress(rgb: np.ndarray) -> np.ndarray:
     """Compresses highlights to at most 1: the curve of Reinhard et al. (2002, equation 4) on the luminance.
 
     ``rgb``: array (height, width, 3) of linear radiance, white being 1. The luminance that only one pixel in a hundred

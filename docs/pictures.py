@@ -101,7 +101,7 @@ FOLDERS = {"bsdfs": material, "emitters": source, "textures": texture, "sensors"
 
 def sampler():
     """Both jitters of the sampler's 25 samples, pass by colour."""
-    from drawing.patterns import nrook_points, square
+    from drawing.sampling import nrook_points, square
 
     figure = Figure(figsize=(2.88, 2.88), layout="constrained")
     axes = square(figure, (1, 1, 1), 5)
@@ -111,7 +111,7 @@ def sampler():
 
 
 def passes():
-    from drawing.patterns import nrook_points, square
+    from drawing.sampling import nrook_points, square
 
     figure = Figure(figsize=(7.2, 1.6), layout="constrained")
     for r in range(5):

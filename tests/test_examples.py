@@ -1,23 +1,20 @@
 """Every example scene renders, and figures 5.12 to 5.15 show what the thesis says of them, in numbers."""
 
 import functools
-import runpy
-import sys
 from pathlib import Path
 
+import figures
 import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from drawing import scenes
 from scipy import ndimage
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 SCENES = sorted(EXAMPLES.glob("*.scn"))
-
-sys.path.insert(0, str(EXAMPLES))
-figures = runpy.run_path(str(EXAMPLES / "figures.py"))
-FIGURES = [*figures["DRAWN"], *figures["RENDERED"]]
+FIGURES = [*figures.DRAWN, *figures.RENDERED]
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
@@ -36,13 +33,13 @@ def test_nothing_in_a_scene_is_doubtful(path, recwarn):
     assert not [w for w in recwarn if issubclass(w.category, prosim_scene.SceneWarning)]
 
 
-@pytest.mark.parametrize("name", [*figures["DRAWN"], "5.14-samples", "5.18-path"])
+@pytest.mark.parametrize("name", [*figures.DRAWN, "5.14-samples", "5.18-path"])
 def test_figure_is_drawn(variant_rgb, tmp_path, name):
     path = tmp_path / f"{name}.png"
     if name == "5.18-path":                                         # 16 samples instead of its many
-        image = figures["scenes"].render_path("caustica", 0.1, 16)
+        image = scenes.render_path("caustica", 0.1, 16)
     else:
-        figures["draw"](name, path, 0.1)
+        figures.draw(name, path, 0.1)
         image = np.array(mi.Bitmap(str(path)))
     assert image.ndim == 3 and image.shape[0] >= 24
     assert np.all(np.isfinite(image)) and image.std() > 0
@@ -61,7 +58,7 @@ def test_gallery_shows_every_figure(name):
 @functools.cache
 def pole(name, samples, **integrator):
     """Luminance of the pole, (180, 240), and the further channels."""
-    scene = mi.load_dict(figures["scenes"].load(name, 0.5, samples, **integrator))
+    scene = mi.load_dict(scenes.load(name, 0.5, samples, **integrator))
     image = np.array(mi.render(scene))
     return (image[..., :3] @ [0.2126, 0.7152, 0.0722], *np.moveaxis(image[..., 3:], 2, 0))
 

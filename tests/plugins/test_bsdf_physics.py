@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.optics import attenuation, curves, fresnel
+from drawing import curves
+from mitsuba_prosim.optics import attenuation, fresnel
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 LOBES = [{"alpha": 0.05}, {"alpha": 0.3}, {"alpha": 1.0}, {"exponent": 3.0}, {"exponent": 300.0},

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mitsuba_prosim.sampling.patterns import (
+from drawing.patterns import (
     PATTERNS,
     SPACING,
     jittered,

@@ -15,6 +15,17 @@ import drjit as dr
 OLDEST_ON_X86 = 17
 
 
+def requirement():
+    """The LLVM that this package installs on x86-64 Linux, as its metadata name it (``karellen-llvm-core==...``)."""
+    from importlib.metadata import requires
+    return next(r.partition(";")[0].strip() for r in requires("mitsuba-prosim") if r.startswith("karellen-"))
+
+
+def packaged():
+    """File name of the library in that LLVM."""
+    return f"libLLVM-{requirement().partition('==')[2].partition('.')[0]}.so"
+
+
 def version():
     """Version of the LLVM that Dr.Jit has loaded, as a tuple, or None."""
     return dr.detail.llvm_version() if dr.has_backend(dr.JitBackend.LLVM) else None
@@ -31,14 +42,15 @@ def library():
 
 def problem():
     """Says what is wrong if the LLVM variants would abort the process or can't be had; None if all is well."""
-    advice = ("Install LLVM 17 or later (on x86-64 Linux: pip install 'karellen-llvm-core==23.1.*'; elsewhere: "
+    found = version()
+    fit = found and (found[0] >= OLDEST_ON_X86 or platform.machine() not in ("x86_64", "AMD64"))
+    if fit:
+        return None
+    advice = (f"Install LLVM {OLDEST_ON_X86} or later (on x86-64 Linux: pip install '{requirement()}'; elsewhere: "
               "apt install libllvm19, brew install llvm or the like), see that DRJIT_LIBLLVM_PATH is unset or names its "
               "libLLVM, and start again. The variant scalar_rgb needs none.")
-    found = version()
     if found is None:
         path = os.environ.get("DRJIT_LIBLLVM_PATH")
         return f"Dr.Jit found no usable LLVM{f' (DRJIT_LIBLLVM_PATH is {path})' if path else ''}. {advice}"
-    if platform.machine() in ("x86_64", "AMD64") and found[0] < OLDEST_ON_X86:
-        return (f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on this "
-                f"processor, it would abort the process. {advice}")
-    return None
+    return (f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on this "
+            f"processor, it would abort the process. {advice}")

@@ -74,6 +74,7 @@ def total(points):
     return points.sum(axis=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern, f, expected, remainder", [
     (random, total, 1 / (6 * 16), 0),
     (jittered, total, 1 / (6 * 16**2), 0),
@@ -92,6 +93,7 @@ def test_variance_of_sixteen_samples(pattern, f, expected, remainder):
     assert abs(square.mean() - expected) < 4 * square.std() / np.sqrt(len(square)) + remainder * expected
 
 
+@pytest.mark.slow
 def test_spacing_beats_chance():
     """Poisson disks have less than half the variance of random samples, for a disc of an eighth of the square."""
     def variance(pattern):

@@ -50,7 +50,7 @@ class BuildHook(BuildHookInterface):
         return str(path)
 
     def stand_ins(self):
-        """Paths of the stand-ins, one for each plugin; raises RuntimeError, with the reason, where there can be none."""
+        """Paths of the stand-ins, one for each plugin; raises RuntimeError where there can be none, with the reason."""
         if sys.platform != "linux":
             raise RuntimeError("they exist for Linux only")
         if elsewhere := mitsuba_elsewhere():

@@ -6,7 +6,6 @@ With ``--keep`` what was rendered becomes the reference.
 """
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 
@@ -54,8 +53,8 @@ def changes(image, reference):
 
     Other roundings (another processor, another width of its vectors) change a pixel by some 1e-6 of its value, half
     floats by 5e-4. Only a sample that meets an edge, or a pixel whose noise is just the threshold, can change by more:
-    between AVX-512 and AVX2 that was one pixel of all the examples. A light that is one per cent brighter changes the mean
-    by as much, and a fiftieth of the pixels at least.
+    between AVX-512 and AVX2 that was one pixel of all the examples. A light that is one per cent brighter changes the
+    mean by as much, and a fiftieth of the pixels at least.
     """
     relative = (np.abs(image - reference) / (np.abs(reference) + reference.mean())).max(axis=2)
     return np.mean(relative > TOLERANCE), image.mean() / reference.mean() - 1, relative.max()

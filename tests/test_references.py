@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import reference_pictures as references
 
-
 #: The scenes of a quick run: the thesis's own, and one with glass.
 QUICK = ("caustica", "palito")
 

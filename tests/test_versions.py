@@ -1,4 +1,4 @@
-"""The quick tests pass with the oldest packages that pyproject.toml admits, and with each Mitsuba, where they are alone."""
+"""The quick tests pass with the oldest packages that pyproject.toml admits, and with each Mitsuba, each for itself."""
 
 import os
 import subprocess

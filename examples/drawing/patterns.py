@@ -56,7 +56,7 @@ def jittered(n, rng):
 
 
 def uncorrelated_jittered(n, rng):
-    """The same in random order, so that sample i of one space meets any cell of another (figure 4.6). ``n``: a square."""
+    """The same in random order: sample i of one space meets any cell of another (figure 4.6). ``n``: a square."""
     return rng.permutation(jittered(n, rng))
 
 

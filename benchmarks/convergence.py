@@ -115,8 +115,8 @@ def markdown(rows):
         time, _, reached = row[kind][m]
         return "–" if time is None else f"{'' if reached else '>'}{time:.1f}"
 
-    lines = ["| | spp | CPU s | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % | own RMSE | "
-             "tone-m. |",
+    lines = ["| | spp | CPU s | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % "
+             "| own RMSE | tone-m. |",
              "|---" + "|---:" * 12 + "|"]
     for row in rows:
         cells = [row["name"], f"{row['samples']:.1f}", f"{row['cpu']:.3f}", f"{row['seconds']:.3f}", f"{row['cold']:.2f}",

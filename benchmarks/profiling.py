@@ -6,8 +6,9 @@ Each figure comes from processes of their own. "cold": first render with Dr.Jit'
 render of a second process, which finds the kernels on disk; "warm": median of further renders. "overhead" is the part
 of the warm time in which no kernel ran. "compiled again" counts kernels that another seed, another size of bands,
 another resolution, a crop window or an override of the sample count made Dr.Jit compile: 0 is right. "rays" is camera
-rays and shadow rays to every source, for scenes without reflected rays; "bare" is what ``scene.ray_test`` does alone, on shadow
-rays of the same scene. ``--large`` renders the first scene at that size and reports the most memory the process had.
+rays and shadow rays to every source, for scenes without reflected rays; "bare" is what ``scene.ray_test`` does alone,
+on shadow rays of the same scene. ``--large`` renders the first scene at that size and reports the most memory the
+process had.
 """
 
 import argparse

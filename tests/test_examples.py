@@ -23,7 +23,8 @@ def test_nothing_in_a_scene_is_doubtful(path, recwarn):
     assert not [w for w in recwarn if issubclass(w.category, prosim_scene.SceneWarning)]
 
 
-@pytest.mark.parametrize("name", [*figures.DRAWN, "5.14-samples", "5.18-path"])
+@pytest.mark.parametrize("name", [*figures.DRAWN, pytest.param("5.14-samples", marks=pytest.mark.slow),
+                                  pytest.param("5.18-path", marks=pytest.mark.slow)])
 def test_figure_is_drawn(variant_rgb, tmp_path, name):
     path = tmp_path / f"{name}.png"
     if name == "5.18-path":                                         # 16 samples instead of its many

@@ -13,13 +13,7 @@ import mitsuba as mi
 
 from .registry import register_plugins
 
+__version__ = "0.1.0"
+
 mi.detail.add_variant_callback(register_plugins)
 register_plugins()
-
-
-def __getattr__(name: str) -> str:
-    """``__version__``: that of the installed distribution; looked up only when asked for, which takes a while."""
-    if name != "__version__":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib.metadata import version
-    return version("mitsuba-prosim")

@@ -18,6 +18,11 @@ import drjit as dr
 OLDEST_ON_X86 = 17
 
 
+def packaged() -> str:
+    """File name of the library in the LLVM that this package installs on x86-64 Linux."""
+    return f"libLLVM-{requirement().partition('==')[2].partition('.')[0]}.so"
+
+
 def version() -> tuple[int, ...] | None:
     """Version of the LLVM that Dr.Jit has loaded, or None."""
     return dr.detail.llvm_version() if dr.has_backend(dr.JitBackend.LLVM) else None

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.optics import fresnel
-from mitsuba_prosim.optics.curves import interaction
+from drawing.curves import interaction
 
 LOBES = (
     {"alpha": 0.02},

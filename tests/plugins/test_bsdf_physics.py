@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.optics import attenuation, curves, fresnel
+from drawing import curves
+from mitsuba_prosim.optics import attenuation, fresnel
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 LOBES = [{"alpha": 0.05}, {"alpha": 0.3}, {"alpha": 1.0}, {"exponent": 3.0}, {"exponent": 300.0},
@@ -296,7 +297,7 @@ def test_beckmann_equals_mitsubas_but_for_g(variant_rgb, alpha):
     smith = mi.MicrofacetDistribution(mi.MicrofacetType.Beckmann, alpha)
     for kind, mitsubas, eta in (("prosim_conductor", "roughconductor", 1), ("prosim_dielectric", "roughdielectric",
                                                                            1.5046 / 1.000277)):
-        m = dr.normalize(wi + wo * dr.select(wo.z > 0, 1, eta))
+        m = dr.normalize(wi + wo * dr.select(wo.z > 0, 1.0, eta))
         m = dr.mulsign(m, m.z)
         i_m, o_m = dr.dot(wi, m), dr.dot(wo, m)
         gi, go = attenuation.g1(wi.z, m.z, dr.abs(i_m)), attenuation.g1(dr.abs(wo.z), m.z, dr.abs(o_m))

@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.optics import ambient, curves
+from drawing import curves
+from mitsuba_prosim.optics import ambient
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {

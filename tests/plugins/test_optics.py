@@ -7,7 +7,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.optics import attenuation, curves, fresnel, visible
+from drawing import curves
+from mitsuba_prosim.optics import attenuation, fresnel, visible
 from mitsuba_prosim.optics.facets import DISTRIBUTIONS
 
 WIDTHS = (0.02, 0.1, 0.3, 0.6, 1.0)

@@ -35,8 +35,9 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
     return texture
 
 
-def sample_spectrum(texture: mi.Texture, si: mi.SurfaceInteraction3f, sample: mi.Float,
-                    active: mi.Bool) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
+def sample_spectrum(
+    texture: mi.Texture, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
+) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
     """Wavelengths drawn from ``texture``, stratified, and their weight; in colour, its value."""
     wavelengths = dr.zeros(type(si.wavelengths))
     if len(wavelengths):

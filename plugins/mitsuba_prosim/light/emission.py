@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import overload
 
 import drjit as dr
 import mitsuba as mi
@@ -11,7 +12,11 @@ import numpy as np
 from ..parameters import constant, reject, shown
 
 
-def read_emission(props: mi.Properties, name: str, default: float | None = None) -> mi.Texture | None:
+@overload
+def read_emission(props: mi.Properties, name: str, default: float) -> mi.Texture: ...
+@overload
+def read_emission(props: mi.Properties, name: str) -> mi.Texture | None: ...
+def read_emission(props, name, default=None):
     """The texture of what is emitted; None if it is absent and there is no ``default``.
 
     Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative.

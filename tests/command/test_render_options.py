@@ -98,6 +98,10 @@ def test_what_is_going_on_is_said_from_the_beginning(scene, monkeypatch):
     words = []
 
     class Bar(tqdm):
+        def __init__(self, desc, **more):
+            words.append(desc)
+            super().__init__(desc=desc, **more)
+
         def set_description_str(self, text, refresh=True):
             words.append(text)
             super().set_description_str(text, refresh)

@@ -115,10 +115,9 @@ def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[
     """
     told = rendering.tells_progress(integrator)
     form = "{l_bar}{bar}| {elapsed}, {remaining} left" if told else "{desc}"
-    with tqdm(total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
-        # The first step comes when the kernels are compiled and a part is rendered.
-        bar.set_description_str("compiling kernels" if told and not variant.startswith("scalar") else "rendering")
-
+    # The first step comes when the kernels are compiled and a part is rendered.
+    doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
+    with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
         def tell(done: float) -> None:
             bar.set_description_str("rendering", refresh=False)
             bar.update(100 * done - bar.n)

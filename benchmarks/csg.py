@@ -28,7 +28,7 @@ def scene(kind, count, seed=1):
     else:
         half = len(leaves) // 2
         operators = ["-"] * half + ["+-"[i % 2] for i in range(len(leaves) - half)]
-        tree = operators[::-1] + ["CUBE 0", *leaves]
+        tree = [*operators[::-1], "CUBE 0", *leaves]
     lines = ["NAME: bench", "LIGHTS POINT position 0 0 99 Intensity 60000 60000 60000",
              f"VIEW OBS 0 0 {2 * side} VRP 0 0 0 WINDOW {-side} {-side} {side} {side} RESOLUTION 500 500",
              "CSG-TREE", *tree]
@@ -45,8 +45,10 @@ def scene(kind, count, seed=1):
 
 
 def measure(kind, count, pairwise):
-    """Prints seconds of reading and of the whole, processor seconds of the whole, and mebibytes: at the peak, above those
-    of the imports, and of the meshes."""
+    """Prints seconds of reading and of the whole, processor seconds of the whole, and mebibytes.
+
+    The latter at the peak, above those of the imports, and of the meshes.
+    """
     import warnings
 
     import prosim_scene
@@ -72,8 +74,9 @@ def measure(kind, count, pairwise):
         end, processor = time.perf_counter(), time.process_time() - processor
         size = sum(f.stat().st_size for f in Path(folder).rglob("*.ply"))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {(peak - before) / 1024:9.0f} "
-          f"{size / 2**20:9.1f}")
+    mebibytes = (peak - before) / 1024, size / 2**20
+    print(f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {mebibytes[0]:9.0f} "
+          f"{mebibytes[1]:9.1f}")
 
 
 def main():

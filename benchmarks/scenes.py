@@ -1,5 +1,8 @@
-"""The scenes of the benchmarks. Each is made from Mitsuba's own plugins where it can be, so that integrators and samplers
-are compared, not materials; most have a mean near a quarter of white."""
+"""The scenes of the benchmarks.
+
+Each is made from Mitsuba's own plugins where it can be, so that integrators and samplers are compared, not materials;
+most have a mean near a quarter of white.
+"""
 
 import tempfile
 import warnings
@@ -140,7 +143,7 @@ class Case:
 
 
 def flat_palito(folder):
-    """palito without its textures, as other renderers have been timed on it."""
+    """The scene palito without its textures, as other renderers have been timed on it."""
     text = PALITO.read_text()
     for texture in ("t-tijolo", "t-listra", "t-fractal"):
         text = text.replace(texture, "NULL")

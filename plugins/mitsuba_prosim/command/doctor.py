@@ -73,4 +73,4 @@ def origin() -> str:
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
     if not path:
         return "found in the system's folders"
-    return "chosen by mitsuba_prosim_llvm.pth" if path.endswith("/lib/libLLVM-23.so") else "chosen by DRJIT_LIBLLVM_PATH"
+    return "chosen by mitsuba_prosim_llvm.pth" if path.endswith(f"/lib/{llvm.packaged()}") else "chosen by DRJIT_LIBLLVM_PATH"

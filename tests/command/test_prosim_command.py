@@ -95,7 +95,7 @@ def test_translate_says_once_that_stand_ins_are_missing(palito, monkeypatch):
     assert "prosim doctor" in prosim("translate", palito).stderr or sys.platform != "linux"
     monkeypatch.setattr(llvm, "problem", lambda: None)
     done = prosim("doctor")
-    assert sys.platform != "linux" or done.exit_code == 1 and "prosim link" in done.stdout
+    assert sys.platform != "linux" or (done.exit_code == 1 and "prosim link" in done.stdout)
 
 
 @pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])

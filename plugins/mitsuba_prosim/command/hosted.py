@@ -47,7 +47,7 @@ def parse_arguments(words: Iterable[str]) -> tuple[Options, list[str]]:
             continue
         # As in the native command, -t4 is -t 4, -vv is -v -v, and what follows a long option is ignored.
         option = next((o for o, (long, _) in OPTIONS.items()
-                       if word.startswith(long or o) or not word.startswith("--") and word.startswith(o)), None)
+                       if word.startswith(long or o) or (not word.startswith("--") and word.startswith(o))), None)
         if option is None:
             raise ValueError(f'Argument "{word}" was not recognized!')
         long, has_value = OPTIONS[option]

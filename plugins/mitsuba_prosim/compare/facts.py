@@ -52,7 +52,8 @@ def section(part: Part, a: Spec, b: Spec, k: int, scale: float) -> dict[str, Any
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
     """How many times as much of a cost the curve ``points`` takes for the error of ``row``; where it does not get there,
     ``reached`` is false and the ratio that of its dearest point; where the least that was run is better already, the
-    ratio is that of its first."""
+    ratio is that of its first.
+    """
     costs = [p[cost] for p in points]
     own = row[cost] if cost == "samples" else row[cost]["median"]
     found = measures.relative_cost(own, row[measure]["median"], costs, [max(p[measure], 1e-12) for p in points])

@@ -29,7 +29,8 @@ class Scene(ABC):
 
     def scene(self, sampler: str | None = None, lit_by_background: bool = False) -> mi.Scene:
         """The scene with another sampler, and the integrator's background made an emitter, as other integrators need
-        it to be. Of equal arguments it is the same scene, and the parts are always the same."""
+        it to be. Of equal arguments it is the same scene, and the parts are always the same.
+        """
         lit = lit_by_background and self.background is not None
         if (sampler, lit) not in self._made:
             self._made[sampler, lit] = self._make(sampler, lit)

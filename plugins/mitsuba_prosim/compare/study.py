@@ -15,7 +15,8 @@ from .scenes import Scene, Spec
 class Effort:
     """How much is rendered: square roots of the sample counts of the curves, rounds by turns, seconds for the reference
     of each transport, the folder that references are kept in (None: the user's), and whom to tell what is going on and
-    the part of it that is done."""
+    the part of it that is done.
+    """
 
     levels: tuple[int, ...] = (2, 3, 4, 6, 9)
     rounds: int = 5

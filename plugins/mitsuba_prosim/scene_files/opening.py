@@ -101,7 +101,7 @@ class SceneFile:
 
 def check_size(width: int, height: int) -> None:
     """Raises ValueError for an image that no film can hold."""
-    if not (1 <= min(width, height) and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
+    if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
         raise ValueError(f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
                          f"{MOST_PIXELS // 10**6} million in all")
 

@@ -63,7 +63,8 @@ def load_plugins() -> None:
 
 def message(error: BaseException) -> str:
     """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its own
-    words."""
+    words.
+    """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
 

@@ -12,18 +12,33 @@ from running import XML, names, prosim
 from tqdm.auto import tqdm
 
 
-@pytest.mark.parametrize("arguments, says", [
-    (["--resolution", "40"], "not of the form WxH"), (["--resolution", "0x4"], "1 to 65536 pixels a side"),
-    (["--resolution", "99999999x99999999"], "1 to 65536 pixels a side"),
-    (["--resolution", "65536x65536"], "268 million in all"),
-    (["--crop", "1,2,3"], "not of the form X,Y,W,H"), (["--crop", "0,0,0,0"], "1 or more"), (["--crop", "-1,0,1,1"], "0 or more"),
-    (["--crop", "0,0,100,100"], "crop"), (["-D", "key"], "key=value"), (["-m", "no_such_variant"], "llvm_ad_rgb"),
-    (["--spp", "0"], "spp"), (["--spp", "4", "--samples", "2"], "give one of them"), (["-s", "7"], "out of bounds"),
-    (["--exposure", "1e9"], "range"), (["--exposure", "nan"], "finite"), (["--tolerance", "nan"], "finite"),
-    (["-t", "100000"], "range"), (["--threshold", "-1"], "range"), (["--max-level", "-2"], "range"),
-    (["--threshold", "0.1"], "only the integrator prosim has threshold; this scene's is path"),
-    (["--samples", "2"], "only the integrator prosim has samples"), (["--paths"], "only the integrator prosim"),
-])
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["--resolution", "40"], "not of the form WxH"),
+        (["--resolution", "0x4"], "1 to 65536 pixels a side"),
+        (["--resolution", "99999999x99999999"], "1 to 65536 pixels a side"),
+        (["--resolution", "65536x65536"], "268 million in all"),
+        (["--crop", "1,2,3"], "not of the form X,Y,W,H"),
+        (["--crop", "0,0,0,0"], "1 or more"),
+        (["--crop", "-1,0,1,1"], "0 or more"),
+        (["--crop", "0,0,100,100"], "crop"),
+        (["-D", "key"], "key=value"),
+        (["-m", "no_such_variant"], "llvm_ad_rgb"),
+        (["--spp", "0"], "spp"),
+        (["--spp", "4", "--samples", "2"], "give one of them"),
+        (["-s", "7"], "out of bounds"),
+        (["--exposure", "1e9"], "range"),
+        (["--exposure", "nan"], "finite"),
+        (["--tolerance", "nan"], "finite"),
+        (["-t", "100000"], "range"),
+        (["--threshold", "-1"], "range"),
+        (["--max-level", "-2"], "range"),
+        (["--threshold", "0.1"], "only the integrator prosim has threshold; this scene's is path"),
+        (["--samples", "2"], "only the integrator prosim has samples"),
+        (["--paths"], "only the integrator prosim"),
+    ],
+)
 def test_wrong_use(scene, arguments, says):
     done = prosim("render", scene, *arguments)
     assert done.exit_code == 2, done.output
@@ -46,6 +61,7 @@ def test_a_variant_that_this_machine_cannot_run(scene, monkeypatch):
 def test_memory_that_is_not_there(scene, monkeypatch):
     def fail(*_):
         raise RuntimeError("jit_malloc(): out of memory!")
+
     monkeypatch.setattr(rendering, "render", fail)
     done = prosim("render", scene)
     assert done.exit_code == 1 and "could not be rendered: jit_malloc(): out of memory!" in done.stderr
@@ -60,7 +76,9 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
         ((True, 2, 0.5), 2, ["diffuse_bounces = -1", "max_level = 2", "threshold = 0.5", "samples = 2"]),
         ((False, 0, None), None, ["diffuse_bounces = 0", "max_level = 0", "ambient = SRGB"]),
     ]:
-        loaded = opening.SceneFile(scene, tmp_path / "out", samples=samples, integrator=render.parameters(*asked)).load()
+        loaded = opening.SceneFile(
+            scene, tmp_path / "out", samples=samples, integrator=render.parameters(*asked)
+        ).load()
         assert [text for text in said if text not in str(loaded.integrator())] == []
 
 

@@ -70,7 +70,9 @@ class Crop(click.ParamType):
 
     name = "X,Y,W,H"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int, int, int]:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int, int, int]:
         """Its left upper corner, from 0, and its width and height, from 1."""
         try:
             x, y, width, height = (int(word) for word in value.split(","))
@@ -107,20 +109,36 @@ class Definition(click.ParamType):
 
 def translation(command: Callable) -> Callable:
     """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
+
     @functools.wraps(command)
     def warning(*args, **options):
         warnings.simplefilter("always", prosim_scene.SceneWarning)
         return command(*args, **options)
 
-    for option in reversed([
-        click.option("--light-units", type=click.Choice(["calibrated", "radiance", "unattenuated"]),
-                     default="calibrated", help="What a light's intensity means."),
-        click.option("--tolerance", type=Finite(min=0, min_open=True), metavar="PIXELS", show_default=False,
-                     help="How far a mesh may be from the curved face that it stands for. [default: 0.1]"),
-        click.option("--resolution", type=Resolution(), help="Size of the image in pixels, such as 640x480."),
-        click.option("--samples", type=click.IntRange(min=1), metavar="N",
-                     help="N of the N-rook sampling: N samples a pass, at most N*N a pixel."),
-        click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
-    ]):
+    for option in reversed(
+        [
+            click.option(
+                "--light-units",
+                type=click.Choice(["calibrated", "radiance", "unattenuated"]),
+                default="calibrated",
+                help="What a light's intensity means.",
+            ),
+            click.option(
+                "--tolerance",
+                type=Finite(min=0, min_open=True),
+                metavar="PIXELS",
+                show_default=False,
+                help="How far a mesh may be from the curved face that it stands for. [default: 0.1]",
+            ),
+            click.option("--resolution", type=Resolution(), help="Size of the image in pixels, such as 640x480."),
+            click.option(
+                "--samples",
+                type=click.IntRange(min=1),
+                metavar="N",
+                help="N of the N-rook sampling: N samples a pass, at most N*N a pixel.",
+            ),
+            click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
+        ]
+    ):
         warning = option(warning)
     return warning

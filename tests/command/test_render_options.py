@@ -72,14 +72,15 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
     """Those that the options ask for stand in what the integrator says of itself."""
     scene = palito if suffix == ".scn" else prosim_scene.translate(palito)
     for asked, samples, said in [
-        ((True, None, None), None, ["diffuse_bounces = -1", "max_level = -1", "ambient = None"]),
+        ((True, None, None), None, ["diffuse_bounces = -1", "max_level = -1"]),
         ((True, 2, 0.5), 2, ["diffuse_bounces = -1", "max_level = 2", "threshold = 0.5", "samples = 2"]),
-        ((False, 0, None), None, ["diffuse_bounces = 0", "max_level = 0", "ambient = SRGB"]),
+        ((False, 0, None), None, ["diffuse_bounces = 0", "max_level = 0"]),
     ]:
         loaded = opening.SceneFile(
             scene, tmp_path / "out", samples=samples, integrator=render.parameters(*asked)
         ).load()
         assert [text for text in said if text not in str(loaded.integrator())] == []
+        assert (loaded.integrator().ambient is None) == asked[0]
 
 
 def test_paths_are_rendered(palito):

@@ -170,6 +170,7 @@ def test_contestants_in_words():
             Spec(wrong)
 
 
+@pytest.mark.slow
 def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     path = tmp_path / "little.xml"
     path.write_text(SCENE)
@@ -212,6 +213,7 @@ def test_references_are_kept_and_continued(tmp_path, variant_rgb):
 # ---- the page
 
 
+@pytest.mark.slow
 def test_page_holds_what_it_must(report):
     page, facts, _ = report
     same, own = facts["sections"]
@@ -242,6 +244,7 @@ def test_page_holds_what_it_must(report):
     assert facts["difference"]["ambient_mean"] > 0
 
 
+@pytest.mark.slow
 def test_every_number_on_the_page_is_in_the_json(report):
     page, facts, _ = report
     known = {repr(leaf) for leaf in leaves(facts)}
@@ -264,6 +267,7 @@ def test_every_number_on_the_page_is_in_the_json(report):
     assert re.findall(r".{0,20}\d.{0,20}", text) == []
 
 
+@pytest.mark.slow
 def test_page_needs_no_network(report):
     references = Page(report[0]).references
     assert references
@@ -272,6 +276,7 @@ def test_page_needs_no_network(report):
     assert "@import" not in report[0]
 
 
+@pytest.mark.slow
 def test_csv_agrees_with_the_json(report):
     _, facts, folder = report
     with (folder / "little-compare.csv").open(encoding="utf-8") as file:
@@ -307,6 +312,7 @@ def seen_in_a_browser(page, folder):
 browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")
 
 
+@pytest.mark.browser
 @browser
 def test_page_on_a_phone(report):
     """In a frame 390 pixels wide nothing is wider than it, and no two pictures with their captions overlap."""
@@ -326,6 +332,7 @@ def test_page_on_a_phone(report):
     assert seen["wide"] <= 390 and seen["overlaps"] == seen["captions"] == 0
 
 
+@pytest.mark.browser
 @browser
 def test_page_in_a_browser(report):
     page, _, folder = report

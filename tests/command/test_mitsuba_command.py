@@ -91,6 +91,7 @@ def test_image_equals_render(tmp_path, variant_rgb):
     assert np.array_equal(image, reference.astype(np.float16))
 
 
+@pytest.mark.slow
 @linked
 def test_search_path(tmp_path, variant_rgb):
     """As in the native command: the current folder, then those of -a in their order, then the scene's."""
@@ -172,6 +173,7 @@ def test_stand_ins_do_nothing_in_python(tmp_path):
     assert "could not be found" in done.stdout
 
 
+@pytest.mark.slow
 @linked
 def test_plugins_of_another_package(tmp_path):
     """Any package with an entry point in the group ``mitsuba`` is hosted by the same stand-in, here in ./plugins."""

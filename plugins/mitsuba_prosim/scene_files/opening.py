@@ -55,9 +55,7 @@ class SceneFile:
             self.xml = prosim_scene.translate(
                 self.path, Path(folder), resolution=resolution, samples=samples, **language
             )
-            asked, resolution, samples = resolution, None, None  # said in the translation
-        else:
-            asked = resolution
+            resolution = samples = None  # said in the translation
         with self._search_paths():
             self.state = parse(self.xml, self.definitions)
         for node in self.state.nodes:
@@ -66,8 +64,8 @@ class SceneFile:
                 _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
                 check_size(node.props.get("width", 768), node.props.get("height", 576))
         self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
-        if asked:
-            self._warn_of_distortion(*asked)
+        if self.resolution:
+            self._warn_of_distortion(*self.resolution)
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

@@ -62,7 +62,7 @@ def write(contents: Mapping[Path, bytes]) -> list[Path]:
             file, part = parts.new(target.parent)
             with open(file, "wb", closefd=False) as stream:
                 stream.write(content)
-            with suppress(FileNotFoundError):
+            with suppress(OSError):  # there is no old one, or no mode on such a disk
                 os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))
             parts.finished[part] = target
         for part, target in parts.finished.items():
@@ -98,7 +98,7 @@ def scratch() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=place, ignore_cleanup_errors=True) as name:
         lock = os.open(name, os.O_RDONLY)
         try:
-            fcntl.flock(lock, fcntl.LOCK_SH)
+            _lock(lock)
             yield Path(name)
         finally:
             os.close(lock)
@@ -145,13 +145,19 @@ class _Parts:
         part = folder / (PART + secrets.token_hex(6))
         file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         self.made[part] = file
-        fcntl.flock(file, fcntl.LOCK_EX)
+        _lock(file)
         return file, part
 
     def __exit__(self, *_: object) -> None:
         for part, file in self.made.items():
             part.unlink(missing_ok=True)
             os.close(file)
+
+
+def _lock(file: int) -> None:
+    """Says that a file or folder is in use, as long as it is open. Where no lock can be had, leftovers stay."""
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_EX)
 
 
 def _remove_leftover(path: Path) -> None:

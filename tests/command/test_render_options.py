@@ -37,6 +37,10 @@ from tqdm.auto import tqdm
         (["--threshold", "0.1"], "only the integrator prosim has threshold; this scene's is path"),
         (["--samples", "2"], "only the integrator prosim has samples"),
         (["--paths"], "only the integrator prosim"),
+        (["--samples", "5000"], "range"),
+        (["--light-units", "radiance"], "--light-units is for scenes in the thesis's language"),
+        (["--tolerance", "1"], "--tolerance is for"),
+        (["--allow-outside"], "--allow-outside is for"),
     ],
 )
 def test_wrong_use(scene, arguments, says):

@@ -11,6 +11,7 @@ from typing import Any
 import click
 import mitsuba as mi
 import prosim_scene
+from click.core import ParameterSource
 
 from ..scene_files import opening, session
 
@@ -111,9 +112,15 @@ def translation(command: Callable) -> Callable:
     """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
 
     @functools.wraps(command)
-    def warning(*args, **options):
+    def warning(scene: Path, **options: Any) -> Any:
         warnings.simplefilter("always", prosim_scene.SceneWarning)
-        return command(*args, **options)
+        if scene.suffix.lower() == ".xml":
+            context = click.get_current_context()
+            for name in ("light_units", "tolerance", "allow_outside"):
+                if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+                    option = "--" + name.replace("_", "-")
+                    raise click.UsageError(f"{option} is for scenes in the thesis's language, and {scene} is XML.")
+        return command(scene=scene, **options)
 
     for option in reversed(
         [
@@ -133,7 +140,7 @@ def translation(command: Callable) -> Callable:
             click.option("--resolution", type=Resolution(), help="Size of the image in pixels, such as 640x480."),
             click.option(
                 "--samples",
-                type=click.IntRange(min=1),
+                type=click.IntRange(1, 2**12),
                 metavar="N",
                 help="N of the N-rook sampling: N samples a pass, at most N*N a pixel.",
             ),

@@ -101,11 +101,13 @@ def test_a_fraction_for_a_whole_number_is_no_traceback(scene):
     assert done.exit_code in (0, 2) and "Traceback" not in done.output
 
 
-@pytest.mark.parametrize("size, distorts", [((16, 8), True), ((16, 16), False), ((17, 16), False)])
+@pytest.mark.parametrize(
+    "size, distorts", [((16, 8), True), ((16, 16), False), ((17, 16), False), ((504, 500), False), ((510, 500), True)]
+)
 def test_a_resolution_that_distorts_is_said(palito, tmp_path, variant_rgb, recwarn, size, distorts):
     """palito's window is a square."""
     opening.SceneFile(palito, tmp_path / "out", resolution=size)
-    assert any("16x16 or 8x8 would not" in str(warning.message) for warning in recwarn) == distorts
+    assert any(f"{size[0]}x{size[0]} or {size[1]}x{size[1]} would not" in str(w.message) for w in recwarn) == distorts
 
 
 def test_opening_reads_a_scene_once(palito, tmp_path, variant_rgb, monkeypatch):

@@ -94,7 +94,7 @@ class SceneFile:
                     del props[name]
 
     def _warn_of_distortion(self, width: int, height: int) -> None:
-        """Where pixels of this resolution are not square, as far as whole pixels can be."""
+        """Where pixels of this resolution are not square: by more than rounding to whole pixels and than can be seen."""
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
                 left, right, bottom, top = (
@@ -102,7 +102,8 @@ class SceneFile:
                     for name, default in (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))
                 )
                 ratio = (right - left) / (top - bottom)
-                if abs(width - height * ratio) > 1 and abs(height - width / ratio) > 1:
+                rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
+                if not rounding and abs(width / (height * ratio) - 1) > 0.01:
                     warnings.warn(
                         prosim_scene.SceneWarning(
                             f"{self.path}: {width}x{height} pixels distort the image, because the scene's window is "

@@ -94,7 +94,7 @@ class SceneFile:
                     del props[name]
 
     def _warn_of_distortion(self, width: int, height: int) -> None:
-        """Where pixels of this resolution are not square: by more than rounding to whole pixels and than can be seen."""
+        """Where pixels of this resolution are not square: by more than rounding, and than the eye forgives."""
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
                 left, right, bottom, top = (

@@ -192,7 +192,40 @@ def test_alike_surfaces_share_a_mesh(tmp_path):
                     + " ".join(f"SURFACE {i} material lambertiano kd = {.5 if i < 2 else .4} "
                                f"TRANSFORM {i} TRANSLATE ({2 * i} 0 0)" for i in range(3)) + " END")
     prosim_scene.translate(path)
-    assert sorted(p.name for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0.ply", "surface_2.ply"]
+    assert sorted(p.name.split("-")[0] for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0", "surface_2"]
+
+
+@pytest.mark.parametrize("light, irradiance", [
+    ("AREA raio 2", 1), ("AREA raio 2 SPOT direction 0 0 -1 exponent 1", 1), ("AREA raio 1 SPOT direction 0 0 -1 exponent 40", 1),
+    ("AREA raio 2 SPOT direction 0 0 -1 exponent 3 angle 20", 1), ("AREA raio 2 CONE direction 0 0 -1 angle 15", 1),
+    ("AREA raio 2 CONE direction 0 0 -1 angle 120", 1), ("POINT SPOT direction 0 0 -1 exponent 9", 1),
+    # VRP lies beside the axis: what counts is a surface as far away, on the axis.
+    ("POINT SPOT direction 0 .6 -.8 exponent 2", 0.64), ("POINT CONE direction 0 .6 -.8 angle 20", 0),
+])
+def test_calibrated_lights_give_their_irradiance_at_vrp(light, irradiance, tmp_path, variant_rgb):
+    """A lambertian wall that faces the light at VRP, 4 away: the mean over a tiny window."""
+    path = tmp_path / "a.scn"
+    kind, *rest = light.split(maxsplit=1)
+    path.write_text("VIEW RESOLUTION 8 8 WINDOW -.01 -.01 .01 .01 OBS 0 0 1 VRP 0 0 0 NSAMPLES 16\n"
+                    f"LIGHTS {kind} position 0 0 4 {rest[0]}\n"
+                    "CSG-TREE CUBE 0 SURFACE 0 material lambertiano kd = 1 1 1 ka = 0 0 0\n"
+                    "TRANSFORM 0 SCALE (4 4 1) TRANSLATE (-2 -2 -1) END")
+    image = mi.render(mi.load_dict(prosim_scene.load(path)), seed=1)
+    assert np.array(image).mean() * math.pi == pytest.approx(irradiance, rel=0.01)
+
+
+def test_a_radius_without_effect_is_a_warning(tmp_path):
+    path = tmp_path / "a.scn"
+    path.write_text("VIEW OBS 0 0 9 LIGHTS POINT position 0 0 5 raio 2 CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END")
+    for target in ("prosim", "stock"):
+        for units in ("calibrated", "unattenuated"):
+            with pytest.warns(SceneWarning, match="1:44: has no effect on a POINT light, but with light units 'radiance'"):
+                prosim_scene.check(path, light_units=units, target=target)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        prosim_scene.check(path, light_units="radiance")
+        path.write_text(path.read_text().replace("raio 2", ""))
+        prosim_scene.check(path)
 
 
 @pytest.mark.parametrize("units", ["calibrated", "radiance", "unattenuated"])

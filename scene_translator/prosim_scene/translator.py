@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from . import geometry
+from . import geometry, view
 from .language import document_of
 from .language.document import Document
 from .language.files import read
@@ -21,7 +21,7 @@ from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .targets import TARGETS, Target, clip, lights, materials, single, view
+from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
 from .write.ply import ply
@@ -163,7 +163,7 @@ def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[
         "component_format": "float32",
         "filter": {"type": "box"},
     }
-    return view.sensor(
+    return sensor.sensor(
         camera,
         clip.planes(camera, bodies, context.scene.lights),
         film,

@@ -7,14 +7,13 @@ import warnings
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneWarning, translator
+from prosim_scene import SceneWarning, translator, view
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf, Operator
 from prosim_scene.solids import csg, media, parts, tessellate
 from prosim_scene.solids.coincidence import Planes
 from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
 from prosim_scene.solids.transforms import matrix
-from prosim_scene.targets import view
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 

@@ -1,16 +1,14 @@
-"""VIEW -> Mitsuba's sensor: exactly the rays of the language, for off-centre and oblique windows too.
+"""VIEW -> the camera: exactly the rays of the language, for off-centre and oblique windows too.
 
 A pixel (i, j) looks from E through VRP + u (umin + (i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h).
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..language.document import Document
-from ..nodes import Node
+from .language.document import Document
 
 PARALLEL = 1e-9  # sine of an angle below which two directions count as parallel
 NOTHING = 1e-15  # length below which a direction counts as none
@@ -19,7 +17,7 @@ WIDEST, NARROWEST = 1e5, 1e-9  # sides of a window in units of its distance
 
 @dataclass(frozen=True)
 class Camera:
-    """The frame of a view: unit axes u (right), v (up), n (towards the eye's side), and the window as seen from the eye.
+    """The frame of a view: unit axes u (right), v (up), n (towards the eye's side), and the window seen from the eye.
 
     ``left, bottom, right, top`` are plane coordinates relative to the foot of the eye on the plane, ``depth`` the
     eye's distance to it.
@@ -66,14 +64,15 @@ class Camera:
 
 
 def camera(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
-    """The :class:`Camera` of a scene, with ``resolution`` instead of its own if given; a degenerate view is a SceneError."""
+    """The :class:`Camera` of a scene, with its own resolution or another; a degenerate view is a SceneError."""
     view = document.scene.view
     eye, vrp, vup, normal = (np.array(x, dtype=float) for x in (view.eye, view.vrp, view.vup, view.vpn))
     if not normal.any():
         normal = eye - vrp
         if np.linalg.norm(normal) < NOTHING:
-            raise document.error("OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane",
-                                 "view", "eye")
+            raise document.error(
+                "OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane", "view", "eye"
+            )
     if np.linalg.norm(normal) < NOTHING:
         raise document.error("VPN has length 0 in single precision; expected a direction, or 0 0 0", "view", "vpn")
     if np.linalg.norm(vup) < NOTHING:
@@ -81,8 +80,9 @@ def camera(document: Document, resolution: tuple[int, int] | None = None) -> Cam
     n, up = normal / np.linalg.norm(normal), vup / np.linalg.norm(vup)
     depth = float((eye - vrp) @ n)
     if abs(depth) <= PARALLEL * max(np.linalg.norm(eye - vrp), np.linalg.norm(eye), np.linalg.norm(vrp)):
-        raise document.error("OBS lies on the view plane (through VRP, normal VPN); expected an eye off that plane",
-                             "view", "eye")
+        raise document.error(
+            "OBS lies on the view plane (through VRP, normal VPN); expected an eye off that plane", "view", "eye"
+        )
     if depth < 0:
         n, depth = -n, -depth
     u = np.cross(up, n)
@@ -92,35 +92,21 @@ def camera(document: Document, resolution: tuple[int, int] | None = None) -> Cam
     v = np.cross(n, u)
     umin, vmin, umax, vmax = view.window
     if umin >= umax or vmin >= vmax:
-        raise document.error(f"the window {umin:g} {vmin:g} {umax:g} {vmax:g} is empty; "
-                             "expected umin vmin umax vmax with umin < umax and vmin < vmax", "view", "window")
+        raise document.error(
+            f"the window {umin:g} {vmin:g} {umax:g} {vmax:g} is empty; "
+            "expected umin vmin umax vmax with umin < umax and vmin < vmax",
+            "view",
+            "window",
+        )
     offset = vrp - eye
     a, b = float(offset @ u), float(offset @ v)
     result = Camera(eye, u, v, n, depth, a + umin, b + vmin, a + umax, b + vmax, resolution or view.resolution)
     sides = result.right - result.left, result.top - result.bottom
     if not NARROWEST * depth <= min(sides) <= max(sides) <= WIDEST * depth:
-        raise document.error(f"the window is too large or too small at the distance {depth:g} from OBS; expected sides between "
-                             f"{NARROWEST * depth:g} and {WIDEST * depth:g}", "view", "window")
+        raise document.error(
+            f"the window is too large or too small at the distance {depth:g} from OBS; expected sides between "
+            f"{NARROWEST * depth:g} and {WIDEST * depth:g}",
+            "view",
+            "window",
+        )
     return result
-
-
-def sensor(camera: Camera, planes: tuple[float, float], film: Node, sampler: Node) -> Node:
-    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others, between two ``planes``."""
-    width, height = camera.right - camera.left, camera.top - camera.bottom
-    to_world = np.eye(4)
-    # Mitsuba's camera looks along +z with x to the left of the image.
-    to_world[:3] = np.stack([-camera.u, camera.v, -camera.n, camera.eye], axis=1)
-    common = {"to_world": to_world, "near_clip": planes[0], "far_clip": planes[1],
-              "film": film, "sampler": sampler}
-    if not camera.square_pixels:
-        return {"type": "prosim_window", "left": camera.left / camera.depth, "right": camera.right / camera.depth,
-                "bottom": camera.bottom / camera.depth, "top": camera.top / camera.depth, **common}
-    return {
-        "type": "perspective",
-        "fov": 2 * math.degrees(math.atan2(width / 2, camera.depth)),
-        "fov_axis": "x",
-        # In units of the image's width and height, from its centre to where the eye looks straight at the plane.
-        "principal_point_offset_x": 0.5 + camera.left / width,
-        "principal_point_offset_y": 0.5 - camera.top / height,
-        **common,
-    }

@@ -4,9 +4,9 @@
 
 One scene (a ball and a floor of the material, a spherical light, a dim sky), one integrator (``path``), one sampler;
 both are rendered warm and by turns, so that a machine that is busy or slows down does the same to both. Printed are
-the quotients ours / theirs: the median over the turns of that of the times, and that of the variances (of a pixel among
-renderings, averaged over the image and divided by the squared mean, for the two models are not equally bright: ours have
-the G of V-cavities, Mitsuba's have Smith's; Phong's lobe and roughplastic are only akin).
+the quotients ours / theirs: the median over the turns of that of the times, and that of the variances (of a pixel
+among renderings, averaged over the image and divided by the squared mean, for the two models are not equally bright:
+ours have the G of V-cavities, Mitsuba's have Smith's; Phong's lobe and roughplastic are only akin).
 """
 
 import argparse

@@ -6,10 +6,11 @@
 For each scene, prints a table (Markdown) and writes ``SCENE.png`` (curves) and ``SCENE.json`` to the output folder.
 References are converged images, kept in a cache folder and continued when ``--reference-seconds`` grants more time.
 
-All runs of a scene take turns, so that other load on the machine slows them down alike: compare ratios within one table.
-"CPU s" is processor time divided by the number of threads, which other load disturbs less than the clock's "s"; gains
-are in CPU s. Times are medians of warm runs; "cold" is the first run in the process, with the kernels on Dr.Jit's disk cache if the
-scene has been measured before. Samples are those really taken. Images are scaled so that the reference's mean is 0.25.
+All runs of a scene take turns, so that other load on the machine slows them down alike: compare ratios within one
+table. "CPU s" is processor time divided by the number of threads, which other load disturbs less than the clock's "s";
+gains are in CPU s. Times are medians of warm runs; "cold" is the first run in the process, with the kernels on Dr.Jit's
+disk cache if the scene has been measured before. Samples are those really taken. Images are scaled so that the
+reference's mean is 0.25.
 "Gain": how many times less time than the best of Mitsuba's samplers takes for an equal error, by its own curve; ">":
 none of their curves gets there, and this is against the largest run of the fastest.
 """
@@ -69,20 +70,17 @@ def curves(results):
 
 
 def gains(run, rivals, measure):
-    """How many times less than the best of ``rivals`` (curves) ``run`` takes for its error: ``(times, samples, reached)``,
-    None where rivals begin below that error."""
+    """How many times less than the best of ``rivals`` (curves) ``run`` takes for its error.
+
+    ``(times, samples, reached)``, None where rivals begin below that error.
+    """
     error, result = run.median(measure), []
     for cost in (lambda r: r.median("cpu"), lambda r: r.samples):
-        costs = [measures.cost_at(error, [cost(r) for r in curve], [r.median(measure) for r in curve])
+        found = [measures.relative_cost(cost(run), error, [cost(r) for r in curve], [r.median(measure) for r in curve])
                  for curve in rivals]
-        reached = [c for c in costs if c is not None]
-        if reached:
-            result.append(min(reached) / cost(run))
-        elif all(r.median(measure) > error for curve in rivals for r in curve):
-            result.append(min(max(cost(r) for r in curve) for curve in rivals) / cost(run))
-        else:
-            result.append(None)
-    return *result, any(c is not None for c in costs)
+        reached = [ratio for ratio, there in filter(None, found) if there]
+        result.append(min(reached) if reached else None if None in found else min(ratio for ratio, _ in found))
+    return *result, bool(reached)
 
 
 def table(results):
@@ -112,7 +110,8 @@ def markdown(rows):
         time, _, reached = row[kind][m]
         return "–" if time is None else f"{'' if reached else '>'}{time:.1f}"
 
-    lines = ["| | spp | CPU s | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % | own RMSE | tone-m. |",
+    lines = ["| | spp | CPU s | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % "
+             "| own RMSE | tone-m. |",
              "|---" + "|---:" * 12 + "|"]
     for row in rows:
         cells = [row["name"], f"{row['samples']:.1f}", f"{row['cpu']:.3f}", f"{row['seconds']:.3f}", f"{row['cold']:.2f}",

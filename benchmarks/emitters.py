@@ -2,11 +2,11 @@
 
     python benchmarks/emitters.py [--variant llvm_ad_rgb] [--size 192] [--spp 32] [--rounds 9]
 
-A diffuse ball on a diffuse floor, one integrator (``path``), one sampler; both are rendered warm and by turns, so that a
-machine that is busy or slows down does the same to both. Printed are the median time of ours, the median over the turns
-of the quotient of the times, ours / theirs, and the quotient of the variances (of a pixel among renderings, averaged over
-the image and divided by the squared mean). Mitsuba has no cone and no cos^n: its ``spot`` stands beside ours, its
-``area`` beside a sphere with a beam.
+A diffuse ball on a diffuse floor, one integrator (``path``), one sampler; both are rendered warm and by turns, so that
+a machine that is busy or slows down does the same to both. Printed are the median time of ours, the median over the
+turns of the quotient of the times, ours / theirs, and the quotient of the variances (of a pixel among renderings,
+averaged over the image and divided by the squared mean). Mitsuba has no cone and no cos^n: its ``spot`` stands beside
+ours, its ``area`` beside a sphere with a beam.
 """
 
 import argparse

@@ -3,11 +3,12 @@
     python benchmarks/profiling.py [--scene penumbra copper palito] [--size 500] [--large 7680x4320]
 
 Each figure comes from processes of their own. "cold": first render with Dr.Jit's kernel cache empty; "cached": first
-render of a second process, which finds the kernels on disk; "warm": median of further renders. "overhead" is the part of
-the warm time in which no kernel ran. "compiled again" counts kernels that another seed, another size of bands, another
-resolution, a crop window or an override of the sample count made Dr.Jit compile: 0 is right. "rays" is camera rays and
-shadow rays to every source, for scenes without reflected rays; "bare" is what ``scene.ray_test`` does alone, on shadow
-rays of the same scene. ``--large`` renders the first scene at that size and reports the most memory the process had.
+render of a second process, which finds the kernels on disk; "warm": median of further renders. "overhead" is the part
+of the warm time in which no kernel ran. "compiled again" counts kernels that another seed, another size of bands,
+another resolution, a crop window or an override of the sample count made Dr.Jit compile: 0 is right. "rays" is camera
+rays and shadow rays to every source, for scenes without reflected rays; "bare" is what ``scene.ray_test`` does alone,
+on shadow rays of the same scene. ``--large`` renders the first scene at that size and reports the most memory the
+process had.
 """
 
 import argparse
@@ -156,8 +157,8 @@ def main():
         print(json.dumps(probe(name, int(width), int(height), only_first == "True")))
         return
     print(f"{options.size} x {options.size}, N = 5, adaptive = neighbours\n")
-    print("| | cold s | of it code generation, LLVM | cached s | warm s | launches | overhead | Msamples/s | Mrays/s | bare "
-          "Mrays/s | MB before, after |")
+    print("| | cold s | of it code generation, LLVM | cached s | warm s | launches | overhead | Msamples/s | Mrays/s | "
+          "bare Mrays/s | MB before, after |")
     print("|---|" + "---:|" * 10)
     results = {}
     for name in options.scene:

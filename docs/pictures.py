@@ -101,23 +101,38 @@ FOLDERS = {"bsdfs": material, "emitters": source, "textures": texture, "sensors"
 
 def sampler():
     """Both jitters of the sampler's 25 samples, pass by colour."""
-    from drawing.patterns import nrook_points, square
+    from drawing.sampling import nrook_points, square
 
     figure = Figure(figsize=(2.88, 2.88), layout="constrained")
     axes = square(figure, (1, 1, 1), 5)
     for r in range(5):
-        axes.plot(*nrook_points(5, r, 0).T, "o", ms=5, color=f"C{r}")
+        axes.plot(*nrook_points(5, r, 0).T, "o", ms=5, color=f"C{r}", clip_on=False)
     return figure
 
 
 def passes():
-    from drawing.patterns import nrook_points, square
+    from drawing.sampling import nrook_points, square
 
     figure = Figure(figsize=(7.2, 1.6), layout="constrained")
     for r in range(5):
         axes = square(figure, (1, 5, r + 1), 4, f"pass {r + 1}" if r < 4 else "all")
         for shown in [r] if r < 4 else range(4):
-            axes.plot(*nrook_points(4, shown, 0).T, "o", ms=5, color=f"C{shown}")
+            axes.plot(*nrook_points(4, shown, 0).T, "o", ms=5, color=f"C{shown}", clip_on=False)
+    return figure
+
+
+def association():
+    """Which sample of the lamp each sample of the pixel meets, were the order always the same, and as it is."""
+    from drawing.sampling import nrook_points, square
+
+    figure = Figure(figsize=(6, 2.2), layout="constrained")
+    pixel, lamp = nrook_points(5, 0, 0), nrook_points(5, 0, 1)
+    spaces = {"pixel": pixel, "lamp, were i to meet i": pixel, "lamp, as it is": lamp}
+    for place, (title, points) in enumerate(spaces.items()):
+        axes = square(figure, (1, 3, place + 1), 5)
+        axes.set_title(title, fontsize=10)
+        for i, point in enumerate(points):
+            axes.text(*np.clip(point, 0.04, 0.96), str(i + 1), color=f"C{i}", ha="center", va="center", weight="bold")
     return figure
 
 
@@ -131,7 +146,7 @@ def main(only):
                 exposure = 1.4 if folder in ("bsdfs", "textures", "sensors") else 1 / np.quantile(image, 0.99)
                 mi.Bitmap(image * np.float32(exposure)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True).write(
                     str(DOCS / "pictures" / f"{name}.jpg"), quality=88)
-    for name, draw in {"nrook.jpg": sampler, "passes.png": passes}.items():
+    for name, draw in {"nrook.jpg": sampler, "passes.png": passes, "association.png": association}.items():
         if not only or Path(name).stem in only:
             draw().savefig(DOCS / "pictures" / name, dpi=100)
 

@@ -14,5 +14,4 @@ from .language.messages import SceneError, SceneWarning
 from .model import Scene
 from .translator import check, load, translate
 
-__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "rewrite",
-           "translate"]
+__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "rewrite", "translate"]

@@ -5,6 +5,9 @@ from dataclasses import dataclass, field
 
 Vector = tuple[float, float, float]
 
+#: kd of a surface that gives none.
+GREY: Vector = (0.5, 0.5, 0.5)
+
 
 @dataclass(frozen=True)
 class Light:
@@ -106,8 +109,8 @@ class Pattern:
 class Scene:
     """A whole scene.
 
-    ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion; ``surfaces`` and ``transforms`` go by
-    the indices of the leaves, ``patterns`` by the names of their textures. ``text`` is what the scene was read from.
+    ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion; ``surfaces`` and ``transforms`` go
+    by the indices of the leaves, ``patterns`` by the names of their textures. ``text`` is what the scene was read from.
     """
 
     name: str

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from . import view
 from .language import document_of
 from .language.document import Document
 from .language.files import read
@@ -21,7 +22,7 @@ from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
 from .solids import TOLERANCE, tessellate
-from .targets import TARGETS, Target, clip, lights, materials, single, view
+from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
 from .write.ply import ply
@@ -48,8 +49,11 @@ class Options:
         self._check("tolerance", self.tolerance is None or 0 < self.tolerance < math.inf, "a number of pixels above 0")
         self._check("samples", self.samples is None or _whole(self.samples, samples), samples.bounds())
         size = self.resolution
-        self._check("resolution", size is None or len(size) == 2 and all(_whole(x, pixels) for x in size)
-                    and math.prod(size) <= PIXELS, f"width and height, each {pixels.bounds()}, and {PIXELS} in all")
+        self._check(
+            "resolution",
+            size is None or (len(size) == 2 and all(_whole(x, pixels) for x in size) and math.prod(size) <= PIXELS),
+            f"width and height, each {pixels.bounds()}, and {PIXELS} in all",
+        )
 
     def _check(self, name: str, allowed: bool, expected: str) -> None:
         if not allowed:
@@ -73,20 +77,31 @@ def look(scene: Scene, leaf: Leaf) -> Hashable:
     return surface, slots, leaf.index if slots[1] else None
 
 
-def assemble(document: Document, folder: Path, options: Options, store: Callable[[str, bytes], str],
-             image_path: Callable[[Path], str]) -> Node:
+def assemble(
+    document: Document,
+    folder: Path,
+    options: Options,
+    store: Callable[[str, bytes], str],
+    image_path: Callable[[Path], str],
+) -> Node:
     """A scene's dictionary.
 
     ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
     ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary.
     """
     scene, target = document.scene, TARGETS[options.target]
-    context = Context(document, folder, options.light_units, options.samples or scene.samples, options.allow_outside,
-                      image_path)
+    context = Context(
+        document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
+    )
     camera = view.camera(document, options.resolution)
     single.check_transforms(document)
-    triangles = tessellate(document, camera, options.tolerance or TOLERANCE,
-                           lambda leaf: medium(scene, leaf), lambda leaf: look(scene, leaf))
+    triangles = tessellate(
+        document,
+        camera,
+        options.tolerance or TOLERANCE,
+        lambda leaf: medium(scene, leaf),
+        lambda leaf: look(scene, leaf),
+    )
 
     def comment(text: str, *path: str | int) -> Comment:
         return Comment(f"{text} (line {document.line(*path)})")
@@ -110,14 +125,22 @@ def assemble(document: Document, folder: Path, options: Options, store: Callable
         if not np.abs(triangles[key].positions).max() <= single.LARGEST:
             raise document.error("this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index)
         content = ply(triangles[key], with_uv=materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
-        bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (", ..." if len(leaves) > 3 else "")
+        bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
+            ", ..." if len(leaves) > 3 else ""
+        )
         if content is None:
-            document.warn(f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
-                          "transforms", leaf.index)
+            document.warn(
+                f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
+                "transforms",
+                leaf.index,
+            )
             continue
         result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}", "surfaces", leaf.index)
-        result[name] = {"type": "ply", "filename": store(name, content),
-                        **single.check(document, target.surface(context, number, leaf), "surfaces", leaf.index)}
+        result[name] = {
+            "type": "ply",
+            "filename": store(name, content),
+            **single.check(document, target.surface(context, number, leaf), "surfaces", leaf.index),
+        }
     return result
 
 
@@ -133,20 +156,37 @@ def _alike(scene: Scene) -> Iterable[list[tuple[int, Leaf]]]:
 def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[np.ndarray]) -> Node:
     camera = target.camera(context, camera)
     width, height = camera.resolution
-    film = {"type": "hdrfilm", "width": Default("width", width), "height": Default("height", height),
-            "pixel_format": "rgb", "component_format": "float32", "filter": {"type": "box"}}
-    return view.sensor(camera, clip.planes(camera, bodies, context.scene.lights), film,
-                       {"type": target.SAMPLER, "sample_count": context.samples**2})
+    film = {
+        "type": "hdrfilm",
+        "width": Default("width", width),
+        "height": Default("height", height),
+        "pixel_format": "rgb",
+        "component_format": "float32",
+        "filter": {"type": "box"},
+    }
+    return sensor.sensor(
+        camera,
+        clip.planes(camera, bodies, context.scene.lights),
+        film,
+        {"type": target.SAMPLER, "sample_count": context.samples**2},
+    )
 
 
 # ---- Entry points ----------------------------------------------------------------------------------------------------
 
 
-def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: str = "prosim",
-              light_units: str = "calibrated", tolerance: float | None = None, resolution: tuple[int, int] | None = None,
-              samples: int | None = None, allow_outside: bool = False) -> Path:
-    """Translates a scene file to ``<out_dir>/<stem>.xml`` and the meshes that it names in ``<out_dir>/<stem>-meshes``; returns
-    the XML's path.
+def translate(
+    source_path: AnyPath,
+    out_dir: AnyPath | None = None,
+    *,
+    target: str = "prosim",
+    light_units: str = "calibrated",
+    tolerance: float | None = None,
+    resolution: tuple[int, int] | None = None,
+    samples: int | None = None,
+    allow_outside: bool = False,
+) -> Path:
+    """Translates a scene file to ``<out_dir>/<stem>.xml``, whose path it returns, and meshes in ``<stem>-meshes``.
 
     ``out_dir``
         Folder of the result, made if need be; by default the scene's own.
@@ -167,16 +207,28 @@ def translate(source_path: AnyPath, out_dir: AnyPath | None = None, *, target: s
     """
     source_path = Path(source_path)
     if not xml.can_say(source_path.stem):
-        raise SceneError(f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
-                         "it; expected a name of printable characters, in UTF-8", str(source_path))
-    options = Options(target=target, light_units=light_units, tolerance=tolerance, resolution=resolution, samples=samples,
-                      allow_outside=allow_outside)
+        raise SceneError(
+            f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
+            "it; expected a name of printable characters, in UTF-8",
+            str(source_path),
+        )
+    options = Options(
+        target=target,
+        light_units=light_units,
+        tolerance=tolerance,
+        resolution=resolution,
+        samples=samples,
+        allow_outside=allow_outside,
+    )
     document = document_of(read(source_path), source_path)
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
     if (folder / f"{stem}.xml").exists() and os.path.samefile(folder / f"{stem}.xml", source_path):
-        raise SceneError(f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
-                         "such as .scn, or choose another folder", str(source_path))
+        raise SceneError(
+            f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
+            "such as .scn, or choose another folder",
+            str(source_path),
+        )
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:

@@ -11,8 +11,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from drawing.curves import interaction
 from mitsuba.chi2 import ChiSquareTest, PlanarDomain, SphericalDomain
-from mitsuba_prosim.optics.curves import interaction
 
 ALPHAS = (0.02, 0.1, 0.4, 1.0)
 INCIDENCES = (0, 30, 60, 85)

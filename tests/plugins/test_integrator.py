@@ -86,7 +86,7 @@ def test_every_kind_of_source_equals_path(variant_rgb):
 @pytest.mark.parametrize("unrolled", [0, 4])
 def test_sky_on_diffuse_and_rough_surfaces_equals_path(variant_rgb, monkeypatch, unrolled):
     """The sky is sampled by projected solid angle; with and without the loop over sources."""
-    monkeypatch.setattr("mitsuba_prosim.transport.sources.Sources.UNROLLED", unrolled)
+    monkeypatch.setattr("mitsuba_prosim.light.table.Lights.UNROLLED", unrolled)
     sky = {"sky": {"type": "constant", "radiance": rgb(.3, .4, .5)}}
     path = renderings({**penumbra(type="path", max_depth=2), **sky}, 12, spp=100)
     ours = renderings({**penumbra(type="prosim", adaptive="none"), **sky}, 12, spp=25)
@@ -393,8 +393,8 @@ def test_grazing_roughness(variant_rgb):
 
 
 def test_wrong_parameters_are_named(variant_rgb):
-    for settings, message in (({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: neighbours or'),
-                              ({"samples": 0}, 'parameter "samples" is 0; allowed: a number >= 1'),
+    for settings, message in (({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: one of neighbours, thesis, none'),
+                              ({"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
                               ({"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
                               ({"channels": "rgx"}, 'parameter "channels"'),
                               ({"aovs": "sample"}, 'parameter "aovs" is .sample.; allowed: samples, error')):

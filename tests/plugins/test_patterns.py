@@ -2,16 +2,7 @@
 
 import numpy as np
 import pytest
-from mitsuba_prosim.sampling.patterns import (
-    PATTERNS,
-    SPACING,
-    jittered,
-    nrook,
-    poisson_disk,
-    random,
-    regular,
-    uncorrelated_jittered,
-)
+from drawing.patterns import PATTERNS, SPACING, jittered, nrook, poisson_disk, random, regular, uncorrelated_jittered
 
 
 @pytest.mark.parametrize("pattern", PATTERNS.values(), ids=PATTERNS)
@@ -59,7 +50,7 @@ def test_random_samples_do_not():
 
 
 def test_uncorrelated_jittering_associates_spaces_at_random():
-    """Cells of equal index agree in two jittered spaces; in the uncorrelated ones they correlate as random numbers do."""
+    """Cells of equal index agree in two jittered spaces; uncorrelated ones correlate as random numbers do."""
     rng = np.random.default_rng(4)
     pairs = [(f(100, rng)[:, 0], f(100, rng)[:, 0]) for f in (jittered, uncorrelated_jittered)]
     same, mixed = (np.corrcoef(a, b)[0, 1] for a, b in pairs)
@@ -74,6 +65,7 @@ def total(points):
     return points.sum(axis=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern, f, expected, remainder", [
     (random, total, 1 / (6 * 16), 0),
     (jittered, total, 1 / (6 * 16**2), 0),
@@ -92,6 +84,7 @@ def test_variance_of_sixteen_samples(pattern, f, expected, remainder):
     assert abs(square.mean() - expected) < 4 * square.std() / np.sqrt(len(square)) + remainder * expected
 
 
+@pytest.mark.slow
 def test_spacing_beats_chance():
     """Poisson disks have less than half the variance of random samples, for a disc of an eighth of the square."""
     def variance(pattern):

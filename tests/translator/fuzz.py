@@ -1,4 +1,4 @@
-"""Fuzzes the translator, by hand: pip install atheris; python tests/translator/fuzz.py [libFuzzer options] [corpus]
+"""Fuzzes the translator, by hand: pip install atheris; python tests/translator/fuzz.py [libFuzzer options] [corpus].
 
 Anything but a SceneError, and a formatted scene that means something else, is a finding. The examples serve as corpus:
 
@@ -22,8 +22,28 @@ with atheris.instrument_imports():
 
 warnings.simplefilter("ignore")
 OPTIONS = Options(tolerance=1e3)
-MARKS = ("(", ")", "#", '\\"', ":", "=", "+ ", "- ", "* ", "nan", "inf", "1e400", "1e-200", "-0", ".5", "t-tijolo", "t-x", "a.png",
-         "cobre", "Cu_palik")
+MARKS = (
+    "(",
+    ")",
+    "#",
+    '\\"',
+    ":",
+    "=",
+    "+ ",
+    "- ",
+    "* ",
+    "nan",
+    "inf",
+    "1e400",
+    "1e-200",
+    "-0",
+    ".5",
+    "t-tijolo",
+    "t-x",
+    "a.png",
+    "cobre",
+    "Cu_palik",
+)
 
 
 def dictionary():

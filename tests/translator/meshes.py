@@ -1,10 +1,9 @@
 """Scenes as text, their meshes, and what is measured on them."""
 
 import numpy as np
-from prosim_scene import translator
+from prosim_scene import translator, view
 from prosim_scene.language import document_of
 from prosim_scene.solids import tessellate
-from prosim_scene.targets import view
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 

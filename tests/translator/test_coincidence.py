@@ -19,7 +19,7 @@ def turns(count, seed=1):
 
 
 def test_a_flush_cut_in_a_turned_block_is_open():
-    for turn in turns(150):
+    for turn in turns(60):
         meshes = solids(scene("- CUBE 0 CUBE 1", [turn, f"SCALE (.5 .5 .5) TRANSLATE (.25 .25 .5) {turn}"]))
         assert_closed(meshes.values())
         assert area(meshes[0]) == pytest.approx(6 - 0.25, abs=1e-6), turn
@@ -41,7 +41,7 @@ def test_a_flush_cut_at_a_decimal_height_is_open():
 
 @pytest.mark.parametrize("surfaces", [(), (GLASS, GLASS)])
 def test_touching_blocks_have_no_wall_between_them(surfaces):
-    for turn in turns(100, seed=2):
+    for turn in turns(40, seed=2):
         meshes = list(solids(scene("+ CUBE 0 CUBE 1", [turn, f"TRANSLATE (1 0 0) {turn}"], surfaces)).values())
         assert_closed(meshes)
         assert sum(map(area, meshes)) == pytest.approx(10, abs=1e-6), turn
@@ -49,20 +49,20 @@ def test_touching_blocks_have_no_wall_between_them(surfaces):
 
 def test_touching_blocks_of_two_glasses_have_one_interface():
     surfaces = [GLASS, "material dieletrico n-refr = 1.33"]
-    for turn in turns(60, seed=3):
+    for turn in turns(30, seed=3):
         meshes = solids(scene("+ CUBE 0 CUBE 1", [turn, f"TRANSLATE (1 0 0) {turn}"], surfaces))
         assert area(meshes[0]) == pytest.approx(6, abs=1e-6) and area(meshes[1]) == pytest.approx(5, abs=1e-6), turn
 
 
 def test_blocks_that_touch_along_an_edge_stay_closed():
-    for turn in turns(40, seed=4):
+    for turn in turns(20, seed=4):
         meshes = list(solids(scene("+ CUBE 0 CUBE 1", [turn, f"TRANSLATE (1 0 1) {turn}"])).values())
         assert_closed(meshes)
         assert volume(meshes) == pytest.approx(2) and sum(map(area, meshes)) == pytest.approx(12, abs=1e-6)
 
 
 def test_a_band_on_a_pole_of_its_own_width_hides_the_pole():
-    for turn in turns(20, seed=5):
+    for turn in turns(8, seed=5):
         meshes = solids(
             scene(
                 "+ CYLINDER 0 CYLINDER 1",
@@ -75,7 +75,7 @@ def test_a_band_on_a_pole_of_its_own_width_hides_the_pole():
 
 
 def test_a_pole_less_a_shorter_one_is_the_rest():
-    for turn in turns(20, seed=6):
+    for turn in turns(8, seed=6):
         meshes = solids(
             scene("- CYLINDER 0 CYLINDER 1", [f"SCALE (1 1 10) {turn}", f"SCALE (1 -1 5) ROTATE-Z (31) {turn}"])
         )
@@ -86,7 +86,7 @@ def test_a_pole_less_a_shorter_one_is_the_rest():
 
 
 def test_a_cone_less_its_tip_is_a_frustum():
-    for turn in turns(20, seed=7):
+    for turn in turns(8, seed=7):
         meshes = solids(scene("- CONE 0 CONE 1", [f"SCALE (2 2 2) {turn}", f"ROTATE-Z (50) {turn}"]))
         assert_closed(meshes.values())
         assert volume(list(meshes.values())) == pytest.approx(math.pi * 7 / 3, rel=3e-3)
@@ -94,7 +94,7 @@ def test_a_cone_less_its_tip_is_a_frustum():
 
 
 def test_a_ball_less_itself_is_nothing_however_it_is_turned():
-    for turn in turns(10, seed=8):
+    for turn in turns(5, seed=8):
         with pytest.warns(SceneWarning, match="the tree's result is empty"):
             assert (
                 solids(scene("- SPHERE 0 SPHERE 1", ["SCALE (1 2 3)", f"{turn.split('TRANSLATE')[0]} SCALE (1 2 3)"]))
@@ -105,7 +105,7 @@ def test_a_ball_less_itself_is_nothing_however_it_is_turned():
 @pytest.mark.filterwarnings("ignore:.*nothing is seen of CUBE 2")
 def test_two_halves_of_one_ball():
     # The same ball twice, turned, cut in halves by the same block from both sides: together the ball again.
-    for turn in turns(10, seed=9):
+    for turn in turns(5, seed=9):
         half = "SCALE (4 4 2) TRANSLATE (-2 -2 0)"
         meshes = solids(
             scene(
@@ -121,7 +121,7 @@ def test_two_halves_of_one_ball():
 
 def test_a_ball_in_a_pipe_of_its_own_width_does_not_show_through():
     # Their facets would cross along the circle in which they touch.
-    for turn in turns(10, seed=10):
+    for turn in turns(5, seed=10):
         with pytest.warns(SceneWarning, match="nothing is seen of SPHERE 1"):
             solids(
                 scene("+ CYLINDER 0 SPHERE 1", [f"SCALE (1 1 4) TRANSLATE (0 0 -2) {turn}", f"ROTATE-Y (40) {turn}"])

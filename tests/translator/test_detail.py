@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from meshes import scene, solids
-from prosim_scene import SceneError, SceneWarning
+from prosim_scene import SceneError, SceneWarning, view
 from prosim_scene.language import document_of
 from prosim_scene.solids import detail
 from prosim_scene.solids.leaves import Leaves
-from prosim_scene.targets import view
 
 BALLS = [f"SCALE (.4 .4 .4) TRANSLATE ({i % 5 - 2} {i // 5 - 2} 0)" for i in range(20)]
 UNION = "+ " * 19 + " ".join(f"SPHERE {i}" for i in range(20))

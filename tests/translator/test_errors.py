@@ -108,9 +108,19 @@ WRONG = [
     (5, "SURFACE 0 material wood", 20, ["material lambertiano", "material condutor and the metal's name"]),
     (5, "SURFACE 0 material condutor mirror", 29, ["unknown metal 'mirror'", "ouro, prata"]),
     (5, "SURFACE 0 kd = red", 16, ["colours are three numbers", "kd = 1 0 0"]),
-    (5, "SURFACE 0 kd = #ff8000", 11, ["found 0 numbers after kd", "'#ff8000' is a remark, and this colour is 1 0.502 0"]),
+    (
+        5,
+        "SURFACE 0 kd = #ff8000",
+        11,
+        ["found 0 numbers after kd", "'#ff8000' is a remark, and this colour is 1 0.502 0"],
+    ),
     # trees in parentheses and infix trees
-    (4, "CSG-TREE (CUBE 0 - SPHERE 0)", 10, ["the tree stands in a remark", "- CUBE 1 SPHERE 2", "parentheses are remarks"]),
+    (
+        4,
+        "CSG-TREE (CUBE 0 - SPHERE 0)",
+        10,
+        ["the tree stands in a remark", "- CUBE 1 SPHERE 2", "parentheses are remarks"],
+    ),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, ["the tree stands in a remark"]),
     (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["operators come before their operands"]),
     (4, "CSG-TREE + (CUBE 0 - SPHERE 0) CUBE 0", 10, ["lacks an operand", "parentheses are remarks"]),
@@ -145,41 +155,57 @@ def test_wrong_input(number, line, column, words, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["wrong.scn"]
 
 
-@pytest.mark.parametrize("line, number, words", [
-    ("SURFACE 7 kd = 1 1 1", 1, "no primitive has this index"),
-    ("LIGHTS", 2, "no lights"),
-    ("LIGHTS POINT position 0 5 5 angle 3", 2, "has no effect on a UNIFORM light"),
-    ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "has no effect on a lambertiano"),
-    ("END (fim) e mais", 7, "what follows END is ignored"),
-    ("CSG-TREE", 4, "no CSG-TREE"),
-    ("LIGHTS POINT position 0 5 5 Intensity 1 1 1", 2, "2:29: this Intensity is all but dark: 65535 is 1.0"),
-    ("AMBIENT .2 .2 .2", 1, "1:1: this AMBIENT is all but dark"),
-    ("BACKGROUND 255 255 255", 1, "1:1: this BACKGROUND is all but dark"),
-    ("CSG-TREE CUBE 0 (CUBE 0 - SPHERE 0)", 4, "4:17: this remark reads like a part of the tree"),
-    ("CSG-TREE CUBE 0 ((CUBE 0 + CONE 1) * SPHERE 0)", 4, "4:17: this remark reads like a part of the tree"),
-])
+@pytest.mark.parametrize(
+    "line, number, words",
+    [
+        ("SURFACE 7 kd = 1 1 1", 1, "no primitive has this index"),
+        ("LIGHTS", 2, "no lights"),
+        ("LIGHTS POINT position 0 5 5 angle 3", 2, "has no effect on a UNIFORM light"),
+        ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "has no effect on a lambertiano"),
+        ("END (fim) e mais", 7, "what follows END is ignored"),
+        ("CSG-TREE", 4, "no CSG-TREE"),
+        ("LIGHTS POINT position 0 5 5 Intensity 1 1 1", 2, "2:29: this Intensity is all but dark: 65535 is 1.0"),
+        ("AMBIENT .2 .2 .2", 1, "1:1: this AMBIENT is all but dark"),
+        ("BACKGROUND 255 255 255", 1, "1:1: this BACKGROUND is all but dark"),
+        ("CSG-TREE CUBE 0 (CUBE 0 - SPHERE 0)", 4, "4:17: this remark reads like a part of the tree"),
+        ("CSG-TREE CUBE 0 ((CUBE 0 + CONE 1) * SPHERE 0)", 4, "4:17: this remark reads like a part of the tree"),
+    ],
+)
 def test_doubtful_input_is_a_warning(line, number, words):
     with pytest.warns(SceneWarning, match=words):
         prosim_scene.parse(with_line(number, line))
 
 
-@pytest.mark.parametrize("line, number", [
-    ("CSG-TREE CUBE 0 (CUBE 0: o chao - azul + um cubo)", 4), ("CSG-TREE CUBE 0 (- CUBE 0 SPHERE 1)", 4),
-    ("NAME: x (CUBE 1 - SPHERE 2)", 1), ("AMBIENT 0 0 0", 1), ("BACKGROUND 0 300 0", 1), ('BACKGROUND 1 1 1 "sky.exr"', 1),
-])
+@pytest.mark.parametrize(
+    "line, number",
+    [
+        ("CSG-TREE CUBE 0 (CUBE 0: o chao - azul + um cubo)", 4),
+        ("CSG-TREE CUBE 0 (- CUBE 0 SPHERE 1)", 4),
+        ("NAME: x (CUBE 1 - SPHERE 2)", 1),
+        ("AMBIENT 0 0 0", 1),
+        ("BACKGROUND 0 300 0", 1),
+        ('BACKGROUND 1 1 1 "sky.exr"', 1),
+    ],
+)
 def test_right_input_is_no_warning(line, number):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         prosim_scene.parse(with_line(number, line))
 
 
-@pytest.mark.parametrize("number, line", [
-    (3, "BLURB 0 0 9"), (1, "NSAMPLES: six"), (5, "SURFACE 0 material condutor adamantium"), (5, "SURFACE 0 kd = reddish"),
-    (4, "CSG-TREE TORUS 0"),
-])
+@pytest.mark.parametrize(
+    "number, line",
+    [
+        (3, "BLURB 0 0 9"),
+        (1, "NSAMPLES: six"),
+        (5, "SURFACE 0 material condutor adamantium"),
+        (5, "SURFACE 0 kd = reddish"),
+        (4, "CSG-TREE TORUS 0"),
+    ],
+)
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_no_guess_that_is_not_near(number, line):
-    with pytest.raises(SceneError, match="unknown (word|metal)") as error:
+    with pytest.raises(SceneError, match=r"unknown (word|metal)") as error:
         prosim_scene.parse(with_line(number, line))
     assert "did you mean" not in str(error.value)
 
@@ -205,18 +231,21 @@ def test_large_files_are_refused(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("text, words", [
-    ("NSAMPLES " + "9" * 1_000_000 + " END", "9"),
-    ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "finite"),
-    ("SURFACE " + "1" * 1_000_000 + " END", "9 digits at most"),
-    ("(" * 1_000_000, "not closed"),
-    ("()" * 500_000 + "x", "unknown word"),
-    ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
-    ("CSG-TREE " + "+" * 100_000 + " CUBE 0 END", "lacks"),
-    ("x" * 1_000_000, "unknown word"),
-    ("\x00" * 1000, "unknown word"),
-    ("NAME: " + "y" * 1_000_000 + " END", "200 at most"),
-])
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("NSAMPLES " + "9" * 1_000_000 + " END", "9"),
+        ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "finite"),
+        ("SURFACE " + "1" * 1_000_000 + " END", "9 digits at most"),
+        ("(" * 1_000_000, "not closed"),
+        ("()" * 500_000 + "x", "unknown word"),
+        ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
+        ("CSG-TREE " + "+" * 100_000 + " CUBE 0 END", "lacks"),
+        ("x" * 1_000_000, "unknown word"),
+        ("\x00" * 1000, "unknown word"),
+        ("NAME: " + "y" * 1_000_000 + " END", "200 at most"),
+    ],
+)
 def test_monstrous_input_ends_soon_with_a_short_message(text, words):
     with pytest.raises(SceneError, match=words) as error:
         prosim_scene.parse(text, "monster.scn")
@@ -233,8 +262,11 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     (tmp_path / "scene").mkdir()
     (tmp_path / "outside.png").write_bytes(b"")
     path = tmp_path / "scene" / "x.scn"
-    for image, words in (("../outside.png", "outside the scene's folder; .*--allow-outside, allow_outside=True"), (f'"{tmp_path}/outside.png"', "outside"),
-                         ("none.png", "does not exist")):
+    for image, words in (
+        ("../outside.png", "outside the scene's folder; .*--allow-outside, allow_outside=True"),
+        (f'"{tmp_path}/outside.png"', "outside"),
+        ("none.png", "does not exist"),
+    ):
         path.write_text(with_line(4, f"CSG-TREE CUBE 0 {image}"))
         with pytest.raises(SceneError, match=words):
             prosim_scene.translate(path)
@@ -248,8 +280,17 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
 def test_wrong_options_are_scene_errors(tmp_path):
     path = tmp_path / "x.scn"
     path.write_text(MINIMAL)
-    for options in ({"target": "pov"}, {"light_units": "lumen"}, {"tolerance": 0}, {"tolerance": float("nan")}, {"samples": 0},
-                    {"samples": 1001}, {"resolution": (0, 1)}, {"resolution": (65536, 65536)}, {"resolution": (1.5, 1)}):
+    for options in (
+        {"target": "pov"},
+        {"light_units": "lumen"},
+        {"tolerance": 0},
+        {"tolerance": float("nan")},
+        {"samples": 0},
+        {"samples": 1001},
+        {"resolution": (0, 1)},
+        {"resolution": (65536, 65536)},
+        {"resolution": (1.5, 1)},
+    ):
         for function in (prosim_scene.translate, prosim_scene.load, prosim_scene.check):
             with pytest.raises(SceneError, match=f"{next(iter(options))} is .*; expected"):
                 function(path, **options)

@@ -9,9 +9,8 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneWarning
+from prosim_scene import SceneWarning, view
 from prosim_scene.language import document_of
-from prosim_scene.targets import view
 
 EDGE = 2  # pixels that may be wrong: slivers at the ends of edges, and what single precision does to them
 

@@ -52,7 +52,7 @@ BEYOND = {
     "a texture": "TEXTURE t-x fractal scale = 1e300 END",
     "an empty name": 'CSG-TREE SPHERE 0 "" SURFACE 0 TRANSFORM 0 END',
     "an empty background": 'BACKGROUND 0 0 0 "" END',
-    "a long name": f'CSG-TREE SPHERE 0 {"a" * 300}.png SURFACE 0 TRANSFORM 0 END',
+    "a long name": f"CSG-TREE SPHERE 0 {'a' * 300}.png SURFACE 0 TRANSFORM 0 END",
     "a long path": f'BACKGROUND 0 0 0 "{"a/" * 5000}x.png" END',
     "NUL in a name": 'CSG-TREE SPHERE 0 "a\0.png" SURFACE 0 TRANSFORM 0 END',
 }
@@ -73,10 +73,12 @@ def test_what_cannot_be_said_is_an_error_at_its_place(name, target, tmp_path):
 
 
 WITHIN = {
-    "lights": "LIGHTS AREA position 0 0 5 raio 1e-6 POINT position 0 0 1e6 SPOT exponent 1e6 angle 179 CONE END".replace(" CONE", ""),
+    "lights": "LIGHTS AREA position 0 0 5 raio 1e-6 POINT position 0 0 1e6 SPOT exponent 1e6 angle 179 END",
     "surfaces": solid("n = 1e6", "SCALE (1e-5 1e-5 1e-5)", "LIGHTS VIEW OBS 0 0 1e-3 WINDOW -1e-4 -1e-4 1e-4 1e-4"),
-    "slopes": solid("m = 1e-3", rest="LIGHTS POINT position 0 0 1e3"),
-    "far": solid("material condutor ouro m = 1e3", "SCALE (1e9 1e9 1e9)", "LIGHTS VIEW OBS 0 0 1e10 WINDOW -1e9 -1e9 1e9 1e9"),
+    "slopes": solid("m = 1e-4", rest="LIGHTS POINT position 0 0 1e3"),
+    "far": solid(
+        "material condutor ouro m = 1e3", "SCALE (1e9 1e9 1e9)", "LIGHTS VIEW OBS 0 0 1e10 WINDOW -1e9 -1e9 1e9 1e9"
+    ),
     "angle": "LIGHTS AREA position 0 0 5 CONE angle .05 AREA position 0 0 5 SPOT exponent 1e6 angle .05 END",
 }
 
@@ -85,7 +87,9 @@ WITHIN = {
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_rgb):
     path = tmp_path / "s.scn"
-    path.write_text("VIEW RESOLUTION 9 9 " * ("VIEW" not in WITHIN[name]) + WITHIN[name].replace("VIEW ", "VIEW RESOLUTION 9 9 "))
+    path.write_text(
+        "VIEW RESOLUTION 9 9 " * ("VIEW" not in WITHIN[name]) + WITHIN[name].replace("VIEW ", "VIEW RESOLUTION 9 9 ")
+    )
     scene = mi.load_file(str(prosim_scene.translate(path, target=target, tolerance=1)))
     assert np.isfinite(np.array(mi.render(scene, spp=4))).all()
 
@@ -101,7 +105,9 @@ def test_any_printable_name_gives_xml_that_loads(name, tmp_path, variant_rgb):
     image = name.replace("\\", "") + ".png"
     mi.Bitmap(np.full((4, 4, 3), 128, np.uint8)).write(str(folder / image))
     path = folder / f"{name}.scn"
-    path.write_text(f'LIGHTS VIEW RESOLUTION 9 9 CSG-TREE SPHERE 0 "{image}" SURFACE 0 TRANSFORM 0 END', encoding="utf-8")
+    path.write_text(
+        f'LIGHTS VIEW RESOLUTION 9 9 CSG-TREE SPHERE 0 "{image}" SURFACE 0 TRANSFORM 0 END', encoding="utf-8"
+    )
     xml = prosim_scene.translate(path, tmp_path / "out", tolerance=1)
     assert len(mi.load_file(str(xml)).shapes()) == 1
 
@@ -117,14 +123,16 @@ def test_names_that_xml_cannot_hold_are_errors(name, tmp_path):
     image = tmp_path / os.fsdecode(name + b".png")
     image.write_bytes(b"")
     scene = tmp_path / "s.scn"
-    scene.write_text(f'BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END', errors="surrogateescape") if b"\n" not in name else 0
+    scene.write_text(
+        f'BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END', errors="surrogateescape"
+    ) if b"\n" not in name else 0
     if b"\x01" in name:
-        with pytest.raises(SceneError, match="1:18: the path .* cannot stand in XML"):
+        with pytest.raises(SceneError, match=r"1:18: the path .* cannot stand in XML"):
             prosim_scene.translate(scene)
 
 
 def test_comments_are_printable(tmp_path):
     path = tmp_path / "s.scn"
-    path.write_text("NAME: \"a--b & <c\" LIGHTS END".replace("<", ""))
+    path.write_text('NAME: "a--b & <c" LIGHTS END'.replace("<", ""))
     root = ET.parse(prosim_scene.translate(path)).getroot()
     assert root.tag == "scene"

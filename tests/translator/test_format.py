@@ -17,20 +17,22 @@ def tree(text):
     """The lines of the tree in canonical layout, without the common indentation."""
     tidy = prosim_scene.format(f"CSG-TREE {text}\n{REST}")
     assert prosim_scene.format(tidy) == tidy
-    lines = tidy[:tidy.index("\nSURFACE 0")].splitlines()[1:]
+    lines = tidy[: tidy.index("\nSURFACE 0")].splitlines()[1:]
     return "\n".join(line[4:] for line in lines).rstrip()
 
 
 def test_the_tree_shows_its_shape():
     assert tree("+ + + CUBE 0 CUBE 1 CUBE 2 CUBE 3") == "+ + +\n    CUBE 0\n    CUBE 1\n    CUBE 2\n    CUBE 3"
     assert tree("- + CUBE 0 SPHERE 1 - CYLINDER 2 * CONE 3 CUBE 4") == (
-        "- +\n    CUBE 0\n    SPHERE 1\n    -\n        CYLINDER 2\n        *\n            CONE 3\n            CUBE 4")
+        "- +\n    CUBE 0\n    SPHERE 1\n    -\n        CYLINDER 2\n        *\n            CONE 3\n            CUBE 4"
+    )
     assert tree("cubo 0 t-tijolo") == "CUBE 0 t-tijolo"
 
 
 def test_remarks_stand_with_what_follows_them():
     assert tree("- (a)\n CUBE 0 (b)\n(c)\n# d\n + CUBE 1 CUBE 2 # e") == (
-        "- (a)\n    CUBE 0 (b)\n    (c)\n    # d\n    +\n        CUBE 1\n        CUBE 2 # e")
+        "- (a)\n    CUBE 0 (b)\n    (c)\n    # d\n    +\n        CUBE 1\n        CUBE 2 # e"
+    )
     assert tree("+ (a) - CUBE 0 CUBE 1 CUBE 2") == "+ (a)\n-\n    CUBE 0\n    CUBE 1\n    CUBE 2"
 
 
@@ -43,7 +45,9 @@ def test_words_are_spelt_as_the_place_has_them():
     tidy = prosim_scene.format("TEXTURE t-x fractal escala=3 SURFACE 0 TRANSFORM 0 escala 1 2 3 CSG CUBE 0 LUZES END")
     assert "    scale = 3\n" in tidy and "    SCALE (1 2 3)\n" in tidy and "CSG-TREE\n" in tidy and "LIGHTS\n" in tidy
     tidy = prosim_scene.format("TEXTURE t-x brick tijolo 1 TEXTURE t-tijolo brick = 1 1 1 argamassa 1 END")
-    assert tidy.startswith("TEXTURE t-x\n    brick\n    brick = 1\n\nTEXTURE t-tijolo\n    brick = 1 1 1\n    mortar = 1\n")
+    assert tidy.startswith(
+        "TEXTURE t-x\n    brick\n    brick = 1\n\nTEXTURE t-tijolo\n    brick = 1 1 1\n    mortar = 1\n"
+    )
 
 
 @pytest.fixture

@@ -8,14 +8,13 @@ import numpy as np
 import prosim_scene
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
-from prosim_scene import SceneWarning
+from prosim_scene import SceneWarning, view
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf, Operator
 from prosim_scene.solids import csg, media, parts
 from prosim_scene.solids.coincidence import Planes
 from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
 from prosim_scene.solids.transforms import matrix
-from prosim_scene.targets import view
 
 PRIMITIVES = {
     "CUBE": (1.0, 6.0),

@@ -42,14 +42,20 @@ def named(xml):
 
 def run(code, *arguments, **options):
     """A process of its own; returned before it ends."""
-    return subprocess.Popen([sys.executable, "-W", "ignore", "-c", code, *map(str, arguments)], stderr=subprocess.PIPE,
-                            text=True, **options)
+    return subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", code, *map(str, arguments)], stderr=subprocess.PIPE, text=True, **options
+    )
 
 
 def test_files_of_the_users_in_the_folder_of_meshes_are_kept(scene):
     meshes = scene.parent / "s-meshes"
     meshes.mkdir()
-    mine = {"madeira.png": b"x", "surface_0.ply": b"mine", "surface_0-0123456789abcdef.ply": b"mine too", "notes.txt": b""}
+    mine = {
+        "madeira.png": b"x",
+        "surface_0.ply": b"mine",
+        "surface_0-0123456789abcdef.ply": b"mine too",
+        "notes.txt": b"",
+    }
     for name, content in mine.items():
         (meshes / name).write_bytes(content)
     (meshes / "surface_0-0123456789abcde0.ply").mkdir()
@@ -72,8 +78,10 @@ def test_meshes_of_earlier_translations_are_removed_and_no_others(scene):
     assert len((scene.parent / second[0]).read_bytes()) > 6
 
 
-@pytest.mark.parametrize("obstacle, message", [
-    ("s-meshes", "stands where the folder of the meshes goes"), ("s.xml", "is no translation and is not overwritten")])
+@pytest.mark.parametrize(
+    "obstacle, message",
+    [("s-meshes", "stands where the folder of the meshes goes"), ("s.xml", "is no translation and is not overwritten")],
+)
 def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle, message):
     (scene.parent / obstacle).write_bytes(b"mine")
     before = everything(scene.parent)
@@ -128,13 +136,18 @@ def test_killed_at_any_step_the_xml_keeps_its_meshes(scene, after):
     assert process.returncode == (9 if after < 3 else 0)  # two meshes and the XML
     if after < 3:
         assert {name: everything(scene.parent)[name] for name in [*named(xml), "s.xml"]} == {
-            name: before[name] for name in [*named(xml), "s.xml"]}
+            name: before[name] for name in [*named(xml), "s.xml"]
+        }
     named(prosim_scene.translate(scene, tolerance=1))
     assert sorted(everything(scene.parent)) == sorted(["s.scn", "s.xml", *named(xml)])
 
 
 def test_translations_at_the_same_time_all_succeed(scene):
-    code = "import sys, prosim_scene\nfor _ in range(15): prosim_scene.translate(sys.argv[1], sys.argv[2], tolerance=float(sys.argv[3]))"
+    code = """
+import sys, prosim_scene
+for _ in range(15):
+    prosim_scene.translate(sys.argv[1], sys.argv[2], tolerance=float(sys.argv[3]))
+"""
     out = scene.parent / "out"
     processes = [run(code, scene, out, tolerance) for tolerance in (1, 1, 3)]
     for process in processes:

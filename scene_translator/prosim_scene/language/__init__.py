@@ -1,7 +1,7 @@
 """The scene language: text -> model.
 
-``words`` is the table of the language and ``grammar.lark`` its grammar; ``lexer``, ``parser`` and ``builder`` make of a text
-a :class:`~prosim_scene.language.document.Document`, a scene with the places of its values, which ``checks`` judges;
+``words`` is the table of the language and ``grammar.lark`` its grammar. ``lexer``, ``parser`` and ``builder`` make of a
+text a :class:`~prosim_scene.language.document.Document`, a scene with the places of its values. ``checks`` judges it;
 ``formatter`` lays a text out anew.
 """
 

@@ -10,8 +10,8 @@ from lark import Token, Tree
 from .. import model
 from . import checks
 from .document import Document, Path
-from .lexer import place
 from .hints import hint, nearest
+from .lexer import place
 from .messages import Place, SceneError, Source, listing, quote
 from .names import ALIASES, BUILT_IN, METALS
 from .parentheses import EXPLAINED
@@ -49,7 +49,9 @@ class Builder:
     def once(self, token: Token, what: str, *path: str | int) -> None:
         """Records that a value was given; an error where it was given before."""
         if path in self.places:
-            raise self.error(token, f"{what} is given twice; the first is on line {self.source.line(self.places[path])}")
+            raise self.error(
+                token, f"{what} is given twice; the first is on line {self.source.line(self.places[path])}"
+            )
         self.places[path] = place(token)
 
     def index(self, children: Iterable[Token | Node]) -> int:
@@ -138,8 +140,11 @@ class Builder:
         for number, item in enumerate(children[1:]):
             token = item.children[0]
             if nodes and not missing:
-                raise self.error(token, f"found {quote(token)} after the tree is complete; expected the next statement, or "
-                                        f"one more operator before the operands: {EXPLAINED}")
+                raise self.error(
+                    token,
+                    f"found {quote(token)} after the tree is complete; expected the next statement, or "
+                    f"one more operator before the operands: {EXPLAINED}",
+                )
             self.places["csg", number] = span(_tokens(item))
             if item.data == "operator":
                 nodes.append(model.Operator(str(token)))
@@ -153,8 +158,11 @@ class Builder:
                     break
         if missing:
             token, count = missing[-1]
-            raise self.error(token, f"this {quote(token)} lacks {'an operand' if count == 1 else 'two operands'}; "
-                                    f"expected a primitive or an operator: {EXPLAINED}")
+            raise self.error(
+                token,
+                f"this {quote(token)} lacks {'an operand' if count == 1 else 'two operands'}; "
+                f"expected a primitive or an operator: {EXPLAINED}",
+            )
         fields["csg"] = tuple(nodes)
 
     def leaf(self, number: int, children: list[Token]) -> model.Leaf:
@@ -197,10 +205,15 @@ class Builder:
             self.once(name if keyword.type == "MATERIAL" else keyword, "the metal", "surfaces", index, "metal")
             values["metal"] = METALS.get(fold(name))
             if values["metal"] is None:
-                optics = [s for word in of_role("OPTIC") if "conductor" in word.of or not word.of for s in word.spellings]
+                optics = [
+                    s for word in of_role("OPTIC") if "conductor" in word.of or not word.of for s in word.spellings
+                ]
                 words = [*METALS, *(optics if keyword.type == "MATERIAL" else ())]
-                raise self.error(name, f"unknown metal {quote(name)}; expected one of "
-                                       f"Ag, Al, Au, Cr, Cu, Hg, Ni, W, ... or its name{hint(name) or nearest(name, words)}")
+                raise self.error(
+                    name,
+                    f"unknown metal {quote(name)}; expected one of "
+                    f"Ag, Al, Au, Cr, Cu, Hg, Ni, W, ... or its name{hint(name) or nearest(name, words)}",
+                )
             values.setdefault("material", "conductor")
 
     def transform(self, fields: dict[str, Any], children: list[Any]) -> None:
@@ -225,14 +238,19 @@ class Builder:
             items.insert(0, Tree("parameter", [Token.new_borrow_pos("PARAMETER", str(first[0]), first[0]), *first[1:]]))
         kind = row(first[0]).name if len(first) == 1 else BUILT_IN.get(name)
         if kind is None:
-            raise self.error(token, f"the texture {quote(token)} has no kind; expected brick, stripes or fractal after its "
-                                    f"name{nearest(name, list(BUILT_IN))}")
+            raise self.error(
+                token,
+                f"the texture {quote(token)} has no kind; expected brick, stripes or fractal after its "
+                f"name{nearest(name, list(BUILT_IN))}",
+            )
         parameters = []
         for item in items:
             keyword = _tokens(item)[0]
             if kind not in row(keyword).of:
                 known = [word.canonical for word in of_role("PARAMETER") if kind in word.of]
-                raise self.error(keyword, f"found {quote(keyword)} in a texture of kind {kind}; expected {listing(known)}")
+                raise self.error(
+                    keyword, f"found {quote(keyword)} in a texture of kind {kind}; expected {listing(known)}"
+                )
             word, value = self.parameter(item, "patterns", name)
             parameters.append((word.name, value))
         fields["patterns"][name] = model.Pattern(kind, tuple(sorted(parameters)))

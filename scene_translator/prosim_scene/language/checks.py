@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ..model import Leaf, Surface, Vector
+from ..model import GREY, Leaf, Surface, Vector
 from .document import Document
 from .hints import nearest
 from .messages import listing, quote
@@ -28,7 +28,7 @@ def whole(document: Document) -> None:
 
 def _effects(document: Document, kind: str, called: str, role: str, *owner: str | int) -> None:
     """Warns of the given parameters that a kind of light or material does not know."""
-    rows = {word.name: word for word in WORDS if word.role == role or word.role == "METAL" and role == "OPTIC"}
+    rows = {word.name: word for word in WORDS if word.role == role or (word.role == "METAL" and role == "OPTIC")}
     for path in document.places:
         if path[:-1] == owner and (word := rows.get(str(path[-1]))) and word.of and kind not in word.of:
             document.warn(f"has no effect on a {called}", *path)
@@ -40,14 +40,15 @@ def _surface(document: Document, index: int, surface: Surface) -> None:
     kind = surface.material
     if kind == "conductor":
         if surface.metal and (surface.eta or surface.k):
-            raise document.error("a metal's name and n-refr or k-abs are given; expected one of the two", *path, "metal")
+            raise document.error(
+                "a metal's name and n-refr or k-abs are given; expected one of the two", *path, "metal"
+            )
         if not surface.metal and not (surface.eta and surface.k):
             raise document.error("a condutor lacks its optics; expected n-refr and k-abs, or a metal's name", *path)
     elif kind in ("dielectric", "composite") and not surface.eta:
         raise document.error(f"a {canonical('MATERIAL_KIND', kind)} lacks its index; expected n-refr", *path)
-    elif kind == "composite" and surface.ks:
-        if max(map(sum, zip(surface.kd or (0.5, 0.5, 0.5), surface.ks, strict=True))) > 1 + 1e-6:
-            raise document.error("kd + ks is above 1 in a composto; expected s + d = 1 at most", *path)
+    elif kind == "composite" and surface.ks and max(map(sum, zip(surface.kd or GREY, surface.ks))) > 1 + 1e-6:
+        raise document.error("kd + ks is above 1 in a composto; expected s + d = 1 at most", *path)
     called = {"conductor": "condutor", None: "surface without a material"}
     _effects(document, kind or "phong", called.get(kind) or canonical("MATERIAL_KIND", str(kind)), "OPTIC", *path)
 
@@ -63,24 +64,33 @@ def _leaves(document: Document) -> None:
             if leaf.index not in table:
                 given = sorted(table)
                 known = f"; there are {listing(given[:20], 'and')}" if given else ""
-                raise document.error(f"{leaf.shape.upper()} {leaf.index} has no {keyword} {leaf.index}; "
-                                     f"expected a statement {keyword} {leaf.index}{known}", "csg", number)
+                raise document.error(
+                    f"{leaf.shape.upper()} {leaf.index} has no {keyword} {leaf.index}; "
+                    f"expected a statement {keyword} {leaf.index}{known}",
+                    "csg",
+                    number,
+                )
         for slot, texture in enumerate(leaf.textures):
             path = "csg", number, "textures", slot
             if texture and texture.name and texture.name not in scene.patterns:
                 names = list(dict.fromkeys([*BUILT_IN, *scene.patterns]))
-                raise document.error(f"unknown texture {quote(texture.name)}; expected {listing(names[:20])}, an image file "
-                                     f"or NULL{nearest(texture.name, [*names, *ALIASES])}", *path)
+                raise document.error(
+                    f"unknown texture {quote(texture.name)}; expected {listing(names[:20])}, an image file "
+                    f"or NULL{nearest(texture.name, [*names, *ALIASES])}",
+                    *path,
+                )
             if slot == 1 and texture and texture.image:
-                raise document.error("an image stands in the second texture slot, which is solid; expected it in the first",
-                                     *path)
+                raise document.error(
+                    "an image stands in the second texture slot, which is solid; expected it in the first", *path
+                )
 
 
 def _dark(document: Document) -> None:
     """Warns of intensities that were meant as 1.0, or as 255."""
     scene = document.scene
     given: list[tuple[Vector, str, tuple[str | int, ...]]] = [
-        (light.intensity, "Intensity", ("lights", i, "intensity")) for i, light in enumerate(scene.lights)]
+        (light.intensity, "Intensity", ("lights", i, "intensity")) for i, light in enumerate(scene.lights)
+    ]
     given.append((scene.ambient, "AMBIENT", ("ambient",)))
     if scene.background.image is None:
         given.append((scene.background.color, "BACKGROUND", ("background",)))

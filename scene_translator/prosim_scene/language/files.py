@@ -33,8 +33,8 @@ def read(path: str | PathLike[str]) -> str:
 def rewrite(path: str | PathLike[str], text: str) -> None:
     """Puts ``text`` in the place of a scene file's own, all of it or nothing.
 
-    The file keeps its permissions, and a symbolic link stays one: what it leads to is rewritten. Raises SceneError where
-    that cannot be done; the file is then as it was.
+    The file keeps its permissions, and a symbolic link stays one: what it leads to is rewritten. Raises SceneError
+    where that cannot be done; the file is then as it was.
     """
     target = Path(path).resolve()
     part = target.with_name(f".{secrets.token_hex(8)}.part")
@@ -53,4 +53,6 @@ def rewrite(path: str | PathLike[str], text: str) -> None:
 
 def too_large(path: str | PathLike[str]) -> SceneError:
     """The error about a scene beyond :data:`SIZE_LIMIT`."""
-    return SceneError(f"{path}: the file is larger than {SIZE_LIMIT >> 20} MiB, the most that a scene may have", str(path))
+    return SceneError(
+        f"{path}: the file is larger than {SIZE_LIMIT >> 20} MiB, the most that a scene may have", str(path)
+    )

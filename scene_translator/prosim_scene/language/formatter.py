@@ -15,7 +15,19 @@ DEEPEST = 12  # steps to which the tree is indented
 #: Statements with parameters on lines of their own.
 HEADINGS = {"LIGHTS", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
 #: Tokens that stand on the line of the keyword before them; any other begins a line.
-VALUES = {"NUMBER", "WORD", "STRING", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "CONDUCTOR", "MATERIAL_KIND", "LPAR", "RPAR"}
+VALUES = {
+    "NUMBER",
+    "WORD",
+    "STRING",
+    "FILE",
+    "TEXTURE_NAME",
+    "BOOL",
+    "NULL",
+    "CONDUCTOR",
+    "MATERIAL_KIND",
+    "LPAR",
+    "RPAR",
+}
 
 
 def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
@@ -31,7 +43,7 @@ def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     layout = _Layout()
     end = 0
     for piece in pieces:
-        layout.add(piece, same_line="\n" not in text[end:piece.start_pos])
+        layout.add(piece, same_line="\n" not in text[end : piece.start_pos])
         end = piece.end_pos or 0
     return layout.text()
 
@@ -97,7 +109,7 @@ class _Layout:
             self.begin(2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1, row(piece).canonical)
 
     def operator(self, piece: Token) -> None:
-        """Operators that follow one another stand on one line; below it, and one step to the right, all their operands."""
+        """Operators that follow one another stand on one line, all their operands below, one step to the right."""
         if self.previous not in OPERATORS.values():
             self.begin_node(str(piece))
             self.missing.append(2)
@@ -127,7 +139,7 @@ class _Layout:
 
     @staticmethod
     def depth(level: int) -> int:
-        """Steps to the right, at most so many that a line stays readable, and a deep tree's text in proportion to it."""
+        """Steps to the right: so few that a line stays readable, and the text of a deep tree in proportion."""
         return min(level, DEEPEST)
 
     def value(self, piece: Token) -> None:

@@ -1,35 +1,36 @@
-"""What to say of a word that the language does not have: its meaning in other scene languages, or a word that is near."""
+"""What to say of a word that the language does not have: its meaning in other languages, or a word that is near."""
 
 import difflib
 
 from .messages import CLIP
 from .words import WORDS, fold
 
-#: Words of other languages and of newcomers -> how this one says it.
-HINTS = {word: hint for words, hint in {
-    "glass vidro water agua diamond diamante crystal cristal transparent":
-        "for glass: material dieletrico n-refr = 1.5",
-    "mirror espelho steel aco iron ferro brass latao chrome cromado bronze metallic platinum platina":
-        "for a metal: material condutor and its name, such as ouro, prata, cobre, aluminio or cromo",
-    "wood madeira stone pedra marble marmore matte matt diffuse plaster gesso paper papel concrete":
-        "for a matt surface: material lambertiano kd = r g b; a texture such as t-fractal, or an image, goes after the primitive; "
-        "for metals: material condutor and the metal's name",
-    "plastic plastico paint tinta varnish verniz ceramic ceramica glossy":
-        "for a varnished surface: material composto kd = r g b n-refr = 1.5",
-    "camera lookat look-at sensor": "the camera is VIEW, with OBS, VRP and WINDOW",
-    "fov zoom": "the field of view follows from WINDOW and the distance from OBS to VRP",
-    "color colour cor red green blue white black yellow grey gray vermelho verde azul branco preto amarelo cinza rgb":
-        "colours are three numbers from 0 to 1, such as kd = 1 0 0",
-    "box block caixa bloco": "for a box: CUBE",
-    "ball bola globe": "for a ball: SPHERE",
-    "plane plano floor chao ground wall parede": "for a plane: CUBE, made flat by SCALE",
-    "union uniao": "a union is +, before its operands",
-    "difference diferenca subtract": "a difference is -, before its operands",
-    "intersection intersecao intersect": "an intersection is *, before its operands",
-    "rotate rotacao rotation": "rotations are ROTATE-X, ROTATE-Y and ROTATE-Z",
-    "move translation": "for a move: TRANSLATE (x y z)",
-    "light luz lamp lampada sun sol emitter": "lights stand in LIGHTS, as AREA or POINT",
-}.items() for word in words.split()}
+#: How the language says what other languages, and newcomers, say with other words.
+SAID = (
+    ("for glass: material dieletrico n-refr = 1.5",
+     "glass vidro water agua diamond diamante crystal cristal transparent"),
+    ("for a metal: material condutor and its name, such as ouro, prata, cobre, aluminio or cromo",
+     "mirror espelho steel aco iron ferro brass latao chrome cromado bronze metallic platinum platina"),
+    ("for a matt surface: material lambertiano kd = r g b; a texture such as t-fractal, or an image, goes after the "
+     "primitive; for metals: material condutor and the metal's name",
+     "wood madeira stone pedra marble marmore matte matt diffuse plaster gesso paper papel concrete"),
+    ("for a varnished surface: material composto kd = r g b n-refr = 1.5",
+     "plastic plastico paint tinta varnish verniz ceramic ceramica glossy"),
+    ("the camera is VIEW, with OBS, VRP and WINDOW", "camera lookat look-at sensor"),
+    ("the field of view follows from WINDOW and the distance from OBS to VRP", "fov zoom"),
+    ("colours are three numbers from 0 to 1, such as kd = 1 0 0",
+     "color colour cor rgb red green blue white black yellow grey gray vermelho verde azul branco preto amarelo cinza"),
+    ("for a box: CUBE", "box block caixa bloco"),
+    ("for a ball: SPHERE", "ball bola globe"),
+    ("for a plane: CUBE, made flat by SCALE", "plane plano floor chao ground wall parede"),
+    ("a union is +, before its operands", "union uniao"),
+    ("a difference is -, before its operands", "difference diferenca subtract"),
+    ("an intersection is *, before its operands", "intersection intersecao intersect"),
+    ("rotations are ROTATE-X, ROTATE-Y and ROTATE-Z", "rotate rotacao rotation"),
+    ("for a move: TRANSLATE (x y z)", "move translation"),
+    ("lights stand in LIGHTS, as AREA or POINT", "light luz lamp lampada sun sol emitter"),
+)  # fmt: skip
+HINTS = {word: said for said, words in SAID for word in words.split()}
 
 
 def hint(word: str) -> str:

@@ -13,8 +13,11 @@ from lark import Token
 from .messages import Place, SceneError, Source
 from .words import OPERATORS, ROLES, ROWS, STATEMENT_OF, STATEMENTS, fold
 
-PIECE = re.compile(r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>\))|(?P<string>"[^"\n]*"?)'
-                   r'|(?P<equals>[:=])|(?P<operator>[*+-](?![\d.]|inf|nan))|(?P<word>[^\s()#":=]+)', re.IGNORECASE)
+PIECE = re.compile(
+    r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>\))|(?P<string>"[^"\n]*"?)'
+    r'|(?P<equals>[:=])|(?P<operator>[*+-](?![\d.]|inf|nan))|(?P<word>[^\s()#":=]+)',
+    re.IGNORECASE,
+)
 PARENTHESIS = re.compile(r"[()]")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
 
@@ -23,52 +26,78 @@ def lex(source: Source, accepted: Callable[[], Collection[str]]) -> Iterator[Tok
     """Tokens and remarks of a text in order, up to END and what follows it.
 
     Tokens have the terminals of the grammar as types, remarks have REMARK, and what else follows END is one REST.
-    ``accepted()`` says which terminals have a place where the parser stands: each token has to be given to it before the
-    next one is asked for. Raises SceneError for marks that are not closed and the like.
+    ``accepted()`` says which terminals have a place where the parser stands: each token has to be given to it before
+    the next one is asked for. Raises SceneError for marks that are not closed and the like.
     """
-    text = source.text
-    open_argument: Token | None = None
-    previous: Token | None = None
-    statement = ""  # the role of the last word that began one
-    position = 0
-    while position < len(text):
-        kind, start, position = _piece(text, position)
-        piece = text[start:position]
+    return _Lexer(source, accepted).tokens()
+
+
+class _Lexer:
+    """A text, and how far it has been read."""
+
+    def __init__(self, source: Source, accepted: Callable[[], Collection[str]]) -> None:
+        self.source, self.accepted = source, accepted
+        self.position = 0
+        self.previous: Token | None = None
+        self.statement = ""  # the role of the last word that began one
+        self.open_argument: Token | None = None  # the parenthesis of SCALE, ROTATE or TRANSLATE
+
+    def tokens(self) -> Iterator[Token]:
+        """What :func:`lex` gives."""
+        while self.position < len(self.source.text):
+            token = self.next()
+            if token is None:
+                continue
+            ends = token.type == "END" and "END" in self.accepted()
+            yield token
+            if token.type != "REMARK":
+                self.previous = token
+            if ends:
+                break
+        if self.open_argument:
+            raise self.source.error(place(self.open_argument), "this '(' is not closed")
+        if self.previous is not None and self.previous.type == "END":
+            yield from _after_end(self.source, self.position)
+
+    def next(self) -> Token | None:
+        """The next token or remark; None for what only separates words."""
+        kind, start, self.position = _piece(self.source.text, self.position)
+        piece = self.source.text[start : self.position]
         if kind == "space":
-            continue
-        if kind == "open" and "LPAR" in accepted():  # directly after SCALE, ROTATE or TRANSLATE
-            token = open_argument = _token("LPAR", piece, start)
-        elif kind == "open" or kind == "remark":
-            if kind == "open":
-                position = _end_of_remark(source, start)
-            yield _token("REMARK", text[start:position], start)
-            continue
-        elif kind == "close":
-            if not open_argument:
-                raise source.error(Place(start, position), "found ')' without its '('")
-            token, open_argument = _token("RPAR", piece, start), None
-        elif kind == "equals":
-            if previous is None or previous.type not in ROLES:
-                raise source.error(Place(start, position), f"found {piece!r}, which may only follow a keyword")
-            continue
-        elif kind == "string":
+            return None
+        if kind in ("open", "remark"):
+            return self.parenthesis(start) if kind == "open" else _token("REMARK", piece, start)
+        if kind == "close":
+            if not self.open_argument:
+                raise self.source.error(Place(start, self.position), "found ')' without its '('")
+            self.open_argument = None
+            return _token("RPAR", piece, start)
+        if kind == "equals":
+            if self.previous is None or self.previous.type not in ROLES:
+                raise self.source.error(
+                    Place(start, self.position), f"found {piece!r}, which may only follow a keyword"
+                )
+            return None
+        if kind == "string":
             if len(piece) < 2 or piece[-1] != '"':
-                raise source.error(Place(start, position), "this quote is not closed on its line")
-            token = _token("STRING", piece[1:-1], start, position)
-        elif kind == "operator":
-            token = _token(OPERATORS[piece], piece, start)
-        else:
-            token = _token(_type(piece, accepted(), statement), piece, start)
-            statement = token.type if token.type in STATEMENTS else statement
-        ends = token.type == "END" and "END" in accepted()
-        yield token
-        previous = token
-        if ends:
-            break
-    if open_argument:
-        raise source.error(place(open_argument), "this '(' is not closed")
-    if previous is not None and previous.type == "END":
-        yield from _after_end(source, position)
+                raise self.source.error(Place(start, self.position), "this quote is not closed on its line")
+            return _token("STRING", piece[1:-1], start, self.position)
+        return _token(OPERATORS[piece], piece, start) if kind == "operator" else self.word(piece, start)
+
+    def parenthesis(self, start: int) -> Token:
+        """An argument directly after SCALE, ROTATE or TRANSLATE, a remark elsewhere."""
+        if "LPAR" in self.accepted():
+            self.open_argument = _token("LPAR", "(", start)
+            return self.open_argument
+        self.position = _end_of_remark(self.source, start)
+        return _token("REMARK", self.source.text[start : self.position], start)
+
+    def word(self, word: str, start: int) -> Token:
+        """A word by what fits where it stands."""
+        token = _token(_type(word, self.accepted(), self.statement), word, start)
+        if token.type in STATEMENTS:
+            self.statement = token.type
+        return token
 
 
 def place(token: Token) -> Place:
@@ -121,8 +150,8 @@ def _after_end(source: Source, position: int) -> Iterator[Token]:
 def _type(word: str, accepted: Collection[str], statement: str) -> str:
     """The terminal of a word: a number, the keyword that fits here, a name, or else whatever explains it best.
 
-    The parser's table may accept, at the end of a list of numbers, what has its place in another statement: a word of the
-    present one goes before.
+    The parser's table may accept, at the end of a list of numbers, what has its place in another statement: a word of
+    the present one goes before.
     """
     if NUMBER.fullmatch(word):
         return "NUMBER"

@@ -61,7 +61,7 @@ class Source:
         end = len(self.text) if end < 0 else end
         # A long line is quoted around the place only.
         first = max(start, place.start - CLIP)
-        quoted = self.text[first:min(end, place.start + CLIP)]
+        quoted = self.text[first : min(end, place.start + CLIP)]
         quoted = "".join(c if c.isprintable() else " " for c in quoted)
         width = max(1, min(place.end, end, place.start + CLIP) - place.start)
         caret = " " * (place.start - first) + "^" + "~" * (width - 1)
@@ -80,7 +80,7 @@ class Source:
 def quote(text: str) -> str:
     """``'text'``, clipped where it is too long to print."""
     text = str(text)
-    return repr(text if len(text) <= CLIP else text[:CLIP - 3] + "...")
+    return repr(text if len(text) <= CLIP else text[: CLIP - 3] + "...")
 
 
 def listing(words: Iterable[object], last: str = "or") -> str:

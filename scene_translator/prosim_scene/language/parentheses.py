@@ -23,7 +23,9 @@ def judge(source: Source, pieces: list[Token], tree: Tree[Token]) -> None:
         if empty and PREFIX.search(remark):
             raise source.error(place(remark), f"the tree stands in a remark: {EXPLAINED}")
         if INFIX.search(remark):
-            warnings.warn(source.warning(place(remark), f"this remark reads like a part of the tree: {EXPLAINED}"), stacklevel=2)
+            warnings.warn(
+                source.warning(place(remark), f"this remark reads like a part of the tree: {EXPLAINED}"), stacklevel=2
+            )
 
 
 def in_tree(pieces: list[Token]) -> list[Token]:

@@ -60,8 +60,9 @@ def _syntax_error(source: Source, token: Token, expected: set[str], pieces: list
     owner = STATEMENT_OF.get(token.type)
     if owner and owner != _statement(pieces):
         owner = canonical(owner)
-        return source.error(place, f"found {quote(token)}, a word of {owner}; expected it after {owner}, "
-                                   "before any other statement")
+        return source.error(
+            place, f"found {quote(token)}, a word of {owner}; expected it after {owner}, before any other statement"
+        )
     if token.type in ROLES and token.type not in STATEMENTS and "NUMBER" not in expected:
         return source.error(place, f"found {quote(token)}, which has no place here; expected {listing(names)}")
     return source.error(place, f"found {quote(token)}; expected {listing(names)}")

@@ -53,10 +53,12 @@ def _miscounted(source: Source, keyword: Token, tokens: Sequence[Token], takes: 
     expected += f" ({takes.what}), or 1 for all channels" if takes.channels else f" ({takes.what})"
     html = HTML_COLOR.match(source.text, span([keyword, *tokens]).end)
     if html:
-        values = " ".join(f"{int(html[1][i:i + 2], 16) / 255:.3g}" for i in (0, 2, 4))
+        values = " ".join(f"{int(html[1][i : i + 2], 16) / 255:.3g}" for i in (0, 2, 4))
         expected += f"; {html[0].strip(' :=')!r} is a remark, and this colour is {values}"
-    return source.error(span(tokens or [keyword]),
-                        f"found {len(tokens)} number{'s' * (len(tokens) != 1)} after {keyword}; expected {expected}")
+    return source.error(
+        span(tokens or [keyword]),
+        f"found {len(tokens)} number{'s' * (len(tokens) != 1)} after {keyword}; expected {expected}",
+    )
 
 
 def _flags(source: Source, keyword: Token, values: Sequence[Token], count: int) -> bool | tuple[bool, ...]:
@@ -65,8 +67,9 @@ def _flags(source: Source, keyword: Token, values: Sequence[Token], count: int) 
         if token.type == "NUMBER" and token not in ("0", "1"):
             raise source.error(place(token), f"found {quote(token)} after {keyword}; expected TRUE or FALSE")
     if len(values) != count:
-        raise source.error(span([keyword, *values]),
-                           f"found {len(values)} words after {keyword}; expected {count}, TRUE or FALSE")
+        raise source.error(
+            span([keyword, *values]), f"found {len(values)} words after {keyword}; expected {count}, TRUE or FALSE"
+        )
     result = tuple(token == "1" if token.type == "NUMBER" else row(token).name == "true" for token in values)
     return result if count > 1 else result[0]
 

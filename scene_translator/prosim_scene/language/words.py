@@ -37,8 +37,12 @@ class Numbers:
 
     def allow(self, value: float) -> bool:
         """Whether a number is in the range."""
-        return self.low <= value <= self.high and (abs(value) >= self.least or value == 0) and (
-            value != 0 or not self.nonzero) and (value == int(value) or not self.whole)
+        return (
+            self.low <= value <= self.high
+            and (abs(value) >= self.least or value == 0)
+            and (value != 0 or not self.nonzero)
+            and (value == int(value) or not self.whole)
+        )
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,8 @@ class Flags:
 class Word:
     """A row of the table.
 
-    ``name`` is the field of the model that the word sets, or the value that it stands for; ``of`` are the kinds of lights,
-    materials or patterns that know the word (empty: all).
+    ``name`` is the field of the model that the word sets, or the value that it stands for; ``of`` are the kinds of
+    lights, materials or patterns that know the word (empty: all).
     """
 
     role: str
@@ -120,8 +124,12 @@ WORDS = (
     _word("DISTRIBUTION", "CONE", "cone"),
     _word("DISTRIBUTION", "SPOT", "spot"),
     # view
-    _word("VIEW_PARAMETER", "RESOLUTION RESOLUCAO", "resolution",
-          Numbers(2, "width height", 1, 65536, whole=True, unit="pixels")),
+    _word(
+        "VIEW_PARAMETER",
+        "RESOLUTION RESOLUCAO",
+        "resolution",
+        Numbers(2, "width height", 1, 65536, whole=True, unit="pixels"),
+    ),
     _word("VIEW_PARAMETER", "WINDOW JANELA", "window", Numbers(4, "umin vmin umax vmax", -LARGE, LARGE)),
     _word("VIEW_PARAMETER", "OBS OBSERVER OBSERVADOR EYE OLHO", "eye", POINT),
     _word("VIEW_PARAMETER", "VPN", "vpn", POINT),
@@ -142,12 +150,19 @@ WORDS = (
     _word("OPTIC", "ka", "ka", COLOR),
     _word("OPTIC", "kd", "kd", REFLECTANCE, "lambertian composite phong"),
     _word("OPTIC", "ks", "ks", REFLECTANCE, "composite phong"),
-    _word("OPTIC", "n-refr n-refraction", "eta", Numbers(3, "r g b", *INDEX_OF_REFRACTION, channels=True),
-          "conductor dielectric composite"),
-    _word("OPTIC", "k-abs k-absorption", "k", Numbers(3, "r g b", 0, INDEX_OF_REFRACTION[1], channels=True), "conductor"),
+    _word(
+        "OPTIC",
+        "n-refr n-refraction",
+        "eta",
+        Numbers(3, "r g b", *INDEX_OF_REFRACTION, channels=True),
+        "conductor dielectric composite",
+    ),
+    _word(
+        "OPTIC", "k-abs k-absorption", "k", Numbers(3, "r g b", 0, INDEX_OF_REFRACTION[1], channels=True), "conductor"
+    ),
     _word("OPTIC", "n", "exponent", Numbers(1, "n", 0, 1e6), ROUGH),
     _word("OPTIC", "rug rugosidade roughness", "exponent", Numbers(1, "a Phong exponent", 0, 1e6), ROUGH),
-    _word("OPTIC", "m", "slope", Numbers(1, "the RMS slope", 0, 1e3, least=1e-3), ROUGH),
+    _word("OPTIC", "m", "slope", Numbers(1, "the RMS slope", 0, 1e3, least=1e-4), ROUGH),
     # transforms
     _word("STEP", "SCALE ESCALA", "scale", Numbers(3, "x y z", -LARGE, LARGE, least=1 / LARGE, nonzero=True)),
     _word("STEP", "ROTATE-X ROTACAO-X GIRA-X", "rotate-x", DEGREES),
@@ -182,19 +197,40 @@ WORDS = (
 
 #: What terminals that are no words are called in messages, and BOOL, whose words are too many.
 MEANINGS = {
-    "NUMBER": "a number", "WORD": "a word", "STRING": "a quoted string", "FILE": "a file name",
-    "TEXTURE_NAME": "a texture's name (t-...)", "PLUS": "+", "MINUS": "-", "TIMES": "*", "LPAR": "(", "RPAR": ")",
+    "NUMBER": "a number",
+    "WORD": "a word",
+    "STRING": "a quoted string",
+    "FILE": "a file name",
+    "TEXTURE_NAME": "a texture's name (t-...)",
+    "PLUS": "+",
+    "MINUS": "-",
+    "TIMES": "*",
+    "LPAR": "(",
+    "RPAR": ")",
     "BOOL": "TRUE or FALSE",
 }
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 #: The roles that begin a statement.
-STATEMENTS = frozenset(("NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE",
-                        "END"))
+STATEMENTS = frozenset(
+    ("NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END")
+)
 #: The statement that the words of other roles belong to.
-STATEMENT_OF = {"LIGHT": "LIGHTS", "LIGHT_PARAMETER": "LIGHTS", "DISTRIBUTION": "LIGHTS", "VIEW_PARAMETER": "VIEW",
-                "VRP": "VIEW", "PRIMITIVE": "CSG_TREE", "MATERIAL": "SURFACE", "CONDUCTOR": "SURFACE",
-                "MATERIAL_KIND": "SURFACE", "METAL": "SURFACE", "OPTIC": "SURFACE", "STEP": "TRANSFORM", "KIND": "TEXTURE",
-                "PARAMETER": "TEXTURE"}
+STATEMENT_OF = {
+    "LIGHT": "LIGHTS",
+    "LIGHT_PARAMETER": "LIGHTS",
+    "DISTRIBUTION": "LIGHTS",
+    "VIEW_PARAMETER": "VIEW",
+    "VRP": "VIEW",
+    "PRIMITIVE": "CSG_TREE",
+    "MATERIAL": "SURFACE",
+    "CONDUCTOR": "SURFACE",
+    "MATERIAL_KIND": "SURFACE",
+    "METAL": "SURFACE",
+    "OPTIC": "SURFACE",
+    "STEP": "TRANSFORM",
+    "KIND": "TEXTURE",
+    "PARAMETER": "TEXTURE",
+}
 ROLES = tuple(dict.fromkeys(word.role for word in WORDS))
 
 

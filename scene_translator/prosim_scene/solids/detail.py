@@ -54,7 +54,7 @@ def warn_if_far(document: Document, camera: Sight, boxes: np.ndarray) -> None:
     grain = float(np.spacing(np.float32(np.abs(camera.eye).max())))
     if grain > 0.1 * pixel:
         document.warn(
-            f"the scene lies so far from the origin that its coordinates are rounded to {grain:.1g} (single precision), "
+            f"the scene lies so far from the origin that its coordinates are rounded to {grain:.1g} (single precision) "
             f"where a pixel is {pixel:.1g} wide: moved to the origin, it is seen more exactly",
             "view",
             "eye",

@@ -74,7 +74,7 @@ def as_parts(manifold: Manifold, planes: Planes, *surfaces: frozenset[int]) -> l
 
 def reserve_ids(count: int) -> int:
     """The first of so many original ids that nobody else has."""
-    return Manifold.reserve_ids(count)
+    return int(Manifold.reserve_ids(count))
 
 
 def boxes(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:

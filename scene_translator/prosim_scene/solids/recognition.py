@@ -49,7 +49,7 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     world = inverse.transpose(0, 2, 1) @ quadrics @ inverse
     world /= np.linalg.norm(world[:, :3, :3], axis=(1, 2))[:, None, None]
     row, column = np.triu_indices(4)
-    return world[:, row, column]
+    return np.asarray(world[:, row, column])
 
 
 def _clusters(values: np.ndarray) -> np.ndarray:

@@ -96,7 +96,7 @@ def _height(positions: np.ndarray) -> np.ndarray:
     """Heights of triangles (n, 3, 3) over their longest sides: those in a seam of coincident faces have none."""
     a, b, c = (positions[:, i] for i in range(3))
     longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))
 
 
 def _report_vanished(document: Document, seen: np.ndarray) -> None:

@@ -1,16 +1,17 @@
 """What a scene is translated for: the functions that a target has.
 
-``prosim`` is for this project's plugins, ``stock`` for those alone that Mitsuba brings; each is a module with the functions
-of :class:`Target`. What they share lies beside them: ``lights``, ``materials``, ``textures`` and ``view``.
+``prosim`` is for this project's plugins, ``stock`` for those alone that Mitsuba brings; each is a module with the
+functions of :class:`Target`. What they share lies beside them: ``lights``, ``materials``, ``textures``, ``sensor``
+and ``clip``, what they know of the translation in ``context``, and in ``single`` what no target can say.
 """
 
 from typing import Protocol
 
 from ..model import Leaf, Light
 from ..nodes import Node
+from ..view import Camera
 from . import prosim, stock
 from .context import Context
-from .view import Camera
 
 
 class Target(Protocol):
@@ -20,7 +21,7 @@ class Target(Protocol):
     SAMPLER: str
 
     def settings(self, context: Context) -> Node:
-        """The integrator and what else stands for the settings of the whole scene, by keys of the scene's dictionary."""
+        """The integrator and what else stands for the settings of the whole scene, by their keys in its dictionary."""
 
     def camera(self, context: Context, camera: Camera) -> Camera:
         """The camera that the target can say."""

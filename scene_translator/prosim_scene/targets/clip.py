@@ -1,18 +1,18 @@
-"""The planes between which Mitsuba's cameras see: wide enough for all of the scene, which the language does not clip."""
+"""The planes between which Mitsuba's cameras see: wide enough for all of the scene, as the language clips nothing."""
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from ..model import Light
-from .view import Camera
+from ..view import Camera
 
 #: By default, in units of the view plane's distance.
 NEAR, FAR = 1e-3, 1e5
 
 
 def planes(camera: Camera, bodies: Sequence[np.ndarray], lights: Iterable[Light]) -> tuple[float, float]:
-    """Depths of the near and the far plane, so that no triangle of the ``bodies``, each (n, 3, 3), and no light is cut off.
+    """Depths of the near and the far plane that cut off no triangle of the ``bodies``, each (n, 3, 3), and no light.
 
     The near plane is moved to the eye where something lies before it, but never on the eye.
     """
@@ -23,7 +23,9 @@ def planes(camera: Camera, bodies: Sequence[np.ndarray], lights: Iterable[Light]
     for body in bodies:
         far = max(far, 2 * float(_depth(camera, body).max()))
         extent = max(extent, float(np.abs(body - camera.eye).max()))
-    corner = np.linalg.norm([max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth])
+    corner = np.linalg.norm(
+        [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
+    )
     slant = float(corner / camera.depth)  # how much longer the way is in a corner of the image
     distance = min((_distance(camera.eye, body, near * slant) for body in bodies), default=np.inf)
     if distance < near * slant:

@@ -14,8 +14,8 @@ from ..model import Scene
 class Context:
     """A document on its way to Mitsuba: the options that the targets ask for, and what has been said so far.
 
-    ``folder`` is that of the scene, where its images are; ``image_path`` makes of such an image's path what stands in the
-    result.
+    ``folder`` is that of the scene, where its images are; ``image_path`` makes of such an image's path what stands in
+    the result.
     """
 
     document: Document
@@ -46,11 +46,15 @@ class Context:
             full = (self.folder / name.replace("\\", "/")).resolve()
             exists = full.is_file()
         except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
-            raise error(f"the image {quote(name)} cannot be a file: {getattr(reason, 'strerror', None) or reason}",
-                        *path) from None
+            raise error(
+                f"the image {quote(name)} cannot be a file: {getattr(reason, 'strerror', None) or reason}", *path
+            ) from None
         if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
-            raise error(f"the image {quote(name)} lies outside the scene's folder; expected a path in it, or the option that "
-                        "allows others: --allow-outside, allow_outside=True in Python", *path)
+            raise error(
+                f"the image {quote(name)} lies outside the scene's folder; expected a path in it, or the option that "
+                "allows others: --allow-outside, allow_outside=True in Python",
+                *path,
+            )
         if not exists:
             raise error(f"the image {quote(name)} does not exist in the scene's folder", *path)
         try:

@@ -33,8 +33,12 @@ def quantity(context: Context, number: int, light: Light, units: str) -> tuple[f
     if units == "calibrated":
         d = math.dist(light.position, context.scene.view.vrp)
         if d <= (light.radius if light.kind == "area" else 0):
-            raise context.document.error("this light stands at VRP, where light units 'calibrated' measure its irradiance; "
-                                         "expected another place, or other light units", "lights", number)
+            raise context.document.error(
+                "this light stands at VRP, where light units 'calibrated' measure its irradiance; "
+                "expected another place, or other light units",
+                "lights",
+                number,
+            )
         factor = d * d if light.kind == "point" else 1 / facing_irradiance(light, d)
     elif light.kind == "point" and units == "radiance":
         factor = math.pi * light.radius * light.radius
@@ -44,20 +48,26 @@ def quantity(context: Context, number: int, light: Light, units: str) -> tuple[f
 def facing_irradiance(light: Light, d: float) -> float:
     """Irradiance on a surface that faces a sphere of radiance 1 at distance ``d`` from its centre, on its axis.
 
-    The ray to the surface that makes the angle t with the axis carries cos^n t, so that the irradiance is the integral of
-    2 pi cos^(n+1) t sin t dt over the sphere, or where it is narrower over the cone of the light.
+    The ray to the surface that makes the angle t with the axis carries cos^n t, so that the irradiance is the integral
+    of 2 pi cos^(n+1) t sin t dt over the sphere, or where it is narrower over the cone of the light.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
-    sine2 = (light.radius / d)**2
+    sine2 = (light.radius / d) ** 2
     if light.angle is not None and light.angle < 90:
-        sine2 = min(sine2, math.sin(math.radians(light.angle))**2)
+        sine2 = min(sine2, math.sin(math.radians(light.angle)) ** 2)
     return -2 * math.pi * math.expm1((n + 2) / 2 * math.log1p(-sine2)) / (n + 2)
 
 
 def warn_of_radius(context: Context, number: int, light: Light) -> None:
     """Warns of the virtual radius of a point where it has no effect."""
-    if light.kind == "point" and context.light_units != "radiance" and context.document.given("lights", number, "radius"):
-        context.document.warn("has no effect on a POINT light, but with light units 'radiance'", "lights", number, "radius")
+    if (
+        light.kind == "point"
+        and context.light_units != "radiance"
+        and context.document.given("lights", number, "radius")
+    ):
+        context.document.warn(
+            "has no effect on a POINT light, but with light units 'radiance'", "lights", number, "radius"
+        )
 
 
 def emitter(context: Context, number: int, light: Light, units: str) -> Node:
@@ -79,5 +89,10 @@ def emitter(context: Context, number: int, light: Light, units: str) -> Node:
 
 def sphere(light: Light, emitter: Node) -> Node:
     """The body of an area light: it emits, and reflects nothing."""
-    return {"type": "sphere", "center": Point(light.position), "radius": light.radius,
-            "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))}, "emitter": emitter}
+    return {
+        "type": "sphere",
+        "center": Point(light.position),
+        "radius": light.radius,
+        "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))},
+        "emitter": emitter,
+    }

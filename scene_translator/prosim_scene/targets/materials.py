@@ -3,12 +3,12 @@
 import math
 
 from ..language.words import numbers
-from ..model import Leaf, Surface, Texture, Vector
+from ..model import GREY, Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
 from . import textures
 from .context import Context
 
-BLACK, GREY = (0.0, 0.0, 0.0), (0.5, 0.5, 0.5)
+BLACK = (0.0, 0.0, 0.0)
 
 
 def roughness(surface: Surface) -> Node:
@@ -39,8 +39,11 @@ def mean_index(context: Context, index: int, surface: Surface) -> float:
     """The index of refraction as one number; per-channel ones are averaged, and said so."""
     assert surface.eta is not None
     if len(set(surface.eta)) > 1:
-        context.approximate("the index of refraction differs from channel to channel: its mean is used, without dispersion",
-                            "surfaces", index)
+        context.approximate(
+            "the index of refraction differs from channel to channel: its mean is used, without dispersion",
+            "surfaces",
+            index,
+        )
     return sum(surface.eta) / 3
 
 
@@ -60,13 +63,23 @@ def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
         elif surface.eta and surface.k:
             node |= {"eta": rgb(surface.eta), "k": rgb(surface.k)}
     elif surface.material == "dielectric":
-        node = {"type": "prosim_dielectric", "int_ior": mean_index(context, leaf.index, surface), "ext_ior": air,
-                **roughness(surface)}
+        node = {
+            "type": "prosim_dielectric",
+            "int_ior": mean_index(context, leaf.index, surface),
+            "ext_ior": air,
+            **roughness(surface),
+        }
     elif surface.material == "lambertian":
         node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
     elif surface.material == "composite":
-        node = {"type": "prosim_composite", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks),
-                "int_ior": mean_index(context, leaf.index, surface), "ext_ior": air, **roughness(surface)}
+        node = {
+            "type": "prosim_composite",
+            "diffuse_reflectance": textured(kd),
+            "specular_reflectance": rgb(ks),
+            "int_ior": mean_index(context, leaf.index, surface),
+            "ext_ior": air,
+            **roughness(surface),
+        }
     else:
         node = {"type": "prosim_phong", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks)}
         if (exponent := phong_exponent(surface)) is not None:

@@ -2,9 +2,9 @@
 
 from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, rgb
+from ..view import Camera
 from . import lights, materials
 from .context import Context
-from .view import Camera
 
 SAMPLER = "nrook"
 
@@ -18,8 +18,12 @@ def settings(context: Context) -> Node:
     return {
         "comment": Comment(f"{scene.name}: SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW, AMBIENT, BACKGROUND"),
         "integrator": {
-            "type": "prosim", "samples": Default("samples", context.samples), "max_level": scene.max_level,
-            "shadows": scene.shadows, "ambient": rgb(lights.radiometric(scene.ambient)), "background": background,
+            "type": "prosim",
+            "samples": Default("samples", context.samples),
+            "max_level": scene.max_level,
+            "shadows": scene.shadows,
+            "ambient": rgb(lights.radiometric(scene.ambient)),
+            "background": background,
             "hide_emitters": True,
             "channels": "".join(c for c, saved in zip("rgb", scene.channels, strict=True) if saved),
         },

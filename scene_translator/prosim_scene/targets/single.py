@@ -17,8 +17,10 @@ def check(document: Document, node: Node, *path: str | int) -> Node:
     """The node itself, if Mitsuba can hold its numbers; a SceneError about what stands at ``path`` if not."""
     for value in _numbers(node):
         if not abs(value) <= LARGEST:
-            raise document.error(f"this comes to {value:g}, which is beyond single precision, Mitsuba's; expected less "
-                                 "extreme numbers", *path)
+            raise document.error(
+                f"this comes to {value:g}, which is beyond single precision, Mitsuba's; expected less extreme numbers",
+                *path,
+            )
     return node
 
 
@@ -28,8 +30,12 @@ def check_transforms(document: Document) -> None:
         with np.errstate(all="ignore"):
             m = matrix(transform)
         if not np.abs(m).max() <= LARGEST or np.linalg.svd(m[:3, :3], compute_uv=False).min() < 1 / LARGEST:
-            raise document.error("these steps together lead beyond single precision, Mitsuba's; expected less extreme factors "
-                                 "and distances", "transforms", index)
+            raise document.error(
+                "these steps together lead beyond single precision, Mitsuba's; expected less extreme factors "
+                "and distances",
+                "transforms",
+                index,
+            )
 
 
 def _numbers(value: Any) -> Iterable[float]:

@@ -9,9 +9,9 @@ import numpy as np
 from ..language.words import PIXELS
 from ..model import Leaf, Light, Surface, Vector
 from ..nodes import Comment, Default, Node, Point, rgb, rgb_clipped
+from ..view import Camera
 from . import lights, materials, textures
 from .context import Context
-from .view import Camera
 
 SAMPLER = "multijitter"
 
@@ -24,11 +24,16 @@ def settings(context: Context) -> Node:
         # One camera ray, max_level reflections or refractions, and the light's ray.
         "integrator": {"type": "path", "max_depth": Default("max_depth", scene.max_level + 2), "rr_depth": 1000},
     }
-    context.approximate("stock target: 'path' follows diffuse reflections too, and takes one sample of one light at a time; "
-                        "N-rook patterns and adaptive sampling are left out", "ambient")
+    context.approximate(
+        "stock target: 'path' follows diffuse reflections too, and takes one sample of one light at a time; "
+        "N-rook patterns and adaptive sampling are left out",
+        "ambient",
+    )
     if any(scene.ambient):
-        context.approximate("stock target: AMBIENT is emitted by the surfaces (ka I_a), so that they also light each other "
-                            "with it", "ambient")
+        context.approximate(
+            "stock target: AMBIENT is emitted by the surfaces (ka I_a), so that they also light each other with it",
+            "ambient",
+        )
     if not scene.shadows:
         context.approximate("stock target: shadows are cast all the same", "shadows")
     if not all(scene.channels):
@@ -51,8 +56,12 @@ def camera(context: Context, camera: Camera) -> Camera:
     pixel = (camera.right - camera.left) / width
     new = max(1, round((camera.top - camera.bottom) / pixel))
     if width * new > PIXELS:
-        raise context.document.error(f"stock target: pixels are square, and this window would have {width}x{new} of them; "
-                                     "expected a window with other proportions", "view", "window")
+        raise context.document.error(
+            f"stock target: pixels are square, and this window would have {width}x{new} of them; "
+            "expected a window with other proportions",
+            "view",
+            "window",
+        )
     context.approximate(f"stock target: pixels are square, {width}x{new} of them instead of {width}x{height}", "view")
     # What rounding leaves over goes to both sides of the window.
     middle, half = (camera.top + camera.bottom) / 2, new * pixel / 2
@@ -74,8 +83,13 @@ def light(context: Context, number: int, light: Light) -> Node:
     context.approximate("stock target: CONE and SPOT lights are points, SPOT with a linear falloff", *path)
     quantity = lights.quantity(context, number, replace(light, kind="point"), units)
     beam, cutoff = _falloff(light)
-    return {"type": "spot", "to_world": _along(light.position, light.direction), "intensity": rgb(quantity),
-            "beam_width": beam, "cutoff_angle": cutoff}
+    return {
+        "type": "spot",
+        "to_world": _along(light.position, light.direction),
+        "intensity": rgb(quantity),
+        "beam_width": beam,
+        "cutoff_angle": cutoff,
+    }
 
 
 def _falloff(light: Light) -> tuple[float, float]:
@@ -147,14 +161,25 @@ def _bsdf(context: Context, index: int, surface: Surface, diffuse: Node, ks: Vec
             optics = {"eta": rgb([x / air for x in surface.eta]), "k": rgb([x / air for x in surface.k])}
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
-        return {"type": prefix + "dielectric", "int_ior": materials.mean_index(context, index, surface), "ext_ior": air, **rough}
+        return {
+            "type": prefix + "dielectric",
+            "int_ior": materials.mean_index(context, index, surface),
+            "ext_ior": air,
+            **rough,
+        }
     if surface.material == "lambertian":
         return {"type": "diffuse", "reflectance": diffuse}
     if surface.material == "composite":
         mean = materials.mean_index(context, index, surface)
         context.approximate("stock target: a composto is a (rough)plastic", *path)
-        return {"type": prefix + "plastic", "diffuse_reflectance": diffuse, "specular_reflectance": rgb(ks),
-                "int_ior": mean, "ext_ior": air, **rough}
+        return {
+            "type": prefix + "plastic",
+            "diffuse_reflectance": diffuse,
+            "specular_reflectance": rgb(ks),
+            "int_ior": mean,
+            "ext_ior": air,
+            **rough,
+        }
     if not any(ks):
         return {"type": "diffuse", "reflectance": diffuse}
     context.approximate("stock target: a Phong surface is a blend of a diffuse one and a rough mirror", *path)
@@ -172,4 +197,9 @@ def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:
         # A half vector turns half as fast as the mirror ray: 4 times the exponent.
         mirror = {"type": "roughconductor", "distribution": "beckmann", "alpha": math.sqrt(2 / (4 * exponent + 2))}
     mirror |= {"material": "none", "specular_reflectance": rgb_clipped(np.array(ks) / weight)}
-    return {"type": "blendbsdf", "weight": weight, "diffuse": {"type": "diffuse", "reflectance": base}, "specular": mirror}
+    return {
+        "type": "blendbsdf",
+        "weight": weight,
+        "diffuse": {"type": "diffuse", "reflectance": base},
+        "specular": mirror,
+    }

@@ -17,11 +17,24 @@ from .context import Context
 #: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.
 DEFAULTS: dict[str, dict[str, Any]] = {
     # 12 bricks with their joints along u, 26 rows along v: no seam.
-    "brick": {"brick": (1.0, 0.7, 0.6), "mortar": (1.4, 1.5, 1.8), "brick_width": 1 / 12 - 1 / 250,
-              "brick_height": 1 / 26 - 1 / 250, "mortar_width": 1 / 250, "stagger": 0.5},
+    "brick": {
+        "brick": (1.0, 0.7, 0.6),
+        "mortar": (1.4, 1.5, 1.8),
+        "brick_width": 1 / 12 - 1 / 250,
+        "brick_height": 1 / 26 - 1 / 250,
+        "mortar_width": 1 / 250,
+        "stagger": 0.5,
+    },
     "stripes": {"color0": (1.0, 1.0, 1.0), "color1": (0.35, 0.35, 0.35), "frequency": 6.0, "duty": 0.5},
-    "fractal": {"color0": (0.5, 0.5, 0.5), "color1": (1.2, 1.2, 1.2), "scale": 4.0, "octaves": 6, "gain": 0.5,
-                "lacunarity": 2.0, "seed": 0},
+    "fractal": {
+        "color0": (0.5, 0.5, 0.5),
+        "color1": (1.2, 1.2, 1.2),
+        "scale": 4.0,
+        "octaves": 6,
+        "gain": 0.5,
+        "lacunarity": 2.0,
+        "seed": 0,
+    },
 }
 #: Across the stripes: along v on a surface, along z (a cylinder's axis) in a solid.
 STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}
@@ -39,8 +52,10 @@ def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any
     return pattern.kind, DEFAULTS[pattern.kind] | axis | dict(pattern.parameters)
 
 
-def reflectance(context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]) -> Node:
-    """The colour of a leaf, node ``number`` of the tree, with its two texture slots applied: an rgb or a (nested) texture."""
+def reflectance(
+    context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]
+) -> Node:
+    """A colour of a leaf, node ``number`` of the tree, with its two texture slots: an rgb or a (nested) texture."""
     first, second = slots
     scene = context.scene
 
@@ -50,7 +65,9 @@ def reflectance(context: Context, number: int, leaf: Leaf, slots: Sequence[Textu
     def inner(factor: Iterable[float]) -> Node:
         if second is None:
             return rgb_clipped(product(factor))
-        node = pattern(scene, second, True, lambda f: rgb_clipped(a * b for a, b in zip(product(factor), f, strict=True)))
+        node = pattern(
+            scene, second, True, lambda f: rgb_clipped(a * b for a, b in zip(product(factor), f, strict=True))
+        )
         return node | {"solid": True, "to_local": np.linalg.inv(matrix(scene.transforms[leaf.index]))}
 
     if first is None:
@@ -67,4 +84,6 @@ def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> No
     """A pattern's plugin, its colours made by ``colored``."""
     assert texture.name is not None
     kind, values = parameters(scene, texture.name, solid)
-    return {"type": "prosim_" + kind} | {key: colored(value) if key in COLORS else value for key, value in values.items()}
+    return {"type": "prosim_" + kind} | {
+        key: colored(value) if key in COLORS else value for key, value in values.items()
+    }

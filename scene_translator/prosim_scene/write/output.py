@@ -1,8 +1,8 @@
 """The files of a translation: ``STEM.xml``, and its meshes in ``STEM-meshes``.
 
 A mesh's name ends in the digest of its content. So a mesh never changes under the XML that names it, whatever is killed
-when; translations of the same scene at the same time write the same files; and a file whose name agrees with its content
-is one that a translation wrote, and may be removed by the next one. Nothing else ever is.
+when; translations of the same scene at the same time write the same files; and a file whose name agrees with its
+content is one that a translation wrote, and may be removed by the next one. Nothing else ever is.
 """
 
 import os
@@ -37,8 +37,8 @@ def meshes_folder(stem: str) -> str:
 def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
     """Writes the XML ``text`` and the ``meshes`` by their file names; returns the path of the XML.
 
-    The XML comes last, by renaming: it never stands without its meshes. Meshes of earlier translations are removed. Raises
-    OSError, FileExistsError among them where a file of the user's is in the way; then nothing has changed.
+    The XML comes last, by renaming: it never stands without its meshes. Meshes of earlier translations are removed.
+    Raises OSError, FileExistsError among them where a file of the user's is in the way; then nothing has changed.
     """
     xml, bodies = folder / f"{stem}.xml", folder / meshes_folder(stem)
     _make_sure_of(xml, bodies)
@@ -68,12 +68,17 @@ def _digest(content: bytes) -> str:
 def _make_sure_of(xml: Path, bodies: Path) -> None:
     """Raises where what is there already is not a translation's."""
     if xml.is_dir():
-        raise IsADirectoryError(0, "this folder stands where the translation goes; move it, or choose another folder", xml)
+        raise IsADirectoryError(
+            0, "this folder stands where the translation goes; move it, or choose another folder", xml
+        )
     if xml.exists() and MARK.encode() not in xml.read_bytes():
-        raise FileExistsError(0, "this file is no translation and is not overwritten; move it, or choose another folder", xml)
+        raise FileExistsError(
+            0, "this file is no translation and is not overwritten; move it, or choose another folder", xml
+        )
     if bodies.exists() and not bodies.is_dir():
-        raise FileExistsError(0, "this file stands where the folder of the meshes goes; move it, or choose another folder",
-                              bodies)
+        raise FileExistsError(
+            0, "this file stands where the folder of the meshes goes; move it, or choose another folder", bodies
+        )
 
 
 @contextmanager
@@ -131,4 +136,4 @@ def _tidy(bodies: Path, meshes: dict[str, bytes]) -> None:
 
 def _ours(path: Path) -> bool:
     match = MESH.fullmatch(path.name)
-    return bool(PART.fullmatch(path.name) or match and _digest(path.read_bytes()) == match[1])
+    return bool(PART.fullmatch(path.name) or (match and _digest(path.read_bytes()) == match[1]))

@@ -24,7 +24,14 @@ def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
     vertices = np.concatenate(columns, axis=1).astype("<f4")
     faces = np.empty(int(kept.sum()), dtype=[("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, index.reshape(-1, 3)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}",
-              *(f"property float {name}" for name in names), f"element face {len(faces)}",
-              "property list uchar int vertex_indices", "end_header", ""]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property float {name}" for name in names),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+        "",
+    ]
     return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()

@@ -11,26 +11,32 @@ from ..nodes import Comment, Default, Node, Point
 INDENT = "    "
 
 #: The element of each plugin that the translator uses.
-TAGS = {plugin: tag for tag, plugins in {
-    "integrator": "prosim path",
-    "sensor": "perspective prosim_window",
-    "film": "hdrfilm",
-    "sampler": "nrook multijitter",
-    "rfilter": "box",
-    "shape": "ply sphere",
-    "emitter": "prosim_area prosim_point area point spot constant envmap",
-    "texture": "bitmap prosim_brick prosim_stripes prosim_fractal prosim_product",
-    "bsdf": "prosim_conductor prosim_dielectric prosim_lambertian prosim_composite prosim_phong diffuse conductor "
-            "roughconductor dielectric roughdielectric plastic roughplastic blendbsdf",
-}.items() for plugin in plugins.split()}
+TAGS = {
+    plugin: tag
+    for tag, plugins in {
+        "integrator": "prosim path",
+        "sensor": "perspective prosim_window",
+        "film": "hdrfilm",
+        "sampler": "nrook multijitter",
+        "rfilter": "box",
+        "shape": "ply sphere",
+        "emitter": "prosim_area prosim_point area point spot constant envmap",
+        "texture": "bitmap prosim_brick prosim_stripes prosim_fractal prosim_product",
+        "bsdf": "prosim_conductor prosim_dielectric prosim_lambertian prosim_composite prosim_phong diffuse conductor "
+        "roughconductor dielectric roughdielectric plastic roughplastic blendbsdf",
+    }.items()
+    for plugin in plugins.split()
+}
 
 
 def plain(node: Node, transform: Callable[[np.ndarray], Any]) -> Node:
     """The dictionary for ``mi.load_dict``: no comments, defaults by their values, ``transform`` applied to matrices."""
+
     def value(v: Any) -> Any:
         if isinstance(v, dict):
             return plain(v, transform)
         return v.value if isinstance(v, Default) else transform(v) if isinstance(v, np.ndarray) else v
+
     return {key: value(v) for key, v in node.items() if not isinstance(v, Comment)}
 
 
@@ -70,7 +76,13 @@ def _defaults(node: Node) -> Iterator[Default]:
 def _entry(parent: ElementTree.Element, key: str, value: Any, depth: int) -> None:
     """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
     if isinstance(value, Comment):
-        text = "".join(c if c.isprintable() else "?" for c in value).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("--", "- -")
+        text = (
+            "".join(c if c.isprintable() else "?" for c in value)
+            .replace("&", "&amp;")
+            .replace("<", "&lt;")
+            .replace(">", "&gt;")
+            .replace("--", "- -")
+        )
         parent.append(ElementTree.Comment(f" {text} "))
     elif isinstance(value, dict):
         _element(parent, key, value, depth)

@@ -71,33 +71,46 @@ def interval(shape, o, d):
     return np.maximum(near, low), np.minimum(far, high)
 
 
-def first_surfaces(scene, origins, directions):
-    """Of each ray its first surface: (number of the leaf that owns it, in the order of the tree, or -1; distance)."""
-    leaves = [node for node in scene.csg if isinstance(node, Leaf)]
+def surfaces(scene, origins, directions):
+    """What rays meet one after the other: distances, whether they enter the result there, and the number of the leaf
+    that owns the surface, in the order of the tree; -1 where there is none.
+    """
     ends = []
-    for leaf in leaves:
-        linear, offset = placed(scene.transforms[leaf.index])
-        inverse = np.linalg.inv(linear)
-        near, far = interval(leaf.shape, (origins - offset) @ inverse.T, directions @ inverse.T)
-        far = np.where(near < far, far, near)
-        ends.append((near, far))
+    for leaf in scene.csg:
+        if isinstance(leaf, Leaf):
+            linear, offset = placed(scene.transforms[leaf.index])
+            inverse = np.linalg.inv(linear)
+            near, far = interval(leaf.shape, (origins - offset) @ inverse.T, directions @ inverse.T)
+            ends.append((near, np.where(near < far, far, near)))
     times = np.sort(np.concatenate(list(zip(*ends))), axis=0)  # (2 leaves, rays)
-    best, owner = np.full(len(origins), np.inf), np.full(len(origins), -1)
-    for k in range(len(times)):
-        t = times[k]
-        known = np.isfinite(t) & (t > COINCIDENT) & (best == np.inf)
-        if not known.any():
-            continue
+    for t in times:
         # The middle of the stretches before and after the ends that coincide with this one.
         earlier = np.where(times < t - COINCIDENT, times, -np.inf).max(axis=0)
         later = np.where(times > t + COINCIDENT, times, np.inf).min(axis=0)
         before = np.where(np.isfinite(earlier), (np.maximum(earlier, -1e9) + t) / 2, t - 1)
         after = np.where(np.isfinite(later), (later + t) / 2, t + 1)
         state = [((a < before) & (before < b), (a < after) & (after < b)) for a, b in ends]
-        outside, inside, whose = evaluate(scene.csg, state)
-        found = known & ~outside & inside
-        best[found], owner[found] = t[found], whose[found]
-    return owner, best
+        first, second, owner = evaluate(scene.csg, state)
+        yield t, ~first & second, np.where(np.isfinite(t) & (t > COINCIDENT), owner, -1)
+
+
+def first_surfaces(scene, origins, directions):
+    """Of each ray its first surface from outside: (number of the leaf that owns it, or -1; distance)."""
+    best, found = np.full(len(origins), np.inf), np.full(len(origins), -1)
+    for t, enters, owner in surfaces(scene, origins, directions):
+        new = (best == np.inf) & enters & (owner >= 0)
+        best[new], found[new] = t[new], owner[new]
+    return found, best
+
+
+def crossings(scene, origins, directions):
+    """How often each ray enters or leaves the result."""
+    count, last = np.zeros(len(origins), int), np.full(len(origins), -np.inf)
+    for t, _, owner in surfaces(scene, origins, directions):
+        new = (owner >= 0) & (t > last + COINCIDENT)
+        count += new
+        last = np.where(new, t, last)
+    return count
 
 
 def evaluate(nodes, state):
@@ -188,6 +201,14 @@ def grid(rng, after=""):
         for _ in shapes
     ]
     return text(rng, shapes, transforms, tree(rng, count))
+
+
+def blocks(rng, after=""):
+    """Some boxes of a grid, touching and overlapping."""
+    count = rng.integers(2, 6)
+    transforms = [f"SCALE ({numbers(rng.choice([.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
+                  f"TRANSLATE ({numbers(rng.integers(-2, 3, 3) / 2)}) {after}" for _ in range(count)]
+    return text(rng, ["CUBE"] * count, transforms, tree(rng, count, "+++-*"))
 
 
 def turned_grid(rng):

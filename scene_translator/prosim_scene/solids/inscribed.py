@@ -71,8 +71,8 @@ def _touches_within(inner: Solid, outer: Solid) -> bool:
     points = inner.primitive.lines.reshape(-1, 3)
     for some in (points[:: max(len(points) // 8, 1)], points):  # few points tell most pairs apart
         p = some @ relative[:3, :3].T + relative[:3, 3]
-        if outer.primitive.name == "cone" and (p[:, 2] < -CONTAINED).any():
-            return False  # the other nappe
+        if outer.primitive.two_sheets and (p[:, 2] < -CONTAINED).any():
+            return False
         value = np.einsum("ij,ij->i", p @ quadric[:3, :3], p) + 2 * p @ quadric[:3, 3] + quadric[3, 3]
         if (value > CONTAINED).any():
             return False

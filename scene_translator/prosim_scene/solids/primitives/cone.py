@@ -12,6 +12,7 @@ class Cone(Primitive):
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
     box = np.array([[-1.0, -1, 0], [1, 1, 1]])
     curved = 0
+    two_sheets = True
     lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:

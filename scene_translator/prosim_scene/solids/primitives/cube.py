@@ -30,9 +30,6 @@ class Cube(Primitive):
     def count(self, segments: int) -> int:
         return 12
 
-    def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        raise NotImplementedError("a cube has no curved face")
-
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         normals = np.zeros_like(p)
         axis = face % 3

@@ -57,6 +57,8 @@ class Primitive(ABC):
     curved: ClassVar[int | None] = None
     #: It is round in so many of the axes: 2 about z, 3 about the origin.
     axes: ClassVar[int] = 2
+    #: Whether its quadric has a second sheet, at z < 0.
+    two_sheets: ClassVar[bool] = False
     #: Lines (k, 2, 3) on the curved face: no point of it is farther from them than ``gap`` times its longest semi-axis.
     lines: ClassVar[np.ndarray]
     gap: ClassVar[float] = 0.08
@@ -79,11 +81,9 @@ class Primitive(ABC):
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         """Normals and surface parameters of triangles (n, 3, 3) on its faces with the numbers ``face`` (n,)."""
 
-    @abstractmethod
     def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        """Under a linear map: the longest semi-axis of the curved face, and centre and radius of a ball around the
-        solid.
-        """
+        """Under a linear map: the curved face's longest semi-axis, and centre and radius of a ball around the solid."""
+        raise NotImplementedError(f"a {self.name} with a curved face says how large that is")
 
     def segments(self, to_world: np.ndarray, camera: Sight, tolerance: float) -> int:
         """Segments around a circle, so that the chord error stays below ``tolerance`` pixels in the image."""

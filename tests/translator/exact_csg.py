@@ -211,6 +211,14 @@ def blocks(rng, after=""):
     return text(rng, ["CUBE"] * count, transforms, tree(rng, count, "+++-*"))
 
 
+def chains(rng):
+    """Blocks of a turned grid, added and taken away in turn."""
+    after = turn(rng)
+    transforms = [f"SCALE ({numbers(rng.choice([.5, 1, 2, 3], 3))}) "
+                  f"TRANSLATE ({numbers(rng.integers(-4, 3, 3) / 2)}) {after}" for _ in range(12)]
+    return text(rng, ["CUBE"] * 12, transforms, [*rng.choice(["+", "-"], 11).tolist(), *range(12)])
+
+
 def turned_grid(rng):
     return grid(rng, turn(rng))
 
@@ -302,7 +310,7 @@ def grazing(rng):
 
 KINDS = {
     f.__name__: f
-    for f in (general, grid, turned_grid, recesses, stretched_grid, decimals, same_quadric, nested, grazing)
+    for f in (general, grid, turned_grid, recesses, chains, stretched_grid, decimals, same_quadric, nested, grazing)
 }
 
 

@@ -4,7 +4,7 @@ Where two faces lie on the same plane but for rounding, an operation on their me
 faces of the wrong owner, at the whim of the last digit. So every facet that lies on a surface that several primitives
 have in common is given the number of its plane, and the vertices are brought onto these planes. Before an operation the
 first solid's facets on the planes that it has in common with the second are moved by a distance that is large against
-rounding and small against all else, and afterwards all go back:
+rounding and small against all else, afterwards all but back, and in the end onto their planes:
 
 - in A + B, A grows: faces to the same side become A's, touching ones are swallowed;
 - in A - B and A * B, A shrinks: a flush cut goes through, touching ones leave no film, and faces to the same side (of A
@@ -15,7 +15,7 @@ face. Facets of curved faces are treated likewise; those of one quadric are the 
 :mod:`.leaves`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,11 @@ from manifold3d import Manifold
 
 from .primitives import Mesh
 
-STEP = 2.0**-32  # of the scene's size; manifold3d takes 1e-12 of it for rounding
+STEP = 2.0**-26  # of the scene's size, less than single precision shows
+GRAIN = 2.0**-36  # of it, what facets are kept apart by; manifold3d takes 1e-12 for rounding
+
+#: Heights of facets over their planes, and the sides that they look to -> other heights.
+Target = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class Planes:
@@ -38,14 +42,33 @@ class Planes:
         self, planes: np.ndarray, surface: np.ndarray, of_facet: np.ndarray, side: np.ndarray, step: float
     ) -> None:
         self.planes, self.surface, self.of_facet, self.side, self.step = planes, surface, of_facet, side, step
+        self.grain = step * GRAIN / STEP
 
-    def apart(self, solid: Manifold, surfaces: Iterable[int], outwards: int) -> Manifold:
+    def apart(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
         """A solid whose facets on some surfaces are moved by a step, outwards or (-1) inwards."""
-        return self._moved(solid, surfaces, outwards * self.step)
+        return self._moved(solid, surfaces, lambda height, side: height + outwards * self.step * side)
 
-    def together(self, solid: Manifold, surfaces: Iterable[int]) -> Manifold:
+    def closer(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
+        """The result of an operation on a solid that has been moved apart: its facets go back, but stay in their order.
+
+        Strips between facets that were moved and facets that were not keep a width: manifold3d tidies up triangles
+        without an area as it likes.
+        """
+
+        def target(height: np.ndarray, side: np.ndarray) -> np.ndarray:
+            moved = np.abs(height) > self.step / 2
+            past = np.abs(height[~moved]).max(initial=0.0)
+            least = self.step - np.abs(height[moved]).min(initial=np.inf)
+            back = self.step - self.grain - past - max(least, 0.0)
+            if past > self.step / 4 or back < self.step / 2:
+                return np.zeros_like(height)  # after hundreds of operations on one plane
+            return np.where(moved, height - back * np.sign(height), height)
+
+        return self._moved(solid, surfaces, target)
+
+    def together(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
         """A solid with its vertices brought back onto their planes, as far as they lie on some surfaces."""
-        return self._moved(solid, surfaces, 0.0)
+        return self._moved(solid, surfaces, lambda height, side: np.zeros_like(height))
 
     def adjusted(self, mesh: Mesh, first: int) -> Mesh:
         """A primitive's mesh, whose facets are numbered from ``first``, with its vertices brought onto their planes."""
@@ -54,29 +77,39 @@ class Planes:
         vertex, on = np.divmod(pairs, len(self.planes))
         return replace(mesh, vertices=self.onto(mesh.vertices.copy(), vertex, on, 0.0))
 
-    def _moved(self, solid: Manifold, surfaces: Iterable[int], step: float) -> Manifold:
+    def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
+        """A solid with its facets on some surfaces moved to the heights over their planes that ``target`` gives for
+        their present heights and the sides that they look to; facets on other shared planes stay where they are.
+        """
+        if not surfaces:
+            return solid
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
-        plane, shift = self.of_facet[facets], step * self.side[facets]
+        plane, side = self.of_facet[facets], self.side[facets]
         flags = np.asarray(mesh.run_flags, dtype=np.int64) & 1  # 1: the back side, of a solid that was taken away
         runs = np.asarray(mesh.run_index, dtype=np.int64) // 3
-        shift = np.where(np.repeat(flags, runs[1:] - runs[:-1]) == 1, -shift, shift)
+        side = np.where(np.repeat(flags, runs[1:] - runs[:-1]) == 1, -side, side)
         concerned = np.isin(self.surface, list(surfaces))
         chosen = (plane >= 0) & concerned[plane]
-        triangles = np.asarray(mesh.tri_verts, dtype=np.int64)
         if not chosen.any():
             return solid
-        touched = np.zeros(solid.num_vert(), bool)
+        triangles = np.asarray(mesh.tri_verts, dtype=np.int64)
+        vertices = np.array(mesh.vert_properties)[:, :3]
+        touched = np.zeros(len(vertices), bool)
         touched[triangles[chosen]] = True
         near = (plane >= 0) & touched[triangles].any(axis=1)
-        pairs = triangles[near].ravel() * len(self.planes) + np.repeat(plane[near], 3)
-        shifts = np.repeat(np.where(chosen, shift, 0.0)[near], 3)
+        triangles, plane, side, chosen = triangles[near], plane[near], side[near], chosen[near]
+        height = (
+            np.einsum("tij,tj->ti", vertices[triangles], self.planes[plane, :3]).mean(axis=1) + self.planes[plane, 3]
+        )
+        height[chosen] = target(height[chosen], side[chosen])
+        pairs = triangles.ravel() * len(self.planes) + np.repeat(plane, 3)
         pairs, first = np.unique(pairs, return_index=True)
         vertex, on = np.divmod(pairs, len(self.planes))
         kept = touched[vertex]
 
         def warp(points: np.ndarray) -> np.ndarray:
-            return self.onto(np.array(points), vertex[kept], on[kept], shifts[first][kept])
+            return self.onto(np.array(points), vertex[kept], on[kept], height[first[kept] // 3])
 
         return solid.warp_batch(warp)
 

@@ -47,12 +47,12 @@ def shells(value: Value, media: list[Hashable]) -> list[Shell]:
         parts = value.get(medium, [])
         if not before:
             before = parts
-            result += [_shell(p.manifold) for p in parts]
+            result += [_shell(p) for p in parts]
         elif parts:
             own, originals = _renamed(parts)
             before = union([before, own])
             for part in before:
-                shell = _shell(part.manifold)
+                shell = _shell(part)
                 mine = np.isin(shell.ids, list(originals))
                 if mine.any():
                     ids = np.array([originals[i] for i in shell.ids[mine].tolist()])
@@ -62,8 +62,8 @@ def shells(value: Value, media: list[Hashable]) -> list[Shell]:
     return result
 
 
-def _shell(manifold: Manifold) -> Shell:
-    mesh = manifold.to_mesh64()
+def _shell(part: Part) -> Shell:
+    mesh = part.planes.together(part.manifold, part.surfaces).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)

@@ -126,7 +126,7 @@ def _combined(operator: str, first: Part, second: Part) -> list[Part]:
         a = planes.apart(a, common, 1 if operator == "+" else -1)
     result = b + a if operator == "+" else a - b if operator == "-" else a ^ b
     if common and not _checked(result).is_empty():
-        result = planes.together(result, common)
+        result = planes.closer(result, common)
     return as_parts(result, planes, first.surfaces, second.surfaces)
 
 

@@ -73,7 +73,7 @@ def tessellate(
             part = slice(start, start + CHUNK)
             leaf, corner = shell.ids[part] - base, shell.triangles[part]
             positions = shell.vertices[corner]
-            seen[leaf[_height(positions) > 16 * table.planes.step]] = True
+            seen[leaf[_height(positions) > 2 * table.planes.step]] = True
             found = table.surface(positions, leaf, shell.facets[part], shell.sign[part])
             wrapped = (np.floor(found.uv[..., 0]) > 0).astype(int)
             keys = (((corner + vertices) * len(leaves) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped

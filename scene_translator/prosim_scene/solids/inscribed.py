@@ -1,4 +1,4 @@
-"""Curved solids that touch another's curved face from within: a ball in a pipe of its own width.
+"""Balls that touch another solid's curved face from within, such as a ball in a pipe of its own width.
 
 Both faces are approximated by chords, and near the line or the point where they touch, the inner one's facets would
 stand out of the outer one's: patches of the wrong solid, many pixels wide although far thinner than a pixel. So the
@@ -65,7 +65,12 @@ def _touching(solids: list[Solid]) -> list[tuple[int, int]]:
 
 
 def _touches_within(inner: Solid, outer: Solid) -> bool:
-    """Whether the inner solid's curved face lies within the quadric of the outer one's, and touches it."""
+    """Whether the inner solid is a ball that lies within the quadric of the outer one's curved face, and touches it.
+
+    A pipe or a cone would touch it along a generator or with its rim, where a gap could be taken for a wall.
+    """
+    if inner.primitive.axes < 3:
+        return False
     relative = np.linalg.solve(outer.to_world, inner.to_world)
     quadric = outer.primitive.quadrics[outer.primitive.curved]
     points = inner.primitive.lines.reshape(-1, 3)

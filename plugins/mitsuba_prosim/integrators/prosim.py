@@ -208,6 +208,7 @@ class Prosim(mi.SamplingIntegrator):
     def cancel(self):
         """Ends a rendering in progress after the current band; the film keeps what was finished."""
         self.cancelled = True
+        super().cancel()  # the loop of scalar variants
 
     def flush(self):
         """Puts the image so far into the film; for ``progress`` to call. Does nothing where no image is being made, or one

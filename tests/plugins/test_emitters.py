@@ -286,6 +286,7 @@ def test_narrow_beams(variant_rgb, parameters, direction):
     np.testing.assert_allclose(stated[inside], np.cos(angle[inside]) ** n, rtol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("make", (area, point))
 def test_particle_tracing_agrees_with_path_tracing(variant_rgb, make, name):
@@ -320,6 +321,7 @@ def test_unattenuated_irradiance(variant_rgb, distance):
         assert np.allclose(irradiance, [20, 15, 10], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_unattenuated_is_the_same_by_every_technique(variant_rgb):
     """Sampling the source, sampling the material, and both combined; Z-test of the mean over 8 independent images."""
     results = {}

@@ -21,7 +21,7 @@ def render(scene, seed=0, spp=0, **film):
 
 # ------------------------------------------------------------------ the right image
 
-@pytest.mark.parametrize("rfilter", ["box", "gaussian", "mitchell"])
+@pytest.mark.parametrize("rfilter", ["box", *(pytest.param(f, marks=pytest.mark.slow) for f in ("gaussian", "mitchell"))])
 def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
     direct = renderings(penumbra(rfilter=rfilter, type="direct"), 16, spp=36)
     for adaptive in ("none", "neighbours"):
@@ -48,6 +48,7 @@ def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
     assert same_expectation(path, ours)
 
 
+@pytest.mark.slow
 def test_specular_and_diffuse_bounces_together_equal_path(variant_rgb):
     path = renderings(penumbra(ROUGH_GLASS, type="path", max_depth=8), 16, spp=64)
     ours = renderings(penumbra(ROUGH_GLASS, type="prosim", adaptive="none", max_level=6, diffuse_bounces=-1), 16,
@@ -64,6 +65,7 @@ def test_thin_lens_equals_direct(variant_rgb):
     assert same_expectation(*images)
 
 
+@pytest.mark.slow
 def test_every_kind_of_source_equals_path(variant_rgb):
     """A sphere, a point, a rectangle, an environment and a spot at once; more sources than are unrolled.
 
@@ -83,6 +85,7 @@ def test_every_kind_of_source_equals_path(variant_rgb):
     assert same_expectation(*images)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unrolled", [0, 4])
 def test_sky_on_diffuse_and_rough_surfaces_equals_path(variant_rgb, monkeypatch, unrolled):
     """The sky is sampled by projected solid angle; with and without the loop over sources."""
@@ -151,7 +154,7 @@ def test_channels(variant_rgb):
 # ------------------------------------------------------------------ the same image, bit by bit
 
 @pytest.mark.parametrize("adaptive", ["neighbours", "thesis", "none"])
-@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+@pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
 def test_bands_and_crops_do_not_change_a_bit(variant_rgb, adaptive, rfilter):
     def image(band=1 << 18, **film):
         return render(penumbra(COPPER, rfilter=rfilter, type="prosim", adaptive=adaptive, band=band), width=40, **film)
@@ -249,6 +252,7 @@ def test_threshold_and_limits(variant_rgb):
     assert mean(adaptive="none", samples=3) == 9
 
 
+@pytest.mark.slow
 def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
     """A pixel's own samples that decide bias it (Kirk and Arvo 1991): up, in the mean of this scene, by some 0.05 %.
 
@@ -265,6 +269,7 @@ def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
     assert abs(thesis / truth - 1) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rfilter", ["gaussian", "mitchell"])
 def test_uneven_counts_do_not_bias_the_filter(variant_rgb, rfilter):
     """Pixels with many samples must not outweigh their neighbours: each sample weighs one over its pixel's count."""
@@ -273,6 +278,7 @@ def test_uneven_counts_do_not_bias_the_filter(variant_rgb, rfilter):
     assert same_expectation(even, uneven)
 
 
+@pytest.mark.slow
 def test_error_channel_is_the_error(variant_rgb):
     """Between passes the standard error is estimated without bias: over 60 images it is the spread of the pixels."""
     images = renderings(penumbra(type="prosim", adaptive="none", jitter="uniform", aovs="error"), 60)
@@ -300,6 +306,7 @@ def test_nested_in_aov(variant_rgb):
 
 # ------------------------------------------------------------------ variants and ways to render
 
+@pytest.mark.slow
 def test_spectral_and_mono(variant_rgb):
     for variant in ("llvm_ad_spectral", "llvm_ad_mono"):
         mi.set_variant(variant)
@@ -326,6 +333,7 @@ def test_develop_false_leaves_the_film(variant_rgb):
     assert np.allclose(np.array(film.bitmap()), expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_several_sensors_and_specfilm(variant_spectral):
     scene = penumbra(type="prosim")
     scene["second"] = {**scene["sensor"], "film": {
@@ -373,6 +381,7 @@ def test_no_light(variant_rgb):
     assert finite(scene).max() == 0
 
 
+@pytest.mark.slow
 def test_200_lights(variant_rgb):
     scene = penumbra(COPPER, type="prosim")
     light = scene.pop("light")

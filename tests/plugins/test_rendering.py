@@ -25,6 +25,7 @@ def test_the_most_samples_are_the_most(variant_rgb, settings, expected):
     assert np.all(counts(**settings) == expected)
 
 
+@pytest.mark.slow
 def test_a_pass_cut_short_biases_nothing(variant_rgb):
     whole, cut = (renderings(penumbra(type="prosim", adaptive="none"), 24, spp=spp, first_seed=first)
                   for spp, first in ((64, 0), (13, 1000)))
@@ -42,6 +43,7 @@ def test_noise_of_two_seeds_is_unrelated_wherever_one_is_moved(variant_rgb):
     assert largest < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rfilter", [{"type": "gaussian", "stddev": 0.1}, {"type": "tent", "radius": 0.4}])
 def test_filters_within_a_pixel_weigh_as_mitsuba_has_them(variant_rgb, rfilter):
     scene = penumbra(size=32, rfilter="box")

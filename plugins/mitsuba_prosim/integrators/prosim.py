@@ -254,8 +254,9 @@ class Prosim(mi.SamplingIntegrator):
             dr.sync_thread()
         return image
 
-    def _render(self, scene, sensor, seed, spp, own_aovs):
-        """``(plan, estimator, image)``: renders the film's window, with the channels ``own_aovs``."""
+    def _render(self, scene, sensor, seed, spp, own_aovs, counts=None):
+        """``(plan, estimator, image)``: renders the film's window, with the channels ``own_aovs``; ``counts`` as for
+        :func:`.bands.render`."""
         self.cancelled = False
         plan = Plan.of(Sampling(self.samples, self.adaptive, self.threshold, self.min_passes, self.max_samples, self.jitter,
                                 self.band), sensor.film(), seed, spp)
@@ -266,7 +267,7 @@ class Prosim(mi.SamplingIntegrator):
         with uncropped(sensor):
             estimator.rays = ray_sampler(sensor)
             bands.render(plan, POLICIES[self.adaptive](plan, self.threshold), estimator, image, own_aovs, self.progress,
-                         lambda: self.cancelled)
+                         lambda: self.cancelled, counts)
         self._image = None
         return plan, estimator, image
 
@@ -302,7 +303,8 @@ class Prosim(mi.SamplingIntegrator):
     def _derivatives(self, scene, sensor, seed, spp):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
+        counts = []
         with dr.suspend_grad():
-            plan, estimator, image = self._render(scene, sensor, seed, spp, ["samples"])
+            plan, estimator, image = self._render(scene, sensor, seed, spp, [], counts)
         estimator.transport = Transport(self._settings(), scene, attached=True)
-        return Derivatives(plan, estimator, image)
+        return Derivatives(plan, estimator, image, dr.concat(counts))

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import plugin
-from ..rendering import bands
+from ..rendering import bands, collector
 from ..rendering.accumulate import Image
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.derivatives import Derivatives
@@ -224,6 +224,7 @@ class Prosim(mi.SamplingIntegrator):
 
     # ---------------------------------------------------------------- radiance along a ray
 
+    @collector.suspended()
     def sample(self, scene, sampler, ray, medium=None, active=True):
         transport = Transport(self._settings(), scene)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
@@ -279,6 +280,7 @@ class Prosim(mi.SamplingIntegrator):
 
     # ---------------------------------------------------------------- derivatives
 
+    @collector.suspended()
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
         derivatives = self._derivatives(scene, sensor, seed, spp)
         image = derivatives.develop(derivatives.attached_storage(), self.aov_names())
@@ -292,6 +294,7 @@ class Prosim(mi.SamplingIntegrator):
         dr.scatter(complete, gradient.array, i // channels * all_channels + i % channels)
         return mi.TensorXf(complete, (height, width, all_channels))
 
+    @collector.suspended()
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
         derivatives = self._derivatives(scene, sensor, seed, spp)
         storage = mi.TensorXf(derivatives.storage)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 
-from .sample import LightSample
+from .motion import with_surface
+from .sample import LightSample, direction_sample
 
 
 class Others:
@@ -14,6 +16,8 @@ class Others:
     whole_sphere = True
     #: Whether it can tell beforehand that a ray meets none of its sources.
     can_foresee = False
+    #: Whether :meth:`carried` needs to know the point of the surface.
+    follows_shape = True
 
     def __init__(self, emitters):
         pass
@@ -23,7 +27,7 @@ class Others:
         """Whether this strategy is fit for ``emitter``: for every one."""
         return True
 
-    def sample(self, number, emitter, si, n, sample, active, attached=False) -> LightSample:
+    def sample(self, number, emitter, si, n, sample, active) -> LightSample:
         """A point of ``emitter``, seen from ``si``; see :meth:`.balls.Balls.sample`."""
         ds, weight = emitter.sample_direction(si, sample, active)
         return LightSample(ds.d, ds.p, ds.pdf, mi.Bool(ds.delta), weight)
@@ -31,3 +35,10 @@ class Others:
     def pdf(self, number, si, n, ds, active):
         """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
         return ds.emitter.pdf_direction(si, ds, active)
+
+    def carried(self, number, si, n, d, met, active):
+        """The direction ``d`` from ``si`` to the point ``met`` of a source, carried along; see :meth:`.balls.Balls.carried`."""
+        moved, jacobian = with_surface(si.p, met)
+        ds = direction_sample(si, dr.replace_grad(d, moved))
+        ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(met.p - si.p)
+        return ds, jacobian

@@ -26,17 +26,16 @@ class Lamp:
     strategy: Balls | Others
     number: int | mi.UInt32
 
-    def sample(self, si, n, both_sides, sample, active, attached=False) -> LightSample:
+    def sample(self, si, n, both_sides, sample, active) -> LightSample:
         """A point of the source, seen from ``si``.
 
         ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
-        reaches too (rough glass), or False where there is none; ``sample``: a point in [0, 1)²; ``attached``: whether
-        the weight shall have derivatives by the source's size and place.
+        reaches too (rough glass), or False where there is none; ``sample``: a point in [0, 1)².
         """
         if self.strategy.whole_sphere or both_sides is False:
-            return self.strategy.sample(self.number, self.emitter, si, n, sample, active, attached)
-        above = self.strategy.sample(self.number, self.emitter, si, n, sample, but_not(active, both_sides), attached)
-        whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides, attached)
+            return self.strategy.sample(self.number, self.emitter, si, n, sample, active)
+        above = self.strategy.sample(self.number, self.emitter, si, n, sample, but_not(active, both_sides))
+        whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides)
         return dr.select(both_sides, whole, above)
 
 
@@ -91,17 +90,20 @@ class Lights:
         dr.scatter(self.number_of, dr.arange(mi.UInt32, self.count), identity)
         dr.make_opaque(self.number_of)
 
-    def for_each(self, body, total, active, groups=None):
-        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a :class:`Lamp`."""
+    def for_each(self, body, total, active, groups=None, attached=False):
+        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a :class:`Lamp`.
+
+        ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
+        """
         for strategy, first, end in self.groups if groups is None else groups:
             if self.jit and self.lamps > self.UNROLLED:
-                total = self._loop(body, strategy, first, end, total, active)
+                total = self._loop(body, strategy, first, end, total, active, attached)
             else:
                 for k in range(first, end):
                     total = body(Lamp(k, self.emitters[k], strategy, k - first), total)
         return total
 
-    def _loop(self, body, strategy, first, end, total, active):
+    def _loop(self, body, strategy, first, end, total, active, attached):
         first, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
 
         def step(k, total):
@@ -109,7 +111,7 @@ class Lights:
             return k + 1, body(Lamp(k, emitter, strategy, k - first), total)
 
         return dr.while_loop((mi.UInt32(first), total), lambda k, total: active & (k < end), step,
-                             labels=("k", "total"))[1]
+                             labels=("k", "total"), mode="evaluated" if attached else None)[1]
 
     def sample_sky(self, si, n, both_sides, sample, active) -> LightSample:
         """A point of the sky; parameters as in :meth:`Lamp.sample`."""
@@ -122,12 +124,7 @@ class Lights:
     def pdf(self, si, n, both_sides, ds, active):
         """Density per solid angle with which a lamp is sampled in the direction ``ds`` (``mi.DirectionSample3f``) at
         ``si``, the lamp being the one that is met there; parameters as in :meth:`Lamp.sample`."""
-        if not self.jit:
-            k = self.emitters.index(ds.emitter) if active else 0
-        elif len(self.groups) > 1 or not all(strategy.whole_sphere for strategy, *_ in self.groups):
-            k = dr.gather(mi.UInt32, self.number_of, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
-        else:
-            k = mi.UInt32(0)
+        k = self.number(ds.emitter, active)
         pdf = mi.Float(0)
         for strategy, first, end in self.groups:
             mine = active & (first <= k) & (k < end)
@@ -141,6 +138,25 @@ class Lights:
             if not idle(rest):
                 pdf = dr.select(rest, WHOLE.pdf(k, si, n, ds, rest), pdf)
         return pdf
+
+    def carried(self, si, n, d, met, active):
+        """The direction ``d`` from ``si`` to the point ``met`` of a lamp, carried along with that lamp, and the Jacobian of
+        the map, both with derivatives; see :mod:`.motion`."""
+        k = self.number(met.shape.emitter(), active)
+        moved, jacobian = mi.Vector3f(d), mi.Float(1)
+        for strategy, first, end in self.groups:
+            mine = active & (first <= k) & (k < end)
+            ds, stretch = strategy.carried(dr.clip(k - first, 0, end - 1 - first), si, n, d, met, mine)
+            moved, jacobian = dr.select(mine, ds.d, moved), dr.select(mine, stretch, jacobian)
+        return moved, jacobian
+
+    def number(self, emitter, active):
+        """Number of the lamp ``emitter``, as far as the strategies depend on it."""
+        if not self.jit:
+            return self.emitters.index(emitter) if active else 0
+        if len(self.groups) > 1 or not all(strategy.whole_sphere for strategy, *_ in self.groups):
+            return dr.gather(mi.UInt32, self.number_of, dr.reinterpret_array(mi.UInt32, emitter), active)
+        return mi.UInt32(0)
 
     def may_meet(self, o, d):
         """Whether the ray (o, d) meets a source, as far as nothing is in the way; where the table ``can_foresee``."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from . import collector
 from .accumulate import Image
 from .estimate import Estimator
 from .plan import Plan, index_within, pixels, widened
@@ -38,6 +39,7 @@ def render(plan: Plan, policy, estimator: Estimator, image: Image, own_aovs, pro
             progress((end - top) / (bottom - top))
 
 
+@collector.suspended()
 def take(plan: Plan, policy, estimator: Estimator, band):
     """The samples of the pixels of ``band``, wave by wave: ``(outer, estimate)``, laid out over the rectangle ``outer``.
 

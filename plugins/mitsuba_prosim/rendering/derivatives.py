@@ -68,6 +68,7 @@ class Derivatives:
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
             # The passes share the graph behind the scene's parameters: its edges must stay.
             dr.backward(dr.sum(loss), flags=dr.ADFlag.ClearVertices)
+            dr.eval()  # what was scattered to the parameters, so that no pass adds to the kernel of another
 
     def attached_storage(self):
         """The film's values as a tensor that depends on the scene's parameters."""

@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from . import lobes
+from .moving import carried_ray, carried_sample
 from .scene_facts import SceneFacts
 from .settings import Settings
 from .surroundings import background_radiance
@@ -63,7 +64,7 @@ class Node:
 def mis(pdf, other):
     """Weight of a sample of density ``pdf`` that ``other`` could have given too: power heuristic (Veach 1997)."""
     a, b = dr.square(pdf), dr.square(other)
-    return dr.detach(dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0))
+    return dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0)
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,10 @@ class Nodes:
             front = pi.compute_surface_interaction(mi.Ray3f(o, ray.d), mi.RayFlags.Minimal, blocked)
             return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
 
-        o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
+        with dr.suspend_grad(when=self.attached):
+            o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
+        if self.attached:
+            o = dr.replace_grad(o, ray.o + ray.d * dr.norm(o - dr.detach(ray.o)))
         behind = self.scene.ray_intersect(mi.Ray3f(o, ray.d, ray.time, ray.wavelengths), hidden)
         return dr.select(hidden, behind, si)
 
@@ -159,6 +163,8 @@ class Nodes:
         origin = dr.zeros(mi.Interaction3f)
         origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
         ds = mi.DirectionSample3f(self.scene, si, origin)
+        if self.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
+            ds.d = dr.replace_grad(ds.d, ray.d)
         pdf = lights.pdf(origin, ray.n, ray.both_sides if self.facts.both_sides else False, ds, shares)
         return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
 
@@ -172,7 +178,9 @@ class Nodes:
         first_space = self.space(ray.node, NODE_SPACES)
 
         def light(lamp, L):
-            sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active, self.attached)
+            sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active)
+            if self.attached:
+                sample = carried_sample(self.scene, lights, lamp, si, n, both_sides, sample, active)
             lit = active & (sample.pdf > 0)
             wo = si.to_local(sample.d)
             f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
@@ -181,7 +189,7 @@ class Nodes:
                 f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
             return L + self.unless_in_shadow(si, sample.p, f * sample.weight, lit)
 
-        L = lights.for_each(light, mi.Spectrum(0), active)
+        L = lights.for_each(light, mi.Spectrum(0), active, attached=self.attached)
         if lights.sky is not None and alone is not None:
             # The rays that are drawn from the other lobes meet the sky by themselves.
             active = active & lobes.has_any(flags, *lobes.DIFFUSE)
@@ -216,17 +224,23 @@ class Nodes:
             bs, weight = bsdf.sample(lobe, si, choice, sample, active)
             d = si.to_world(bs.wo)
         ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
+        o, pdf = si.spawn_ray(d).o, bs.pdf
         if self.attached:
-            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), but_not(active, ideal))
-            _, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
-            weight = dr.select(ideal, ideal_weight, f / dr.detach(dr.select(pdf > 0, pdf, 1)))
+            drawn = but_not(active, ideal)
+            moved, jacobian = carried_ray(self.scene, lights, si, viewer_side(si), d, drawn)
+            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(moved), drawn)
+            forced, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
+            d = dr.replace_grad(d, dr.select(ideal, si.to_world(forced.wo), moved))
+            weight = dr.select(ideal, ideal_weight,
+                               f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1)))
+            o, pdf = dr.replace_grad(o, si.p), dr.replace_grad(bs.pdf, pdf)
         throughput = ray.throughput * weight
         active = active & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
         if settings.max_level >= 0 and lights.can_foresee:
             # The rays below the deepest level can only end in a source.
             active &= (ray.level < settings.max_level) | lights.may_meet(si.p, d)
-        following = replace(ray, o=dr.detach(si.spawn_ray(d).o), d=d, throughput=throughput, level=ray.level + 1,
-                            node=ray.node * 2 + (k == REFRACTED), pdf=bs.pdf, shares=but_not(mi.Bool(True), ideal), counts=mi.Bool(True),
+        following = replace(ray, o=o, d=d, throughput=throughput, level=ray.level + 1,
+                            node=ray.node * 2 + (k == REFRACTED), pdf=pdf, shares=but_not(mi.Bool(True), ideal), counts=mi.Bool(True),
                             n=viewer_side(si))
         if self.facts.both_sides:
             following.both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES)

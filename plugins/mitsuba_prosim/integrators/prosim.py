@@ -122,6 +122,11 @@ class Prosim(mi.SamplingIntegrator):
     The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. All of its BSDFs honour
     it but :monosp:`principled` and :monosp:`principledthin`, which need :monosp:`diffuse_bounces` -1.
 
+    Derivatives, forward and backward, are those of the samples that the image is made of, by any parameter of materials
+    and sources, and by the places of sources, of what they light, and of mirrors. Left out is what a moving edge covers
+    or uncovers: silhouettes as the camera sees them, shadows, and the edges of objects in glossy and diffuse
+    reflections, except those of sources.
+
     In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
     sample count of the sensor's sampler, and that sampler's samples.
 

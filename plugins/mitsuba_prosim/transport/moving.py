@@ -7,11 +7,8 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from ..light.table import Lamp, Lights
 from ..light.sample import LightSample
-
-#: A point that is met is one of its surface, wherever that goes.
-GLUED = int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape)
+from ..light.table import Lamp, Lights
 
 
 def carried_ray(scene: mi.Scene, lights: Lights, si, n, d, active):
@@ -19,7 +16,7 @@ def carried_ray(scene: mi.Scene, lights: Lights, si, n, d, active):
     the Jacobian of that map; both with derivatives. ``n``: normal on the viewer's side."""
     if lights.only_points:
         return d, mi.Float(1)
-    met = scene.ray_intersect(dr.detach(si.spawn_ray(d)), GLUED, False, active)
+    met = meet_and_stay(scene, si.spawn_ray(d), active)
     return lights.carried(si, n, d, met, active & met.is_valid() & met.shape.is_emitter())
 
 
@@ -30,8 +27,8 @@ def carried_sample(scene: mi.Scene, lights: Lights, lamp: Lamp, si, n, both_side
     active = active & (sample.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
     met = None
     if lamp.strategy.follows_shape:
-        to_point = dr.detach(si.spawn_ray_to(sample.p))  # ends just before the point
-        met = scene.ray_intersect(mi.Ray3f(to_point(to_point.maxt), to_point.d), GLUED, False, active)
+        to_point = si.spawn_ray_to(sample.p)  # ends just before the point
+        met = meet_and_stay(scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active)
         active &= met.is_valid() & (met.shape.emitter() == emitter)
     ds, jacobian = lamp.strategy.carried(lamp.number, si, n, dr.detach(sample.d), met, active)
     ds.emitter = emitter
@@ -39,6 +36,11 @@ def carried_sample(scene: mi.Scene, lights: Lights, lamp: Lamp, si, n, both_side
     weight = radiance * (dr.relative_grad(jacobian) / dr.detach(dr.select(active, sample.pdf, 1)))
     return replace(sample, d=attached(sample.d, ds.d, active), weight=attached(sample.weight, weight, active),
                    pdf=attached(sample.pdf, lights.pdf(si, n, both_sides, ds, active), active))
+
+
+def meet_and_stay(scene: mi.Scene, ray: mi.Ray3f, active):
+    """The point that ``ray`` meets, as one of its surface, wherever that goes."""
+    return scene.ray_intersect(dr.detach(ray), int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape), False, active)
 
 
 def attached(value, same, active):

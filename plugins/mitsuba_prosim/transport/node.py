@@ -71,7 +71,8 @@ def mis(pdf, other):
 class Nodes:
     """The nodes of ``scene`` under ``settings``.
 
-    ``attached``: whether derivatives are wanted; directions are then detached and their weights evaluated anew.
+    ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
+    (:mod:`.moving`), and their weights evaluated anew.
     """
 
     scene: mi.Scene

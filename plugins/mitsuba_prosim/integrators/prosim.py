@@ -6,7 +6,7 @@ import mitsuba as mi
 from ..light.emission import read_emission
 from ..parameters import choice, describe, expose, number, reject, whole
 from ..registry import plugin
-from ..rendering import bands
+from ..rendering import bands, collector
 from ..rendering.accumulate import Image
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.derivatives import Derivatives
@@ -127,6 +127,11 @@ class Prosim(mi.SamplingIntegrator):
     within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
     The back of a one-sided surface reflects none.
 
+    Derivatives, forward and backward, are those of the samples that the image is made of, by any parameter of materials
+    and sources, and by the places of sources, of what they light, and of mirrors. Left out is what a moving edge covers
+    or uncovers: silhouettes as the camera sees them, shadows, and the edges of objects in glossy and diffuse
+    reflections, except those of sources.
+
     In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
     sample count of the sensor's sampler, and that sampler's samples.
 
@@ -218,6 +223,7 @@ class Prosim(mi.SamplingIntegrator):
 
     # ---------------------------------------------------------------- radiance along a ray
 
+    @collector.suspended()
     def sample(self, scene, sampler, ray, medium=None, active=True):
         transport = self._transport or Transport(self._settings(), scene)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
@@ -274,13 +280,14 @@ class Prosim(mi.SamplingIntegrator):
         channels = Channels(sensor.film(), self.channels, self.mitsuba_aovs)
         return plan, Estimator(plan, scene, sensor, Transport(self._settings(), scene), channels)
 
-    def _fill(self, image, plan, estimator, own_aovs):
-        """Renders ``image``."""
+    def _fill(self, image, plan, estimator, own_aovs, counts=None):
+        """Renders ``image``; ``counts`` as for :func:`.bands.render`."""
         self.cancelled = False
         policy = POLICIES[self.adaptive](plan, self.threshold)
         with uncropped(estimator.sensor):
             estimator.rays = ray_sampler(estimator.sensor)
-            bands.render(plan, policy, estimator, image, own_aovs, self.progress, lambda: self.cancelled)
+            bands.render(plan, policy, estimator, image, own_aovs, self.progress,
+                         lambda: self.cancelled, counts)
 
     @staticmethod
     def _put(film, image):
@@ -290,6 +297,7 @@ class Prosim(mi.SamplingIntegrator):
 
     # ---------------------------------------------------------------- derivatives
 
+    @collector.suspended()
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
         derivatives = self._derivatives(scene, sensor, seed, spp)
         image = derivatives.develop(derivatives.attached_storage(), self.aov_names())
@@ -303,6 +311,7 @@ class Prosim(mi.SamplingIntegrator):
         dr.scatter(complete, gradient.array, i // channels * all_channels + i % channels)
         return mi.TensorXf(complete, (height, width, all_channels))
 
+    @collector.suspended()
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
         derivatives = self._derivatives(scene, sensor, seed, spp)
         storage = mi.TensorXf(derivatives.storage)
@@ -314,9 +323,10 @@ class Prosim(mi.SamplingIntegrator):
     def _derivatives(self, scene, sensor, seed, spp):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
+        counts = []
         with dr.suspend_grad():
             plan, estimator = self._plan(scene, sensor, seed, spp)
-            image = Image(plan.window, estimator.channels.names, 1)
-            self._fill(image, plan, estimator, ["samples"])
+            image = Image(plan.window, estimator.channels.names, 0)
+            self._fill(image, plan, estimator, [], counts)
         estimator.transport = Transport(self._settings(), scene, attached=True)
-        return Derivatives(plan, estimator, image)
+        return Derivatives(plan, estimator, image, dr.concat(counts))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from .motion import with_ball
 from .sample import LightSample, direction_sample, weighed
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
 
@@ -23,6 +24,8 @@ class Balls:
     whole_sphere = False
     #: Whether it can tell beforehand that a ray meets none of its sources.
     can_foresee = True
+    #: Whether :meth:`carried` needs to know the point of the surface.
+    follows_shape = False
 
     def __init__(self, emitters):
         self.balls = [ball(emitter) for emitter in emitters]
@@ -46,21 +49,27 @@ class Balls:
             return self.balls[number]
         return dr.gather(mi.Point3f, self.centers, number, active), dr.gather(mi.Float, self.radii, number, active)
 
-    def sample(self, number, emitter, si, n, sample, active, attached=False) -> LightSample:
+    def sample(self, number, emitter, si, n, sample, active) -> LightSample:
         """A point of the source ``number``, which is ``emitter``, seen from ``si``.
 
-        ``n``: unit normal on the viewer's side, above whose horizon points are taken; ``sample``: a point in [0, 1)²;
-        ``attached``: whether the weight shall have derivatives by the sphere's size and place.
+        ``n``: unit normal on the viewer's side, above whose horizon points are taken; ``sample``: a point in [0, 1)².
         """
         center, radius = self.ball(number)
-        ds = direction_to_ball(si, center, radius, n, sample)
-        if attached:  # a drawn direction has no derivative, the area that it was drawn from has
-            ds.pdf = pdf_of_ball(si, center, radius, n, ds.d)
-        return weighed(emitter, si, ds, active)
+        return weighed(emitter, si, direction_to_ball(si, center, radius, n, sample), active)
 
     def pdf(self, number, si, n, ds, active):
         """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
         return pdf_of_ball(si, *self.ball(number, active), n, ds.d)
+
+    def carried(self, number, si, n, d, met, active):
+        """The direction ``d`` from ``si`` to a point of the source ``number``, carried along: see :mod:`.motion`.
+
+        Returns a ``mi.DirectionSample3f`` and the Jacobian, both with derivatives.
+        """
+        d, jacobian = with_ball(si.p, n, *self.ball(number, active), d)
+        ds = direction_sample(si, d)
+        ds.n = -d
+        return ds, jacobian
 
     def may_meet(self, number, o, d):
         """Whether the ray (o, d) meets the source ``number``, as far as nothing is in the way."""

@@ -30,25 +30,16 @@ class Lamp:
     strategy: Balls | Others
     number: int | mi.UInt32
 
-    def sample(
-        self,
-        si: mi.SurfaceInteraction3f,
-        n: mi.Normal3f,
-        both_sides: mi.Bool | bool,
-        sample: mi.Point2f,
-        active: mi.Bool,
-        attached: bool = False,
-    ) -> LightSample:
+    def sample(self, si, n, both_sides, sample, active) -> LightSample:
         """A point of the source, seen from ``si``.
 
         ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
-        reaches too (rough glass), or False where there is none; ``sample``: a point in [0, 1)²; ``attached``: whether
-        the weight shall have derivatives by the source's size and place.
+        reaches too (rough glass), or False where there is none; ``sample``: a point in [0, 1)².
         """
         if self.strategy.whole_sphere or both_sides is False:
-            return self.strategy.sample(self.number, self.emitter, si, n, sample, active, attached)
-        above = self.strategy.sample(self.number, self.emitter, si, n, sample, but_not(active, both_sides), attached)
-        whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides, attached)
+            return self.strategy.sample(self.number, self.emitter, si, n, sample, active)
+        above = self.strategy.sample(self.number, self.emitter, si, n, sample, but_not(active, both_sides))
+        whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides)
         return dr.select(both_sides, whole, above)
 
 
@@ -125,38 +116,28 @@ class Lights:
             number = dr.select(emitter == dr.gather(mi.EmitterPtr, self.pointers, k), k, number)
         return number
 
-    def for_each(
-        self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, groups: list[Group] | None = None
-    ) -> Any:
-        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a
-        :class:`Lamp`.
+    def for_each(self, body, total, active, groups=None, attached=False):
+        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a :class:`Lamp`.
+
+        ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
         """
         for strategy, first, end in self.groups if groups is None else groups:
             if self.jit and self.lamps > self.UNROLLED:
-                total = self._loop(body, strategy, first, end, total, active)
+                total = self._loop(body, strategy, first, end, total, active, attached)
             else:
                 for k in range(first, end):
                     total = body(Lamp(k, self.emitters[k], strategy, k - first), total)
         return total
 
-    def _loop(
-        self,
-        body: Callable[[Lamp, Any], Any],
-        strategy: Balls | Others,
-        first: int,
-        end: int,
-        total: Any,
-        active: mi.Bool,
-    ) -> Any:
+    def _loop(self, body, strategy, first, end, total, active, attached):
         first, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
 
         def step(k: mi.UInt32, total: Any) -> tuple[mi.UInt32, Any]:
             emitter = dr.gather(mi.EmitterPtr, self.pointers, k)
             return k + 1, body(Lamp(k, emitter, strategy, k - first), total)
 
-        return dr.while_loop(
-            (mi.UInt32(first), total), lambda k, total: active & (k < end), step, labels=("k", "total")
-        )[1]
+        return dr.while_loop((mi.UInt32(first), total), lambda k, total: active & (k < end), step,
+                             labels=("k", "total"), mode="evaluated" if attached else None)[1]
 
     def sample_sky(
         self,
@@ -199,6 +180,17 @@ class Lights:
             if not idle(rest):
                 pdf = dr.select(rest, WHOLE.pdf(k, si, n, ds, rest), pdf)
         return pdf
+
+    def carried(self, si, n, d, met, active):
+        """The direction ``d`` from ``si`` to the point ``met`` of a lamp, carried along with that lamp, and the Jacobian of
+        the map, both with derivatives; see :mod:`.motion`."""
+        k = self.number_of(met.shape.emitter(), active)
+        moved, jacobian = mi.Vector3f(d), mi.Float(1)
+        for strategy, first, end in self.groups:
+            mine = active & (first <= k) & (k < end)
+            ds, stretch = strategy.carried(dr.clip(k - first, 0, end - 1 - first), si, n, d, met, mine)
+            moved, jacobian = dr.select(mine, ds.d, moved), dr.select(mine, stretch, jacobian)
+        return moved, jacobian
 
     def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets a source, as far as nothing is in the way; where the table ``can_foresee``."""

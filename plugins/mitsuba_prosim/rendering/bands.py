@@ -5,16 +5,19 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from . import collector
 from .accumulate import Image
 from .estimate import Estimator
-from .plan import Plan, pixels, widened
+from .plan import Plan, index_within, pixels, widened
 
 
-def render(plan: Plan, policy, estimator: Estimator, image: Image, own_aovs, progress=None, cancelled=lambda: False):
+def render(plan: Plan, policy, estimator: Estimator, image: Image, own_aovs, progress=None, cancelled=lambda: False,
+           counts: list | None = None):
     """Renders ``image``, by ``policy`` (see :mod:`.policies`).
 
     ``own_aovs``: names of the channels that say how the image was made, see :func:`own_channel`; ``progress``: called
-    after each band with the part done, 0 to 1; ``cancelled``: asked before each band whether to stop.
+    after each band with the part done, 0 to 1; ``cancelled``: asked before each band whether to stop; ``counts``: a list
+    that gets the number of samples of each pixel, band by band, which together are those of ``plan.region``.
     """
     left, top, right, bottom = plan.region
     rows = max(1, plan.band // (right - left))
@@ -24,6 +27,9 @@ def render(plan: Plan, policy, estimator: Estimator, image: Image, own_aovs, pro
         end = min(begin + rows, bottom)
         band = (left, begin, right, end)
         outer, estimate = take(plan, policy, estimator, band)
+        if counts is not None:
+            x, y, *_ = pixels(band)
+            counts.append(dr.gather(mi.UInt32, estimate.count, index_within(outer, x, y)))
         inverse = dr.rcp(mi.Float(estimate.count))
         image.add(outer, band, [s * inverse for s in estimate.sums],
                   [own_channel(name, estimate, plan.n) for name in own_aovs], plan.reach)
@@ -33,6 +39,7 @@ def render(plan: Plan, policy, estimator: Estimator, image: Image, own_aovs, pro
             progress((end - top) / (bottom - top))
 
 
+@collector.suspended()
 def take(plan: Plan, policy, estimator: Estimator, band):
     """The samples of the pixels of ``band``, wave by wave: ``(outer, estimate)``, laid out over the rectangle ``outer``.
 

@@ -11,6 +11,7 @@ from ..masks import but_not, idle
 from ..optics import ambient
 from . import lobes
 from .indivisible import belongs_to, is_whole
+from .moving import carried_ray, carried_sample
 from .scene_facts import SceneFacts
 from .settings import Settings
 from .surroundings import background_radiance
@@ -66,14 +67,15 @@ class Node:
 def mis(pdf, other):
     """Weight of a sample of density ``pdf`` that ``other`` could have given too: power heuristic (Veach 1997)."""
     a, b = dr.square(pdf), dr.square(other)
-    return dr.detach(dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0))
+    return dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0)
 
 
 @dataclass(frozen=True)
 class Nodes:
     """The nodes of ``scene`` under ``settings``.
 
-    ``attached``: whether derivatives are wanted; directions are then detached and their weights evaluated anew.
+    ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
+    (:mod:`.moving`), and their weights evaluated anew.
     """
 
     scene: mi.Scene
@@ -142,7 +144,10 @@ class Nodes:
             front = pi.compute_surface_interaction(beyond(o), mi.RayFlags.Minimal, blocked)
             return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
 
-        o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
+        with dr.suspend_grad(when=self.attached):
+            o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
+        if self.attached:
+            o = dr.replace_grad(o, ray.o + ray.d * dr.norm(o - dr.detach(ray.o)))
         return dr.select(hidden, self.scene.ray_intersect(beyond(o), hidden), si)
 
     def end(self, ray: Ray, camera, active):
@@ -166,6 +171,8 @@ class Nodes:
         origin = dr.zeros(mi.Interaction3f)
         origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
         ds = mi.DirectionSample3f(self.scene, si, origin)
+        if self.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
+            ds.d = dr.replace_grad(ds.d, ray.d)
         pdf = lights.pdf(origin, ray.n, ray.both_sides if self.facts.both_sides else False, ds, shares)
         return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
 
@@ -188,7 +195,9 @@ class Nodes:
         whole = active & is_whole(bsdf, active) if self.facts.indivisible else mi.Bool(False)
 
         def light(lamp, L):
-            sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active, self.attached)
+            sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active)
+            if self.attached:
+                sample = carried_sample(self.scene, lights, lamp, si, n, both_sides, sample, active)
             lit = active & (sample.pdf > 0)
             wo = si.to_local(sample.d)
             f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
@@ -199,7 +208,7 @@ class Nodes:
                 f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
             return L + self.unless_in_shadow(si, sample.p, f * sample.weight, lit)
 
-        L = lights.for_each(light, mi.Spectrum(0), active)
+        L = lights.for_each(light, mi.Spectrum(0), active, attached=self.attached)
         if lights.sky is not None and alone is not None:
             # The rays that are drawn from the other lobes meet the sky by themselves.
             active = active & (lobes.has_any(flags, *lobes.DIFFUSE) | whole)
@@ -245,21 +254,28 @@ class Nodes:
                 counts = but_not(counts, but_not(whole, lobes.has_any(bs.sampled_type, "Delta", "Null")))
             d = si.to_world(bs.wo)
         ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
+        o, pdf = si.spawn_ray(d).o, bs.pdf
         if self.attached:
-            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), but_not(active, ideal))
-            _, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
+            drawn = but_not(active, ideal)
+            moved, jacobian = carried_ray(self.scene, lights, si, viewer_side(si), d, drawn)
+            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(moved), drawn)
+            forced, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
             if self.facts.indivisible:
-                f_whole, pdf_whole = bsdf.eval_pdf(lobes.everything(), si, si.to_local(d), but_not(whole, ideal))
-                _, ideal_whole = bsdf.sample(lobes.everything(), si, choice, sample, whole & ideal)
+                f_whole, pdf_whole = bsdf.eval_pdf(lobes.everything(), si, si.to_local(moved), but_not(whole, ideal))
+                forced_whole, ideal_whole = bsdf.sample(lobes.everything(), si, choice, sample, whole & ideal)
                 f, pdf, ideal_weight = dr.select(whole, (f_whole, pdf_whole, ideal_whole), (f, pdf, ideal_weight))
-            weight = dr.select(ideal, ideal_weight, f / dr.detach(dr.select(pdf > 0, pdf, 1)))
-        throughput, o = ray.throughput * weight, dr.detach(si.spawn_ray(d).o)
+                forced = dr.select(whole, forced_whole, forced)
+            d = dr.replace_grad(d, dr.select(ideal, si.to_world(forced.wo), moved))
+            weight = dr.select(ideal, ideal_weight,
+                               f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1)))
+            o, pdf = dr.replace_grad(o, si.p), dr.replace_grad(bs.pdf, pdf)
+        throughput = ray.throughput * weight
         active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
         if settings.max_level >= 0 and lights.can_foresee:
             # The rays below the deepest level can only end in a source.
-            active &= (ray.level < settings.max_level) | lights.may_meet(o, d)
+            active &= (ray.level < settings.max_level) | lights.may_meet(dr.detach(o), dr.detach(d))
         following = replace(ray, o=o, d=d, throughput=throughput, level=ray.level + 1,
-                            node=ray.node * 2 + (k == REFRACTED), pdf=bs.pdf, shares=but_not(mi.Bool(True), ideal), counts=counts,
+                            node=ray.node * 2 + (k == REFRACTED), pdf=pdf, shares=but_not(mi.Bool(True), ideal), counts=counts,
                             n=viewer_side(si))
         if self.facts.both_sides:
             following.both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES)

@@ -14,7 +14,8 @@ from .settings import Settings
 class Transport:
     """Estimates radiance in ``scene`` under ``settings``; made once a render.
 
-    ``attached``: whether derivatives are wanted; directions are then detached and their weights evaluated anew.
+    ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
+    (:mod:`.moving`), and their weights evaluated anew.
     """
 
     def __init__(self, settings: Settings, scene: mi.Scene, attached: bool = False) -> None:

@@ -1,10 +1,10 @@
 """How a direction towards a source moves when the source does, or what it lights: for derivatives.
 
-A direction that a light or a lobe drew is fixed while an image is made. Were it fixed in its derivatives too, what enters
-and leaves at the edge of a moving source would be lost. It is therefore carried along: it stays with a point of the
-source, and what it stands for in solid angle is stretched in proportion to the Jacobian of that map. Any map will do
-that keeps to the source and whose Jacobian is known; all samples of a source have the same one, whichever density they
-were drawn with, so that their weights in multiple importance sampling may be differentiated along it.
+A direction that a light or a lobe drew is fixed while an image is made. Were it fixed in its derivatives too, what
+enters and leaves at the edge of a moving source would be lost. It is therefore carried along: it stays with a point of
+the source, and what it stands for in solid angle is stretched in proportion to the Jacobian of that map. Any map will
+do that keeps to the source and whose Jacobian is known; all samples of a source have the same one, whichever density
+they were drawn with, so that their weights in multiple importance sampling may be differentiated along it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import drjit as dr
 import mitsuba as mi
 
 
-def with_ball(o, n, center, radius, d):
+def with_ball(
+    o: mi.Point3f, n: mi.Normal3f, center: mi.Point3f, radius: mi.Float, d: mi.Vector3f
+) -> tuple[mi.Vector3f, mi.Float]:
     """Carries the direction ``d`` from ``o`` along with a sphere that it meets: ``(d, jacobian)``, with derivatives.
 
     The direction is that of a point of the disk that the sphere's outline encloses as it is seen from ``o``, lifted to
@@ -39,7 +41,7 @@ def with_ball(o, n, center, radius, d):
     return moved, s2 * dr.dot(axis, lift) / dr.dot(moved, lift)
 
 
-def with_surface(o, met):
+def with_surface(o: mi.Point3f, met: mi.SurfaceInteraction3f) -> tuple[mi.Vector3f, mi.Float]:
     """Carries the direction from ``o`` to the point ``met`` along with the surface on which it is:
     ``(d, jacobian)``, with derivatives.
 

@@ -29,7 +29,15 @@ class Others:
         """Whether this strategy is fit for ``emitter``: for every one."""
         return True
 
-    def sample(self, number, emitter, si, n, sample, active) -> LightSample:
+    def sample(
+        self,
+        number: int | mi.UInt32,
+        emitter: mi.Emitter | mi.EmitterPtr,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> LightSample:
         """A point of ``emitter``, seen from ``si``; see :meth:`.balls.Balls.sample`."""
         ds, weight = emitter.sample_direction(si, sample, active)
         return LightSample(ds.d, ds.p, ds.pdf, mi.Bool(ds.delta), weight)
@@ -49,8 +57,18 @@ class Others:
         """Whether the ray (o, d) meets the source ``number``: it can't be told."""
         return mi.Bool(True)
 
-    def carried(self, number, si, n, d, met, active):
-        """The direction ``d`` from ``si`` to the point ``met`` of a source, carried along; see :meth:`.balls.Balls.carried`."""
+    def carried(
+        self,
+        number: int | mi.UInt32,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        d: mi.Vector3f,
+        met: mi.SurfaceInteraction3f,
+        active: mi.Bool,
+    ) -> tuple[mi.DirectionSample3f, mi.Float]:
+        """The direction ``d`` from ``si`` to the point ``met`` of a source, carried along; see
+        :meth:`.balls.Balls.carried`.
+        """
         moved, jacobian = with_surface(si.p, met)
         ds = direction_sample(si, dr.replace_grad(d, moved))
         ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(met.p - si.p)

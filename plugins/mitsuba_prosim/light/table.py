@@ -30,7 +30,14 @@ class Lamp:
     strategy: Balls | Others
     number: int | mi.UInt32
 
-    def sample(self, si, n, both_sides, sample, active) -> LightSample:
+    def sample(
+        self,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        both_sides: mi.Bool | bool,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> LightSample:
         """A point of the source, seen from ``si``.
 
         ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
@@ -94,7 +101,8 @@ class Lights:
 
     def _tabulate(self, scene: mi.Scene) -> None:
         """Pointers by the number of the source, and for many sources the way back from Dr.Jit's identity of an emitter.
-        (That table's size has to be waited for.)
+
+        That table's size has to be waited for.
         """
         in_scene = scene.emitters()
         order = mi.UInt32([in_scene.index(emitter) for emitter in self.emitters])
@@ -116,8 +124,16 @@ class Lights:
             number = dr.select(emitter == dr.gather(mi.EmitterPtr, self.pointers, k), k, number)
         return number
 
-    def for_each(self, body, total, active, groups=None, attached=False):
-        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a :class:`Lamp`.
+    def for_each(
+        self,
+        body: Callable[[Lamp, Any], Any],
+        total: Any,
+        active: mi.Bool,
+        groups: list[Group] | None = None,
+        attached: bool = False,
+    ) -> Any:
+        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a
+        :class:`Lamp`.
 
         ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
         """
@@ -129,15 +145,29 @@ class Lights:
                     total = body(Lamp(k, self.emitters[k], strategy, k - first), total)
         return total
 
-    def _loop(self, body, strategy, first, end, total, active, attached):
+    def _loop(
+        self,
+        body: Callable[[Lamp, Any], Any],
+        strategy: Balls | Others,
+        first: int,
+        end: int,
+        total: Any,
+        active: mi.Bool,
+        attached: bool,
+    ) -> Any:
         first, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
 
         def step(k: mi.UInt32, total: Any) -> tuple[mi.UInt32, Any]:
             emitter = dr.gather(mi.EmitterPtr, self.pointers, k)
             return k + 1, body(Lamp(k, emitter, strategy, k - first), total)
 
-        return dr.while_loop((mi.UInt32(first), total), lambda k, total: active & (k < end), step,
-                             labels=("k", "total"), mode="evaluated" if attached else None)[1]
+        return dr.while_loop(
+            (mi.UInt32(first), total),
+            lambda k, total: active & (k < end),
+            step,
+            labels=("k", "total"),
+            mode="evaluated" if attached else None,
+        )[1]
 
     def sample_sky(
         self,
@@ -181,9 +211,12 @@ class Lights:
                 pdf = dr.select(rest, WHOLE.pdf(k, si, n, ds, rest), pdf)
         return pdf
 
-    def carried(self, si, n, d, met, active):
-        """The direction ``d`` from ``si`` to the point ``met`` of a lamp, carried along with that lamp, and the Jacobian of
-        the map, both with derivatives; see :mod:`.motion`."""
+    def carried(
+        self, si: mi.SurfaceInteraction3f, n: mi.Normal3f, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
+    ) -> tuple[mi.Vector3f, mi.Float]:
+        """The direction ``d`` from ``si`` to the point ``met`` of a lamp, carried along with that lamp, and the
+        Jacobian of the map, both with derivatives; see :mod:`.motion`.
+        """
         k = self.number_of(met.shape.emitter(), active)
         moved, jacobian = mi.Vector3f(d), mi.Float(1)
         for strategy, first, end in self.groups:

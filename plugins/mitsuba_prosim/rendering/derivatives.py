@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import drjit as dr
 import mitsuba as mi
 
@@ -18,22 +20,23 @@ class Derivatives:
     ``estimator``: one whose transport is attached.
     """
 
-    def __init__(self, plan: Plan, estimator: Estimator, image: Image, counts: mi.UInt32):
+    def __init__(self, plan: Plan, estimator: Estimator, image: Image, counts: mi.UInt32) -> None:
         self.plan, self.estimator, self.sensor, self.film = plan, estimator, estimator.sensor, estimator.sensor.film()
         self.counts = counts
         #: The film's values of that image.
         self.storage = image.tensor()
 
-    def develop(self, storage, aov_names):
+    def develop(self, storage: mi.TensorXf, aov_names: Sequence[str]) -> mi.TensorXf:
         """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
-        self.film.prepare(aov_names[:storage.shape[2] - self.estimator.channels.names.index("W") - 1])
+        self.film.prepare(aov_names[: storage.shape[2] - self.estimator.channels.names.index("W") - 1])
         self.film.put_block(mi.ImageBlock(storage, mi.ScalarPoint2i(self.film.crop_offset()), border=False))
         return self.film.develop()
 
-    def samples(self):
+    def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
         """Yields ``(values, weights)`` for each pass: the film's values of one sample a lane, with derivatives; and for
         each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's index
-        in the window."""
+        in the window.
+        """
         plan = self.plan
         left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in plan.window)
         offsets = range(-plan.reach, plan.reach + 1)
@@ -55,11 +58,12 @@ class Derivatives:
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
                 for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
                     there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
-                    spread.append((dr.select(there, weight * share, 0),
-                                   dr.select(there, index_within(plan.window, tx, ty), 0)))
+                    spread.append(
+                        (dr.select(there, weight * share, 0), dr.select(there, index_within(plan.window, tx, ty), 0))
+                    )
                 yield values, spread
 
-    def backward(self, gradient):
+    def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""
         channels = gradient.shape[2]
         gradient = gradient.array
@@ -72,7 +76,7 @@ class Derivatives:
             dr.backward(dr.sum(loss), flags=dr.ADFlag.ClearVertices)
             dr.eval()  # what was scattered to the parameters, so that no pass adds to the kernel of another
 
-    def attached_storage(self):
+    def attached_storage(self) -> mi.TensorXf:
         """The film's values as a tensor that depends on the scene's parameters."""
         height, width, channels = self.storage.shape
         total = dr.zeros(mi.Float, width * height * channels)

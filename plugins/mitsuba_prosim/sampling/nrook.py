@@ -129,9 +129,11 @@ class SamplerPoints:
         self.sampler = sampler
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+        """The sampler's next point, whatever the ``space``."""
         return self.sampler.next_2d(active)
 
     def choice(self, space: int | mi.UInt32) -> mi.Float:
+        """The sampler's next number."""
         return self.sampler.next_1d()
 
 

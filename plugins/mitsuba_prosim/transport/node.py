@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from ..light.table import Lamp
 from ..masks import but_not, idle
 from ..optics import ambient
+from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
 from .indivisible import belongs_to, is_whole
 from .moving import carried_ray, carried_sample
@@ -50,8 +53,18 @@ class Ray:
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:
         """The camera's ray."""
-        return cls(camera.o, camera.d, mi.Spectrum(1), mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Bool(False),
-                   mi.Bool(True), mi.Normal3f(camera.d), mi.Bool(False))
+        return cls(
+            camera.o,
+            camera.d,
+            mi.Spectrum(1),
+            mi.UInt32(1),
+            mi.UInt32(0),
+            mi.Float(0),
+            mi.Bool(False),
+            mi.Bool(True),
+            mi.Normal3f(camera.d),
+            mi.Bool(False),
+        )
 
 
 @dataclass
@@ -64,7 +77,7 @@ class Node:
     surface: mi.Bool
 
 
-def mis(pdf, other):
+def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
     """Weight of a sample of density ``pdf`` that ``other`` could have given too: power heuristic (Veach 1997)."""
     a, b = dr.square(pdf), dr.square(other)
     return dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0)
@@ -83,11 +96,13 @@ class Nodes:
     facts: SceneFacts
     attached: bool = False
 
-    def space(self, node, k):
+    def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Number of the ``k``-th space of a node."""
         return CAMERA_SPACES + node * (NODE_SPACES + self.facts.lights.count) + k
 
-    def shade(self, ray: Ray, camera, points, active):
+    def shade(
+        self, ray: Ray, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool
+    ) -> tuple[mi.Spectrum, Node]:
         """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
         direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths.
         """
@@ -112,13 +127,13 @@ class Nodes:
         L += self.direct(ray, si, bsdf, points, surface_inside)
         return ray.throughput * L, Node(si, bsdf, surface)
 
-    def meet(self, ray: Ray, camera, active):
+    def meet(self, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
         """The ``mi.Ray3f`` of a :class:`Ray`, and its interaction with the scene."""
         ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
         ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
         return ray3, self.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
-    def past_emitters(self, ray, si, active):
+    def past_emitters(self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
         """The interaction behind all emitters that the camera ray ``ray`` meets first.
 
         (Mitsuba 3.9's ``skip_area_emitters`` counts the distance from the last emitter, so that what is behind is
@@ -129,13 +144,13 @@ class Nodes:
             return si
         hidden &= si.shape.is_emitter()
 
-        def beyond(o):
+        def beyond(o: mi.Point3f) -> mi.Ray3f:
             """The rest of the ray, from ``o`` on."""
             rest = mi.Ray3f(ray)
             rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
             return rest
 
-        def step(o, blocked):
+        def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
             pi = self.scene.ray_intersect_preliminary(beyond(o), active=blocked)
             blocked = blocked & pi.is_valid()
             if idle(blocked):
@@ -150,12 +165,12 @@ class Nodes:
             o = dr.replace_grad(o, ray.o + ray.d * dr.norm(o - dr.detach(ray.o)))
         return dr.select(hidden, self.scene.ray_intersect(beyond(o), hidden), si)
 
-    def end(self, ray: Ray, camera, active):
+    def end(self, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> mi.Spectrum:
         """What a ray adds that can only end in a source."""
         _, si = self.meet(ray, camera, active)
         return ray.throughput * self.emission(ray, si, active)
 
-    def emission(self, ray: Ray, si, active):
+    def emission(self, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Spectrum:
         """Radiance of a source that ``ray`` meets, shared with the sampling of the sources at the ray's origin."""
         lights = self.facts.lights
         emitter = si.emitter(self.scene)
@@ -176,15 +191,25 @@ class Nodes:
         pdf = lights.pdf(origin, ray.n, ray.both_sides if self.facts.both_sides else False, ds, shares)
         return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
 
-    def ambient_term(self, si, bsdf, active):
+    def ambient_term(
+        self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool
+    ) -> mi.UnpolarizedSpectrum:
         """The ambient term ka I_a."""
+        assert self.settings.ambient is not None
         if dr.is_jit_v(mi.Float):
             ka = dr.dispatch(bsdf, ambient.reflectance, si, active)
         else:
             ka = ambient.reflectance(bsdf, si, active)
         return ka * self.settings.ambient.eval(si, active)
 
-    def direct(self, ray: Ray, si, bsdf, points, active):
+    def direct(
+        self,
+        ray: Ray,
+        si: mi.SurfaceInteraction3f,
+        bsdf: mi.BSDF | mi.BSDFPtr,
+        points: NRook | SamplerPoints,
+        active: mi.Bool,
+    ) -> mi.Spectrum:
         """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1)."""
         lights, alone = self.facts.lights, self.facts.alone
         flags = bsdf.flags()
@@ -194,7 +219,7 @@ class Nodes:
         first_space = self.space(ray.node, NODE_SPACES)
         whole = active & is_whole(bsdf, active) if self.facts.indivisible else mi.Bool(False)
 
-        def light(lamp, L):
+        def light(lamp: Lamp, L: mi.Spectrum) -> mi.Spectrum:
             sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active)
             if self.attached:
                 sample = carried_sample(self.scene, lights, lamp, si, n, both_sides, sample, active)
@@ -222,14 +247,18 @@ class Nodes:
             L += self.unless_in_shadow(si, sample.p, f * sample.weight, lit)
         return L
 
-    def unless_in_shadow(self, si, p, L, active):
+    def unless_in_shadow(
+        self, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
+    ) -> mi.Spectrum:
         """``L`` where nothing is between ``si`` and the point ``p``, else 0."""
         if self.settings.shadows:
             active &= dr.max(dr.abs(L)) > 0
             active = but_not(active, self.scene.ray_test(si.spawn_ray_to(p), active))
         return dr.select(active, L, 0)
 
-    def follow(self, lobe, k, ray: Ray, node: Node, points, active):
+    def follow(
+        self, lobe: mi.BSDFContext, k: int, ray: Ray, node: Node, points: NRook | SamplerPoints, active: mi.Bool
+    ) -> tuple[Ray, mi.Bool, mi.Float]:
         """Draws the ray that goes on from ``node`` through the lobes of the ``mi.BSDFContext`` ``lobe``.
 
         Returns the ray, the lanes that follow it and the ratio of the indices that it crosses. ``k``: its space in the
@@ -266,23 +295,41 @@ class Nodes:
                 f, pdf, ideal_weight = dr.select(whole, (f_whole, pdf_whole, ideal_whole), (f, pdf, ideal_weight))
                 forced = dr.select(whole, forced_whole, forced)
             d = dr.replace_grad(d, dr.select(ideal, si.to_world(forced.wo), moved))
-            weight = dr.select(ideal, ideal_weight,
-                               f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1)))
+            weight = dr.select(
+                ideal, ideal_weight, f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
+            )
             o, pdf = dr.replace_grad(o, si.p), dr.replace_grad(bs.pdf, pdf)
         throughput = ray.throughput * weight
         active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
         if settings.max_level >= 0 and lights.can_foresee:
             # The rays below the deepest level can only end in a source.
             active &= (ray.level < settings.max_level) | lights.may_meet(dr.detach(o), dr.detach(d))
-        following = replace(ray, o=o, d=d, throughput=throughput, level=ray.level + 1,
-                            node=ray.node * 2 + (k == REFRACTED), pdf=pdf, shares=but_not(mi.Bool(True), ideal), counts=counts,
-                            n=viewer_side(si))
+        following = replace(
+            ray,
+            o=o,
+            d=d,
+            throughput=throughput,
+            level=ray.level + 1,
+            node=ray.node * 2 + (k == REFRACTED),
+            pdf=pdf,
+            shares=but_not(mi.Bool(True), ideal),
+            counts=counts,
+            n=viewer_side(si),
+        )
         if self.facts.both_sides:
             following.both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES)
         return following, active, bs.eta
 
     @staticmethod
-    def sample_whole(lobe, si, bsdf, choice, sample, whole, others):
+    def sample_whole(
+        lobe: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        bsdf: mi.BSDF | mi.BSDFPtr,
+        choice: mi.Float,
+        sample: mi.Point2f,
+        whole: mi.Bool,
+        others: tuple[Any, ...],
+    ) -> tuple[Any, ...]:
         """``(bs, weight, belongs)``: ``others`` but for the lanes ``whole``, where all lobes of ``bsdf`` are sampled,
         and
         ``belongs`` says whether the sample counts for ``lobe``.
@@ -293,6 +340,6 @@ class Nodes:
         return tuple(dr.select(whole, a, b) for a, b in zip((bs, weight, belongs_to(lobe, si.wi, bs)), others))
 
 
-def viewer_side(si):
+def viewer_side(si: mi.SurfaceInteraction3f) -> mi.Normal3f:
     """Shading normal, turned to the side that the surface is seen from."""
     return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))

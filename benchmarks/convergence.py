@@ -76,16 +76,11 @@ def gains(run, rivals, measure):
     """
     error, result = run.median(measure), []
     for cost in (lambda r: r.median("cpu"), lambda r: r.samples):
-        costs = [measures.cost_at(error, [cost(r) for r in curve], [r.median(measure) for r in curve])
+        found = [measures.relative_cost(cost(run), error, [cost(r) for r in curve], [r.median(measure) for r in curve])
                  for curve in rivals]
-        reached = [c for c in costs if c is not None]
-        if reached:
-            result.append(min(reached) / cost(run))
-        elif all(r.median(measure) > error for curve in rivals for r in curve):
-            result.append(min(max(cost(r) for r in curve) for curve in rivals) / cost(run))
-        else:
-            result.append(None)
-    return *result, any(c is not None for c in costs)
+        reached = [ratio for ratio, there in filter(None, found) if there]
+        result.append(min(reached) if reached else None if None in found else min(ratio for ratio, _ in found))
+    return *result, bool(reached)
 
 
 def table(results):

@@ -4,7 +4,6 @@ Each is made from Mitsuba's own plugins where it can be, so that integrators and
 most have a mean near a quarter of white.
 """
 
-import functools
 import tempfile
 import warnings
 from dataclasses import dataclass, field
@@ -12,8 +11,8 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-from mitsuba_prosim.compare.runs import Contestant
-from mitsuba_prosim.compare.scenes import Scene, seen_by
+from mitsuba_prosim.compare.scenes import FileScene, Scene
+from mitsuba_prosim.scene_files.opening import SceneFile
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
 
@@ -107,35 +106,20 @@ def cornell_box():
     return {name: value for name, value in scene.items() if name not in ("type", "integrator")}
 
 
-class Built:
-    """A scene dictionary that contestants are made from."""
+class BuiltScene(Scene):
+    """A scene of a dictionary, ``size`` pixels wide and high; ``settings`` as for every :class:`Scene`."""
 
-    def __init__(self, make, size, ours, theirs):
-        self.make, self.size, self.parameters, self.scenes = make, size, {"prosim": ours, **theirs}, {}
+    def __init__(self, make, size, settings):
+        super().__init__(settings, f"{make()} {settings} {size} {mi.variant()} {mi.__version__}")
+        self.make, self.size = make, size
 
-    @functools.cached_property
-    def key(self):
-        return f"{self.make()} {self.parameters} {self.size} {mi.variant()} {mi.__version__}"
-
-    def scene(self, sampler):
-        if sampler not in self.scenes:
-            self.scenes[sampler] = self._load(sampler)
-        return self.scenes[sampler]
-
-    def _load(self, sampler):
+    def load(self, sampler):
         scene = self.make()
         scene["sensor"] = scene["sensor"] | {
             "film": {"type": "hdrfilm", "width": self.size, "height": self.size, "pixel_format": "rgb",
                      "rfilter": {"type": "box"}},
             "sampler": {"type": sampler or "independent"}}
-        sensor = mi.load_dict(scene["sensor"])
-        shared = next(iter(self.scenes.values()), None)
-        return seen_by(sensor, shared) if shared else mi.load_dict({"type": "scene"} | scene | {"sensor": sensor})
-
-    def contestant(self, spec, _, spp=0, **overrides):
-        settings = {"type": spec.integrator} | self.parameters[spec.integrator] | overrides | spec.parameters
-        counting = mi.load_dict(settings | {"aovs": "samples"}) if spec.integrator == "prosim" else None
-        return Contestant(spec.text, self.scene(spec.sampler), mi.load_dict(settings), spp, counting)
+        return mi.load_dict({"type": "scene"} | scene)
 
 
 @dataclass
@@ -145,13 +129,13 @@ class Case:
     make: object
     ours: dict = field(default_factory=dict)
     theirs: dict = field(default_factory=lambda: {"direct": {}})
-    #: Transports of ours and of theirs, for a scene file.
-    transports: tuple = (None, None)
+    #: Transports of ours and of theirs.
+    transports: tuple = ("scene", "scene")
 
     def open(self, size, folder):
         if self.make is PALITO:
-            return Scene(flat_palito(folder), folder, resolution=(size, size))
-        return Built(self.make, size, self.ours, self.theirs)
+            return FileScene(SceneFile(flat_palito(folder), folder, resolution=(size, size)))
+        return BuiltScene(self.make, size, {"prosim": self.ours, **self.theirs})
 
     @property
     def same_light(self):

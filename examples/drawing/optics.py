@@ -3,7 +3,7 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mitsuba_prosim.optics import distribution
+from mitsuba_prosim.optics import facets
 
 from . import curves
 
@@ -62,7 +62,7 @@ def beckmann(figure):
     m = mi.Vector3f(np.sin(angles), 0, np.cos(angles))
     for place, alpha in ((121, 0.2), (122, 0.6)):
         axes = half_circle(figure, place, f"m = {alpha}")
-        axes.plot(angles, np.array(distribution.beckmann(m, mi.Float(alpha))))
+        axes.plot(angles, np.array(facets.beckmann(m, mi.Float(alpha))))
 
 
 def lobes(figure, incidence):

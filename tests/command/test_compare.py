@@ -11,9 +11,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.command.main import main
 from mitsuba_prosim.compare import measures, runs
-from mitsuba_prosim.compare.scenes import Scene, Spec, typed
+from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
+from mitsuba_prosim.scene_files.opening import SceneFile
+from prosim_start.group import prosim
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
@@ -51,7 +52,7 @@ def report(tmp_path_factory):
     """(page, facts, folder) of a comparison at tiny size."""
     folder = tmp_path_factory.mktemp("compare")
     (folder / "little.xml").write_text(SCENE)
-    result = CliRunner().invoke(main, [
+    result = CliRunner().invoke(prosim, [
         "compare", str(folder / "little.xml"), "prosim", "path:multijitter", "--rounds", "2", "--levels", "2,3", "--exposure", "-1",
         "--reference-seconds", "0", "--cache", str(folder / "cache"), "-m", "llvm_ad_rgb"])
     assert result.exit_code == 0, result.output
@@ -150,7 +151,7 @@ def test_contestants_in_words():
 def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     path = tmp_path / "little.xml"
     path.write_text(SCENE)
-    scene = Scene(path, tmp_path)
+    scene = FileScene(SceneFile(path, tmp_path))
     mi.set_log_level(mi.LogLevel.Error)
     assert scene.contestant(Spec("path:ldsampler"), "paths", spp=25).counts().mean() == 64
     assert scene.contestant(Spec("path:orthogonal"), "paths", spp=64).counts().mean() == 121
@@ -235,7 +236,37 @@ def test_csv_agrees_with_the_json(report):
     assert {line["transport"] for line in lines} == {"paths", "scene"}
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")
+def seen_in_a_browser(page, folder):
+    """What the script in ``page`` has put into its title, as JSON."""
+    (folder / "probe.html").write_text(page, encoding="utf-8")
+    run = subprocess.run([BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1240,1000",
+                          f"--user-data-dir={folder / 'browser'}", "--virtual-time-budget=5000", "--dump-dom",
+                          (folder / "probe.html").as_uri()], capture_output=True, text=True, timeout=120, check=True)
+    return json.loads(html.unescape(re.search(r"<title>(.*?)</title>", run.stdout)[1]))
+
+
+browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")
+
+
+@browser
+def test_page_on_a_phone(report):
+    """In a frame 390 pixels wide nothing is wider than it, and no two pictures with their captions overlap."""
+    page, _, folder = report
+    probe = """<!DOCTYPE html><html><head><title>-</title></head><body>
+        <iframe width="390" height="800" srcdoc="PAGE"></iframe><script>addEventListener("load", () => {
+        const inside = document.querySelector("iframe").contentDocument;
+        const boxes = [...inside.querySelectorAll("figure, .grid p")].map(f => f.getBoundingClientRect());
+        const overlap = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+        document.title = JSON.stringify({wide: inside.documentElement.scrollWidth, figures: boxes.length,
+            overlaps: boxes.filter((a, i) => boxes.some((b, k) => k < i && overlap(a, b))).length,
+            captions: [...inside.querySelectorAll("figcaption")].filter(c => c.scrollWidth > c.clientWidth).length});
+        });</script></body></html>""".replace("PAGE", html.escape(page))
+    seen = seen_in_a_browser(probe, folder)
+    assert seen["figures"] > 20
+    assert seen["wide"] <= 390 and seen["overlaps"] == seen["captions"] == 0
+
+
+@browser
 def test_page_in_a_browser(report):
     page, _, folder = report
     # A click on the first figure has to enlarge it; the title tells what the browser saw.
@@ -246,11 +277,7 @@ def test_page_in_a_browser(report):
             large: document.querySelectorAll("figure.large").length, numbers: document.querySelectorAll("data").length,
             wide: document.documentElement.scrollWidth > innerWidth});
     });</script></body>"""
-    (folder / "probe.html").write_text(page.replace("</body>", probe), encoding="utf-8")
-    run = subprocess.run([BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1240,1000",
-                          f"--user-data-dir={folder / 'browser'}", "--virtual-time-budget=5000", "--dump-dom",
-                          (folder / "probe.html").as_uri()], capture_output=True, text=True, timeout=120, check=True)
-    seen = json.loads(html.unescape(re.search(r"<title>(.*?)</title>", run.stdout)[1]))
+    seen = seen_in_a_browser(page.replace("</body>", probe), folder)
     assert seen["images"] == seen["drawn"] == page.count("<img")
     assert seen["large"] == 1
     assert seen["numbers"] == page.count("<data ")
@@ -265,7 +292,7 @@ def test_page_in_a_browser(report):
 ])
 def test_wrong_input_writes_nothing(tmp_path, arguments, message):
     (tmp_path / "little.xml").write_text(SCENE)
-    result = CliRunner().invoke(main, ["compare", str(tmp_path / "little.xml"), *arguments, "-m", "llvm_ad_rgb"])
+    result = CliRunner().invoke(prosim, ["compare", str(tmp_path / "little.xml"), *arguments, "-m", "llvm_ad_rgb"])
     assert result.exit_code == 2
     assert message in result.output
     assert [p.name for p in tmp_path.iterdir()] == ["little.xml"]

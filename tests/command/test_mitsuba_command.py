@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import registry
-from mitsuba_prosim.command import hosted, session, stand_in
+from mitsuba_prosim.command import hosted, stand_in
 
 SCENE = """<scene version="3.0.0">
     <default name="spp" value="4"/>
@@ -41,18 +41,20 @@ def write(folder, name, sampler="nrook", bsdf="prosim_lambertian", inside=""):
     return path
 
 
+COMMAND = shutil.which("mitsuba", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+
+
 def mitsuba(folder, *arguments, **env):
-    command = shutil.which("mitsuba", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    return subprocess.run([command, *map(str, arguments)], check=False, cwd=folder, capture_output=True, text=True,
+    return subprocess.run([COMMAND, *map(str, arguments)], check=False, cwd=folder, capture_output=True, text=True,
                           timeout=120, env=os.environ | env)
 
 
-linked = pytest.mark.skipif(not session.stand_ins(), reason="installed without a C compiler")
+linked = pytest.mark.skipif(not stand_in.stand_ins(), reason="installed without a C compiler")
 
 
 @linked
 def test_every_plugin_has_its_stand_in(variant_rgb):
-    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(session.stand_ins())
+    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(stand_in.stand_ins())
 
 
 def test_names_by_text_alone(variant_rgb):
@@ -169,7 +171,7 @@ def test_plugins_of_another_package(tmp_path):
     (site / "other.py").write_text("import mitsuba as mi\n"
                                    "mi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n")
     (tmp_path / "plugins").mkdir()
-    shutil.copy(session.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
+    shutil.copy(stand_in.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
     scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
     assert mitsuba(tmp_path, scene).returncode == 255
     done = mitsuba(tmp_path, scene, PYTHONPATH=str(site))
@@ -190,6 +192,42 @@ def test_ctrl_c_ends_at_once(tmp_path):
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == -signal.SIGINT
     assert not (tmp_path / "scene.exr").exists()
+
+
+@pytest.fixture
+def own_stand_in(tmp_path):
+    """A stand-in of this source, which begins to render only with the plugin that the scene names."""
+    (tmp_path / "plugins").mkdir()
+    stand_in.compile_stand_in(tmp_path / "plugins" / "stood_in_for.so", sys.executable)
+    site = tmp_path / "site"
+    (site / "other-1.dist-info").mkdir(parents=True)
+    (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
+    (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
+    (site / "other.py").write_text("""if True:
+        import os, time
+        import mitsuba as mi
+        def plugin(props):
+            print("process", os.getpid(), flush=True)
+            time.sleep(40)  # renders on
+        mi.register_bsdf("stood_in_for", plugin)
+        """)
+    return os.environ | {"PYTHONPATH": f"{site}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux" or not stand_in.compiler(), reason="needs a C compiler, on Linux")
+def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, own_stand_in):
+    """A signal for the process that was started reaches the one that renders, its grandchild."""
+    scene = write(tmp_path, "scene.xml", "independent", "stood_in_for")
+    with subprocess.Popen([COMMAND, "-m", "scalar_rgb", scene.name], cwd=tmp_path, stdout=subprocess.PIPE, text=True,
+                          env=own_stand_in) as launcher:
+        renderer = next(int(line.split()[1]) for line in launcher.stdout if line.startswith("process"))
+        assert renderer != launcher.pid
+        launcher.terminate()
+        begun = time.monotonic()
+        launcher.stdout.read()  # ends when both have
+        assert time.monotonic() - begun < 20
+        assert launcher.wait() == -signal.SIGTERM
 
 
 @linked

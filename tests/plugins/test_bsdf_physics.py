@@ -93,6 +93,43 @@ def test_furnace_by_sampling(variant_rgb, bsdf):
         assert (weight.mean(axis=1) <= 1 + 1e-3 + error).all()
 
 
+STRIPES = {"type": "prosim_stripes", "color0": 0.2, "color1": 0.9}
+PEAKS = {"type": "spectrum", "value": [(400, 0.9), (500, 0.1), (550, 0.8), (700, 0.2)]}
+GREENISH = {"type": "rgb", "value": [0.05, 0.9, 0.05]}
+
+
+@pytest.mark.parametrize("kd, ks", ((STRIPES, 0.7), (0.4, STRIPES), (STRIPES, STRIPES), (STRIPES, None), (None, STRIPES),
+                                    (PEAKS, 0.5), (PEAKS, {"type": "spectrum", "value": [(400, 0.9), (700, 0.9)]}),
+                                    (GREENISH, {"type": "rgb", "value": [0.95, 0.1, 0.95]})))
+@pytest.mark.parametrize("variant", ("llvm_ad_rgb", "llvm_ad_spectral"))
+def test_paint_creates_no_energy(variant, kd, ks):
+    """Whatever the textures or spectra are, no more light leaves at any point, wavelength or angle than arrives."""
+    mi.set_variant(variant)
+    given = {"diffuse_reflectance": kd, "specular_reflectance": ks}
+    n = 20000
+    for lobe in ({}, {"alpha": 0.1}):
+        bsdf = mi.load_dict({"type": "prosim_composite", **lobe} | {k: v for k, v in given.items() if v is not None})
+        for angle in (0, 60, 85, 89.5):
+            for place in (0.0, 0.1):                       # a stripe of either colour
+                si = curves.interaction(curves.direction(angle) + dr.zeros(mi.Vector3f, n))
+                si.uv = mi.Point2f(place, 0)
+                weight = spectrum(bsdf.sample(mi.BSDFContext(), si, *uniform(n, 1))[1])
+                error = 4 * weight.std(axis=1) / n**0.5
+                assert (weight.mean(axis=1) <= 1 + 1e-5 + error).all()
+
+
+def test_paint_keeps_the_sum_of_textures(variant_rgb):
+    """A specular weight that is too high beside the pigment counts as what is left."""
+    si = curves.interaction(curves.direction([30.0]))
+    si.uv = mi.Point2f(0.1, 0)                             # 0.9
+    wo = curves.direction([35.0], -1)
+    for kd, ks, same in ((STRIPES, 0.7, 0.1), (0.4, STRIPES, 0.6)):
+        found, expected = (mi.load_dict({"type": "prosim_composite", "alpha": 0.2, "diffuse_reflectance": d,
+                                         "specular_reflectance": s}) for d, s in
+                           ((kd, ks), (0.9 if kd is STRIPES else kd, same)))
+        np.testing.assert_allclose(*(b.eval(mi.BSDFContext(), si, wo) for b in (found, expected)), rtol=1e-5)
+
+
 @each([b for b in ROUGH + SMOOTH if b["type"] != "prosim_phong"])
 def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
     """With one specular component enabled, a sample weighs at most F (or 1 - F) of its facet."""
@@ -158,6 +195,46 @@ def test_samples_agree_with_eval_and_pdf(variant, bsdf):
         smooth = seen & (kind & +mi.BSDFFlags.Delta == 0)
         np.testing.assert_allclose(drawn[smooth], pdf[smooth], rtol=2e-2)
         np.testing.assert_allclose((weight * drawn)[:, smooth], value[:, smooth], rtol=2e-2)
+
+
+def contexts(bsdf):
+    """Every mask of types that can be asked for with a single flag or a pair, and every component's number."""
+    flags = mi.BSDFFlags
+    single = (flags.Null, flags.DiffuseReflection, flags.DiffuseTransmission, flags.GlossyReflection,
+              flags.GlossyTransmission, flags.DeltaReflection, flags.DeltaTransmission)
+    for mask in {+a | +b for a in single for b in single} | {+flags.All}:
+        for component in (0xFFFFFFFF, *range(3)):
+            context = mi.BSDFContext()
+            context.type_mask, context.component = mask, component
+            yield context, [k for k in range(bsdf.component_count())
+                            if component in (0xFFFFFFFF, k) and +bsdf.flags(k) & +flags.All & ~mask == 0]
+
+
+@each(FEW)
+def test_a_context_is_honoured_exactly(variant_rgb, bsdf):
+    """A sample is of a component that was asked for; values and densities are the sums of what such components give."""
+    bsdf = mi.load_dict(bsdf)
+    n = 2000
+    wi, u = inputs(n)
+    si, wo = curves.interaction(mi.Vector3f(wi)), directions(n, 13, True)
+    alone = {}
+    for k in range(bsdf.component_count()):
+        context = mi.BSDFContext()
+        context.component = k
+        alone[k] = spectrum(bsdf.eval(context, si, wo))
+    for context, allowed in contexts(bsdf):
+        bs, weight = bsdf.sample(context, si, mi.Float(u[0]), mi.Point2f(u[1:]))
+        value, pdf = bsdf.eval_pdf(context, si, wo)
+        drawn = np.broadcast_to(np.array(bs.pdf), n) > 0
+        kind, component = (np.broadcast_to(np.array(x), n)[drawn] for x in (bs.sampled_type, bs.sampled_component))
+        assert drawn.any() == bool(allowed)
+        assert set(component.tolist()) <= set(allowed) and not (kind & ~np.uint32(context.type_mask)).any()
+        for k in set(component.tolist()):
+            assert (kind[component == k] == (+bsdf.flags(k) & +mi.BSDFFlags.All)).all()
+        expected = sum((alone[k] for k in allowed), np.zeros((3, 1)))
+        np.testing.assert_allclose(*np.broadcast_arrays(spectrum(value), expected), rtol=1e-4, atol=1e-6)
+        if not allowed:
+            assert not np.array(pdf).any() and not spectrum(weight).any()
 
 
 @each(FEW)

@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing import curves
+from mitsuba_prosim.optics import ambient
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -146,6 +147,51 @@ def test_ambient_attribute(variant):
         assert not dr.any(bsdf.has_attribute("no such thing"))
 
 
+def ambient_cases():
+    """BSDFs within Mitsuba's adapters, with their reflectance of ambient light seen from the front and from the back."""
+    low, high = ({"type": "prosim_lambertian", "reflectance": x} for x in (0.4, 0.8))
+    flat = {"type": "bitmap", "data": mi.TensorXf(np.full((2, 2, 3), (0.5, 0.5, 1.0))), "raw": True}
+    blend = {"type": "blendbsdf", "weight": 0.25, "a": low, "b": high}
+    return (
+        (low, 0.4, 0),
+        ({"type": "prosim_dielectric", "ambient": 0.3}, 0.3, 0.3),
+        ({"type": "prosim_dielectric"}, 0, 0),
+        ({"type": "diffuse"}, 0, 0),
+        ({"type": "mask", "opacity": 0.25, "a": low}, 0.1, 0),
+        (blend, 0.5, 0),
+        ({"type": "bumpmap", "texture": {"type": "checkerboard"}, "a": low}, 0.4, 0),
+        ({"type": "normalmap", "normalmap": flat, "a": low}, 0.4, 0),
+        ({"type": "twosided", "a": low}, 0.4, 0.4),
+        ({"type": "twosided", "a": low, "b": high}, 0.4, 0.8),
+        ({"type": "twosided", "a": blend}, 0.5, 0.5),
+        ({"type": "mask", "opacity": 0.5, "a": {"type": "blendbsdf", "weight": 0.5, "a": low, "b": {"type": "diffuse"}}},
+         0.1, 0),
+    )
+
+
+@pytest.mark.parametrize("name", ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral"))
+def test_ambient_reflectance_through_adapters(name):
+    mi.set_variant(name)
+    for material, front, back in ambient_cases():
+        bsdf = mi.load_dict(material)
+        for z, expected in ((1, front), (-1, back)):
+            si = curves.interaction(mi.Vector3f(0, 0, z))
+            np.testing.assert_allclose(np.ravel(ambient.reflectance(bsdf, si)), expected, rtol=1e-5)
+
+
+def test_ambient_reflectance_of_a_whole_scene(variant_rgb):
+    """By a virtual call over all BSDFs of a scene at once."""
+    cases = ambient_cases()
+    world = mi.load_dict({"type": "scene"} | {
+        f"ball{i}": {"type": "sphere", "center": [3 * i, 0, 0], "bsdf": bsdf} for i, (bsdf, _, _) in enumerate(cases)})
+    for side, column in ((1, 1), (-1, 2)):                 # from outside, and from the centre
+        x = 3 * dr.arange(mi.Float, len(cases))
+        ray = mi.Ray3f(mi.Point3f(x, 0, 9 if side > 0 else 0), mi.Vector3f(0, 0, -1))
+        si = world.ray_intersect(ray)
+        found = dr.dispatch(si.bsdf(), ambient.reflectance, si, mi.Bool(True))
+        np.testing.assert_allclose(np.array(found)[1], [case[column] for case in cases], rtol=1e-5)
+
+
 def test_every_metal_of_mitsubas(variant_rgb):
     for name in ("none", "Ag", "Cu", "Cu_palik", "Al", "TiO2-e_palik"):
         ours = mi.load_dict({"type": "prosim_conductor", "material": name})
@@ -257,7 +303,7 @@ def test_as_few_kernels_as_mitsubas_own(variant_rgb):
     ({"type": "prosim_conductor", "material": "Cu", "k": 1.0}, ('"k"', "material", "Cu")),
     ({"type": "prosim_conductor", "material": "Cu", "eta": 1.0}, ('"eta"', "material", "Cu")),
     ({"type": "prosim_conductor", "eta": -1.0}, ("eta", "-1.0", ">= 0")),
-    ({"type": "prosim_conductor", "fresnel": "schlick"}, ("fresnel", "schlick", "exact, thesis")),
+    ({"type": "prosim_conductor", "fresnel": "schlick"}, ("fresnel", "schlick", "exact or thesis")),
     ({"type": "prosim_conductor", "specular_reflectance": 1.5}, ("specular_reflectance", "1.5", "between 0 and 1")),
     ({"type": "prosim_dielectric", "int_ior": "glas"}, ("int_ior", "glas", "bk7")),
     ({"type": "prosim_dielectric", "int_ior": 0.0}, ("int_ior", "0.0", "> 0")),
@@ -269,6 +315,8 @@ def test_as_few_kernels_as_mitsubas_own(variant_rgb):
      ("diffuse_reflectance + specular_reflectance", "1.1", "<= 1")),
     ({"type": "prosim_composite", "diffuse_reflectance": 0.7, "specular_reflectance": RGB},
      ("diffuse_reflectance + specular_reflectance", "1.3", "<= 1")),
+    ({"type": "prosim_composite", "specular_reflectance": 0.9},
+     ("diffuse_reflectance + specular_reflectance", "1.4", "diffuse_reflectance is 0.5 if not given")),
     ({"type": "prosim_phong", "diffuse_reflectance": 1.1}, ("diffuse_reflectance", "1.1", "between 0 and 1")),
     ({"type": "prosim_phong", "distribution": "gaussian"}, ("distribution", "gaussian", "phong")),
 ), ids=lambda p: p["type"] if isinstance(p, dict) else p[0])
@@ -277,3 +325,20 @@ def test_errors_say_what_is_wrong(variant_rgb, material, words):
         mi.load_dict(material)
     for word in (material["type"], *words):
         assert word in str(error.value)
+
+
+def test_a_table_that_cannot_be_read_is_named_as_the_cause(variant_rgb, tmp_path):
+    """Not "unknown material", though a list of known ones that contains it would give that away."""
+    folder = tmp_path / "data" / "ior"
+    folder.mkdir(parents=True)
+    for quantity in ("eta", "k"):
+        (folder / f"Cu.{quantity}.spd").write_text("400 zero")
+    resolver = mi.file_resolver()
+    resolver.prepend(str(tmp_path))
+    try:
+        with pytest.raises(RuntimeError) as error:
+            mi.load_dict({"type": "prosim_conductor", "material": "Cu"})
+    finally:
+        del resolver[0]
+    assert "allowed" not in str(error.value)
+    assert 'table of the metal "Cu"' in str(error.value) and "more than two elements" in str(error.value)

@@ -2,7 +2,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.emitters import distribution
+from mitsuba_prosim.light import beam
 from scipy import integrate
 
 SIGNIFICANCE = 0.01
@@ -232,15 +232,58 @@ def test_sampling_and_evaluation_agree(variant_rgb, name, unattenuated):
 
 @pytest.mark.parametrize("cos_angle, exponent", ((0.9, None), (-0.5, None), (0.0, 0.0), (0.0, 7.0), (0.8, 30.0)))
 def test_falloff_is_what_is_sampled(variant_rgb, cos_angle, exponent):
-    whole = distribution.total(mi.Float(cos_angle), exponent)[0]
+    limit = 1 - cos_angle
+    whole = beam.total(mi.Float(limit), exponent)[0]
     expected = 2 * np.pi * integrate.quad(lambda c: c ** (exponent or 0), cos_angle, 1)[0]
     assert whole == pytest.approx(expected, rel=1e-5)
     test = mi.chi2.ChiSquareTest(
-        domain=mi.chi2.SphericalDomain(), sample_count=200_000, res=101, ires=32, sample_dim=2,
-        sample_func=lambda u: distribution.sample_falloff(u, mi.Float(cos_angle), exponent),
-        pdf_func=lambda d: distribution.falloff(d.z, cos_angle, exponent) / whole,
+        domain=mi.chi2.SphericalDomain(),
+        sample_count=200_000,
+        res=101,
+        ires=32,
+        sample_dim=2,
+        sample_func=lambda u: beam.sample_falloff(u, mi.Float(limit), exponent),
+        pdf_func=lambda d: beam.falloff(1 - d.z, limit, exponent) / whole,
     )
     assert test.run(significance_level=SIGNIFICANCE, test_count=5), test.messages
+
+
+@pytest.mark.parametrize(
+    "direction", ([1, 0, 0], [0, -3, 0], [0, 0, 1], [0, 0, -1], [1e-7, 0, -1], [0, 1e-4, 1], [1, 2, 3]), ids=str
+)
+@pytest.mark.parametrize(
+    "parameters",
+    (
+        {"distribution": "cone", "angle": 180.0},
+        {"distribution": "cone", "angle": 0.05},
+        {"distribution": "cone", "angle": 1e-3},
+        {"distribution": "spot", "exponent": 1e6},
+        {"distribution": "spot", "exponent": 1e4, "angle": 0.5},
+        {"distribution": "spot", "exponent": 0.0, "angle": 0.05},
+    ),
+    ids=str,
+)
+def test_narrow_beams(variant_rgb, parameters, direction):
+    """Power, profile and directions as in double precision, however narrow the beam and wherever it points."""
+    _scene, emitter = emitter_of({"type": "prosim_point", "direction": direction, **parameters})
+    axis = np.array(mi.Vector3f(direction), dtype=float).ravel()
+    axis /= np.linalg.norm(axis)
+    n, widest = parameters.get("exponent", 0.0), np.radians(parameters.get("angle", 90.0))
+    v = 2 * np.sin(widest / 2) ** 2
+    power = 2 * np.pi * v if n == 0 else 2 * np.pi * -np.expm1((n + 1) * np.log1p(-min(v, 1 - 1e-16))) / (n + 1)
+    ray, weight = emitter.sample_ray(0.0, 0.5, mi.Point2f(0.5), grid(64))
+    assert first(weight)[0] == pytest.approx(power, rel=1e-4)
+    d = np.array(ray.d, dtype=float)
+    np.testing.assert_allclose(np.linalg.norm(d, axis=0), 1, atol=1e-6)
+    angle = 2 * np.arcsin(np.clip(0.5 * np.linalg.norm(d - axis[:, None], axis=0), 0, 1))
+    assert angle.max() <= widest * (1 + 1e-3) + 1e-6
+    if n == 0 and widest < 1:  # uniform: the mean of the squared angle is half the greatest
+        assert (angle**2).mean() == pytest.approx(widest**2 / 2, rel=0.02, abs=1e-11)
+    ds = dr.zeros(mi.DirectionSample3f, d.shape[1])
+    ds.d = -ray.d
+    stated = np.array(emitter.eval_direction(receiver(ray.d, d.shape[1]), ds), dtype=float)[0]
+    inside = angle < widest * (1 - 1e-3) - 1e-6
+    np.testing.assert_allclose(stated[inside], np.cos(angle[inside]) ** n, rtol=5e-3)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -391,3 +434,29 @@ def test_errors(variant_rgb, make, parameter, parameters):
 def test_errors_of_the_point_source(variant_rgb, parameter, parameters):
     with pytest.raises(Exception, match=f'prosim_point.*parameter "{parameter}" is .*; allowed: '):
         mi.load_dict({"type": "prosim_point", **parameters})
+
+
+@pytest.mark.parametrize("value", (-1.0, float("nan"), float("inf"), {"type": "rgb", "value": [1.0, -0.2, 0.3]},
+                                   {"type": "spectrum", "value": [(400, 1.0), (700, -1.0)]}), ids=str)
+@pytest.mark.parametrize("name, source", (
+    ("radiance", area()), ("intensity", {"type": "prosim_point"}), ("radiance", {"type": "prosim_point", "radius": 0.1}),
+), ids=("area", "point", "ball"))
+def test_light_is_finite_and_not_negative(variant_rgb, name, source, value):
+    with pytest.raises(Exception, match=f'parameter "{name}" is .*; allowed: finite numbers >= 0'):
+        mi.load_dict(source | {name: value})
+
+
+@pytest.mark.parametrize("texel", (-1.0, float("nan"), float("inf")))
+def test_an_image_of_light_is_finite_and_not_negative(variant_rgb, texel):
+    texels = np.ones((3, 3, 3), np.float32)
+    texels[1, 1, 2] = texel
+    for nested in (False, True):
+        texture = {"type": "bitmap", "raw": True, "data": mi.TensorXf(texels)}
+        given = {"type": "prosim_product", "a": texture} if nested else texture
+        with pytest.raises(Exception, match='parameter "radiance" is .*data has .*; allowed: finite numbers >= 0'):
+            mi.load_dict(sphere(area() | {"radiance": given}))
+
+
+def test_a_place_is_finite(variant_rgb):
+    with pytest.raises(Exception, match='parameter "position" is .*; allowed: finite coordinates'):
+        mi.load_dict({"type": "prosim_point", "position": [0, float("nan"), 0]})

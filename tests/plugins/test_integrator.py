@@ -86,7 +86,7 @@ def test_every_kind_of_source_equals_path(variant_rgb):
 @pytest.mark.parametrize("unrolled", [0, 4])
 def test_sky_on_diffuse_and_rough_surfaces_equals_path(variant_rgb, monkeypatch, unrolled):
     """The sky is sampled by projected solid angle; with and without the loop over sources."""
-    monkeypatch.setattr("mitsuba_prosim.transport.sources.Sources.UNROLLED", unrolled)
+    monkeypatch.setattr("mitsuba_prosim.light.table.Lights.UNROLLED", unrolled)
     sky = {"sky": {"type": "constant", "radiance": rgb(.3, .4, .5)}}
     path = renderings({**penumbra(type="path", max_depth=2), **sky}, 12, spp=100)
     ours = renderings({**penumbra(type="prosim", adaptive="none"), **sky}, 12, spp=25)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import attenuation, fresnel, visible
-from mitsuba_prosim.optics.distribution import DISTRIBUTIONS
+from mitsuba_prosim.optics.facets import DISTRIBUTIONS
 
 WIDTHS = (0.02, 0.1, 0.3, 0.6, 1.0)
 

@@ -67,6 +67,11 @@ def test_entry_point_names_this_package():
     assert any(e.load() is mitsuba_prosim for e in entry_points(group="mitsuba"))
 
 
+def test_the_version_is_the_distributions():
+    from importlib.metadata import version
+    assert mitsuba_prosim.__version__ == version("mitsuba-prosim")
+
+
 def startup_file():
     """What the start-up file would set DRJIT_LIBLLVM_PATH to, if it were unset: the path, or None."""
     line = Path(sysconfig.get_path("purelib"), "mitsuba_prosim_llvm.pth").read_text()

@@ -98,6 +98,21 @@ def test_scalar_samples_are_those_of_the_vectorised_variants():
         assert np.allclose(np.array(point), expected[pixel, r, i], atol=1e-7)
 
 
+def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
+    """Wherever a key of one seed is one of another's too, the next pixels' are not; under one seed all differ."""
+    pixel = np.arange(1 << 20, dtype=np.uint64)
+
+    def keys(seed):
+        return np.array(pixel_key(mi.UInt32(seed), mi.UInt32(pixel)))
+
+    a, b = keys(6058), keys(7452)
+    assert len(np.unique(a)) == len(np.unique(b)) == len(pixel)
+    _, i, j = np.intersect1d(a, b, assume_unique=True, return_indices=True)
+    assert stats.poisson.sf(len(i) - 1, len(pixel) ** 2 / 2.0 ** 32) > 1e-3  # as many as chance has it
+    apart = np.unique((j.astype(np.int64) - i), return_counts=True)[1]
+    assert apart.max() <= 2                                                 # nor in the same order
+
+
 def test_grid_size():
     assert [grid_size(spp) for spp in (1, 2, 4, 5, 16, 25, 26)] == [1, 2, 2, 3, 4, 5, 6]
 

@@ -4,11 +4,16 @@ import base64
 import csv
 import io
 import json
+from collections.abc import Mapping
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
 from .measures import display
+
+#: What a comparison says: texts and numbers, fit for JSON.
+Facts = Mapping[str, Any]
 
 #: Measure -> (heading, explanation).
 MEASURES = {
@@ -27,7 +32,7 @@ TRANSPORTS = {
 }
 
 
-def html(facts, images):
+def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
     """The page as text. Each number on it stands in ``facts`` too, as ``<data value=...>`` gives it in full."""
     import jinja2
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
@@ -38,7 +43,7 @@ def html(facts, images):
                            charts=[chart(section) for section in facts["sections"]])
 
 
-def number(value, form=".3g", unit=""):
+def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
     """A number as it stands on the page."""
     import markupsafe
     if value is None:
@@ -50,18 +55,19 @@ def number(value, form=".3g", unit=""):
     return markupsafe.Markup('<data value="{}">{}</data>{}').format(repr(value), text, unit)
 
 
-def picture(source, caption, classes=""):
+def picture(source: str, caption: str, classes: str = "") -> str:
     """An image that is opened and closed by a click."""
     import markupsafe
     return markupsafe.Markup('<figure class="{}"><img src="{}" alt="{}"><figcaption>{}</figcaption></figure>').format(
         classes, source, caption, caption)
 
 
-def data_uri(content, kind):
+def data_uri(content: bytes, kind: str) -> str:
+    """``content``, an image of that kind, as a URI."""
     return f"data:image/{kind};base64," + base64.b64encode(content).decode()
 
 
-def png(image):
+def png(image: np.ndarray) -> str:
     """``image``, of shape (height, width, 3) in [0, 1], as a PNG data URI."""
     from matplotlib.image import imsave
     file = io.BytesIO()
@@ -69,25 +75,20 @@ def png(image):
     return data_uri(file.getvalue(), "png")
 
 
-def coloured(values, top, name="magma"):
+def coloured(values: np.ndarray, top: float, name: str = "magma") -> np.ndarray:
     """Numbers as colours, from 0 to ``top``."""
     from matplotlib import colormaps
     return colormaps[name](np.clip(values / top, 0, 1))[..., :3]
 
 
-def encode(facts, images):
-    """Images as data URIs; maps of one kind share their scale, which is added to ``facts``."""
-    kinds = {"error": "magma", "flip": "magma", "counts": "viridis"}
-    tops = {}
-    for kind in kinds:
-        maps = [image for name, image in images.items() if name.endswith("/" + kind)]
-        tops[kind] = float(max((np.percentile(m, 99.5) if kind != "counts" else m.max()) for m in maps)) or 1.0
-    facts["scales"] = tops
+def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Images as data URIs; maps of one kind share their scale."""
+    colours = {"error": "magma", "flip": "magma", "counts": "viridis"}
     result = {}
     for name, image in images.items():
         kind = name.rpartition("/")[2]
-        if kind in kinds:
-            result[name] = png(coloured(image, tops[kind], kinds[kind]))
+        if kind in colours:
+            result[name] = png(coloured(image, facts["scales"][kind], colours[kind]))
         elif kind == "signed":
             shown = np.mean(np.sign(image) * display(np.abs(image)), axis=2)
             result[name] = png(coloured(shown + 1, 2, "RdBu_r"))
@@ -96,7 +97,7 @@ def encode(facts, images):
     return result
 
 
-def chart(section):
+def chart(section: Facts) -> str:
     """Curves of a section, as an SVG data URI."""
     import matplotlib
     from matplotlib.figure import Figure
@@ -104,7 +105,7 @@ def chart(section):
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
     axes = figure.subplots(2, 2, sharey="row")
     for row, measure in zip(axes, ("rmse", "flip")):
-        for axis, (cost, label) in zip(row, (("samples", "samples per pixel"), ("cpu", "seconds"))):
+        for axis, (cost, label) in zip(row, (("samples", "samples per pixel"), ("cpu", "processor seconds per thread"))):
             for curve, colour in zip(section["curves"], ("#c2410c", "#1d4ed8")):
                 axis.loglog([p[cost] for p in curve["points"]], [max(p[measure], 1e-7) for p in curve["points"]], "o-",
                             color=colour, label=curve["name"])
@@ -127,11 +128,12 @@ def chart(section):
     return data_uri(file.getvalue(), "svg+xml")
 
 
-def json_text(facts):
+def json_text(facts: Facts) -> str:
+    """All facts, each number in full."""
     return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
 
 
-def csv_text(facts):
+def csv_text(facts: Facts) -> str:
     """One line a run: the rows of the tables and the points of the curves, medians."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")

@@ -1,17 +1,22 @@
-"""Camera rays whose code does not depend on the film's size."""
+"""Camera rays whose code does not depend on the film's size, nor their bits on its crop window."""
+
+from __future__ import annotations
+
+import contextlib
 
 import drjit as dr
 import mitsuba as mi
 
 
 def ray_sampler(sensor):
-    """What ``sensor.sample_ray`` is, for a film without a crop window.
+    """What ``sensor.sample_ray_differential`` is, but for the differentials, for a film without a crop window. (Not every
+    sensor has a ``sample_ray``.)
 
     Mitsuba's perspective camera has the film's size as a constant in its code, so that each resolution would be
     compiled anew: its rays are made here, by its own matrices.
     """
     if sensor.class_name() != "PerspectiveCamera":
-        return sensor.sample_ray
+        return sensor.sample_ray_differential
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
     to_camera, to_world = sensor.projection_transform().inverse(), sensor.world_transform()
@@ -30,3 +35,22 @@ def ray_sampler(sensor):
         return ray, weight
 
     return sample_ray
+
+
+@contextlib.contextmanager
+def uncropped(sensor):
+    """The film of ``sensor`` without its crop window, so that the rays of a crop are those of the whole image to the
+    bit (a sensor scales positions by the window)."""
+    film = sensor.film()
+    offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())
+    if all(offset == 0) and all(size == film.size()):
+        yield
+        return
+    params = mi.traverse(sensor)
+    try:
+        params["film.crop_offset"], params["film.crop_size"] = mi.ScalarPoint2u(0), mi.ScalarVector2u(film.size())
+        params.update()
+        yield
+    finally:
+        params["film.crop_offset"], params["film.crop_size"] = offset, size
+        params.update()

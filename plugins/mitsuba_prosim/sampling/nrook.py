@@ -20,8 +20,12 @@ JITTERS = ("multi", "uniform")
 
 
 def pixel_key(seed, pixel):
-    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit)."""
-    return combine(hash32(seed), pixel)
+    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
+
+    The pixel is hashed before the seed is mixed in, and then both again: no seed's keys are another's, shifted. Under one
+    seed, different pixels have different keys.
+    """
+    return combine(hash32(pixel), hash32(seed))
 
 
 class Permutations:
@@ -86,7 +90,7 @@ class NRook:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
 
     def __call__(self, space, active=True):
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``integrators/prosim.py``)."""
+        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/node.py``)."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)

@@ -1,0 +1,38 @@
+"""BSDFs within BSDFs."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+
+import mitsuba as mi
+
+
+@functools.cache
+def _callback(variant):
+    """The class that gathers what a BSDF shows of itself, for the active variant. (One class for all calls: each would
+    be garbage with a reference to the BSDF, until Python collects it.)"""
+    class Parts(mi.TraversalCallback):
+        def __init__(self):
+            super().__init__()
+            self.found = {}
+
+        def put(self, name, value, flags, *_):
+            self.found[name] = value
+
+    return Parts
+
+
+def parts(bsdf: mi.BSDF) -> dict:
+    """What ``bsdf`` consists of, by the names that ``mi.traverse`` has: BSDFs, textures, numbers."""
+    callback = _callback(mi.variant())()
+    bsdf.traverse(callback)
+    return callback.found
+
+
+def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
+    """``bsdf`` and all BSDFs within it, at any depth."""
+    yield bsdf
+    for part in parts(bsdf).values():
+        if isinstance(part, mi.BSDF):
+            yield from all_within(part)

@@ -1,0 +1,23 @@
+"""The error of a mean of samples (section 4.2.1.1)."""
+
+import drjit as dr
+
+
+def standard_error(total, squares, count):
+    """Standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation 4.4).
+
+    Samples of one N-rook pass are stratified, so their mean is better than this says.
+    """
+    mean = total / count
+    variance = dr.maximum(squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
+    return dr.sqrt(variance / count)
+
+
+def error_between_passes(total, pass_squares, passes):
+    """Standard error of the mean of ``passes`` independent passes, from the sum of their means and of its squares."""
+    return standard_error(total, pass_squares, passes)
+
+
+def in_display_units(error, mean):
+    """Error of the displayed value, by the slope of the tone curve: a square root, which is close to sRGB's."""
+    return error / (2 * dr.sqrt(dr.maximum(mean, 0) + 0.01))

@@ -60,3 +60,14 @@ def test_every_notebook_has_a_page(site):
     for notebook in DOCS.parent.glob("examples/*.ipynb"):
         assert f'href="notebooks/{notebook.stem}.html"' in index
         assert 'download="" href="../_downloads' in (site / "notebooks" / f"{notebook.stem}.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_links_of_pages_outside_the_site_lead_somewhere(name):
+    text = (DOCS.parent / name).read_text("utf-8")
+    links = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text)
+    for link in links:
+        if not link.startswith("http"):
+            assert (DOCS.parent / link.partition("#")[0]).exists(), link
+    if name == "README.md":
+        assert links

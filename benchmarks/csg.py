@@ -52,16 +52,16 @@ def measure(kind, count, pairwise):
     import warnings
 
     import prosim_scene
-    from prosim_scene import csg
+    from prosim_scene.solids import csg, parts
     warnings.simplefilter("ignore")
     if pairwise:
-        def merge(parts):
-            result = parts[:1]
-            for part in parts[1:]:
-                result = csg._parts(part.manifold + result[0].manifold)
+        def union(operands):
+            result = []
+            for part in (p for operand in operands for p in operand):
+                result = parts.as_parts(part.manifold + result[0].manifold) if result else [part]
             return result
 
-        csg._merge, csg._components = merge, lambda parts: [parts]
+        csg.union = union
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.scn"
         path.write_text(scene(kind, count))

@@ -2,22 +2,26 @@
 
 from typing import ClassVar
 
+from prosim_scene.language.words import WORDS
 from pygments.lexer import RegexLexer, bygroups
 from pygments.token import Comment, Keyword, Name, Number, String, Text
 
+STEPS = "|".join(spelling for row in WORDS if row.role == "STEP" for spelling in row.spellings)
+KEYWORDS = "|".join(sorted({spelling for row in WORDS for spelling in row.spellings}, key=len, reverse=True))
+
 
 class SceneLexer(RegexLexer):
-    """Words that begin a statement, numbers, file names in quotes, and remarks."""
+    """The words of the language, numbers, names, file names in quotes, and remarks."""
 
     name = "scn"
     tokens: ClassVar = {
         "root": [
-            (r"(?i)((?:scale|translate|rotate-[xyz])\s*)(\()", bygroups(Keyword, Text)),
+            (rf"(?i)((?:{STEPS})\s*)(\()", bygroups(Keyword, Text)),
             (r"#.*", Comment),
             (r"\(", Comment, "remark"),
             (r'"[^"\n]*"', String),
             (r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?(?![\w-])", Number),
-            (r"[A-Z][A-Z-]+(?![\w-])", Keyword),
+            (rf"(?i)(?:{KEYWORDS})(?![\w.-])", Keyword),
             (r"[\w.-]+", Name),
             (r"\s+|.", Text),
         ],

@@ -18,10 +18,11 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from .group import prosim
+
     try:
         prosim(prog_name="prosim")
     except OSError as error:  # of the commands' own files they speak themselves, so this is standard output
-        print(f"Error: what there is to say could not be printed: {error.strerror or error}", file=sys.stderr)
+        sys.stderr.write(f"Error: what there is to say could not be printed: {error.strerror or error}\n")
         # Or else Python would try again when it ends, and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -7,10 +7,11 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 
-from .errors import SceneError, SceneWarning
-from .formatter import format
+from .language import parse
+from .language.files import read, rewrite
+from .language.formatter import format
+from .language.messages import SceneError, SceneWarning
 from .model import Scene
-from .reader import parse, read
 from .translator import check, load, translate
 
-__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "translate"]
+__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "rewrite", "translate"]

@@ -1,28 +1,16 @@
-"""The scene as typed, immutable values.
-
-Equality compares what a scene means; the places in the text (``at``) and the text itself do not take part in it.
-"""
+"""The scene as typed, immutable values. Where they stand in the text is the matter of ``language.document``."""
 
 import html
 from dataclasses import dataclass, field
 
-from .errors import Place, Source
-
 Vector = tuple[float, float, float]
 
-
-NOWHERE = Place(0, 0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Placed:
-    """Something that stands in the text at ``at``."""
-
-    at: Place = field(default=NOWHERE, compare=False, repr=False)
+#: kd of a surface that gives none.
+GREY: Vector = (0.5, 0.5, 0.5)
 
 
 @dataclass(frozen=True)
-class Light(Placed):
+class Light:
     """A source (5.2): a sphere, or a point whose ``radius`` is virtual."""
 
     kind: str  # "area" or "point"
@@ -36,7 +24,7 @@ class Light(Placed):
 
 
 @dataclass(frozen=True)
-class Background(Placed):
+class Background:
     """Radiance of a ray that leaves the scene: 65535 is 1.0; or an image, latitude by longitude."""
 
     color: Vector = (0.0, 0.0, 0.0)
@@ -44,7 +32,7 @@ class Background(Placed):
 
 
 @dataclass(frozen=True)
-class View(Placed):
+class View:
     """The camera. ``vpn`` 0 0 0 means eye - vrp; ``window`` is umin, vmin, umax, vmax on the plane, relative to vrp."""
 
     resolution: tuple[int, int] = (500, 500)
@@ -56,14 +44,14 @@ class View(Placed):
 
 
 @dataclass(frozen=True)
-class Operator(Placed):
+class Operator:
     """``+``, ``-`` or ``*``, before its two operands."""
 
     symbol: str
 
 
 @dataclass(frozen=True)
-class Texture(Placed):
+class Texture:
     """What stands in one of a primitive's two texture slots: a name (t-...) or an image file."""
 
     name: str | None = None
@@ -71,7 +59,7 @@ class Texture(Placed):
 
 
 @dataclass(frozen=True)
-class Leaf(Placed):
+class Leaf:
     """A primitive in the tree: its shape, its index, and its textures (surface, solid)."""
 
     shape: str  # "cube", "sphere", "cylinder" or "cone"
@@ -80,10 +68,9 @@ class Leaf(Placed):
 
 
 @dataclass(frozen=True)
-class Surface(Placed):
+class Surface:
     """Optics of a primitive. What the text does not give is None; the defaults depend on the material."""
 
-    index: int
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
     metal: str | None = None  # one of Mitsuba's tables
     ka: Vector | None = None
@@ -96,7 +83,7 @@ class Surface(Placed):
 
 
 @dataclass(frozen=True)
-class Step(Placed):
+class Step:
     """One step of a transform: "scale", "translate" (three values) or "rotate-x|y|z" (degrees)."""
 
     kind: str
@@ -104,25 +91,27 @@ class Step(Placed):
 
 
 @dataclass(frozen=True)
-class Transform(Placed):
+class Transform:
     """Steps in the order in which they are applied."""
 
-    index: int
     steps: tuple[Step, ...] = ()
 
 
 @dataclass(frozen=True)
-class Pattern(Placed):
-    """A TEXTURE statement: the kind of a pattern and the parameters that it gives."""
+class Pattern:
+    """A texture by name: the kind of a pattern and the parameters that its TEXTURE statement gives."""
 
-    name: str
     kind: str  # "brick", "stripes" or "fractal"
     parameters: tuple[tuple[str, float | Vector], ...] = ()
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole scene. ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion."""
+    """A whole scene.
+
+    ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion; ``surfaces`` and ``transforms`` go
+    by the indices of the leaves, ``patterns`` by the names of their textures. ``text`` is what the scene was read from.
+    """
 
     name: str
     channels: tuple[bool, bool, bool] = (True, True, True)
@@ -138,11 +127,8 @@ class Scene:
     surfaces: dict[int, Surface] = field(default_factory=dict)
     transforms: dict[int, Transform] = field(default_factory=dict)
     patterns: dict[str, Pattern] = field(default_factory=dict)
-    places: dict[str, Place] = field(default_factory=dict, compare=False, repr=False)
-    source: Source | None = field(default=None, compare=False, repr=False)
+    text: str = field(default="", compare=False, repr=False)
 
-    def _repr_html_(self):
-        """In a notebook a scene shows itself in its own language, in canonical layout."""
-        from .formatter import format
-
-        return f"<pre>{html.escape(format(self.source.text, self.source.filename) if self.source else repr(self))}</pre>"
+    def _repr_html_(self) -> str:
+        """In a notebook a scene shows itself in its own language."""
+        return f"<pre>{html.escape(self.text or repr(self))}</pre>"

@@ -36,8 +36,9 @@ print(lines)
 
 def test_logging_needs_no_interpreter():
     """Else a thread that logs and one that makes a plugin in Python can wait for each other for ever."""
-    done = subprocess.run([sys.executable, "-c", HOLD_THE_INTERPRETER], check=True, capture_output=True, text=True,
-                          timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", HOLD_THE_INTERPRETER], check=True, capture_output=True, text=True, timeout=60
+    )
     assert int(done.stdout) >= 9
     assert 'Loading plugin "plugins/principled' in done.stderr
 

@@ -49,13 +49,16 @@ def test_crop_is_part_of_the_whole(palito):
     assert np.array_equal(pixels(palito.with_name("part.exr")), pixels(palito.with_name("whole.exr"))[4:10, 10:18])
 
 
-@pytest.mark.parametrize("text, says", [
-    ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
-    (XML.replace("$radiance", "$missing"), "missing"),
-    (XML.replace("path", "prosim_missing"), "not found"),
-    (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),
-    ("<scene version='3.0.0'/>", "No sensor specified"),
-])
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
+        (XML.replace("$radiance", "$missing"), "missing"),
+        (XML.replace("path", "prosim_missing"), "not found"),
+        (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),
+        ("<scene version='3.0.0'/>", "No sensor specified"),
+    ],
+)
 def test_wrong_scene(scene, text, says):
     scene.write_text(text)
     done = prosim("render", scene)
@@ -95,7 +98,7 @@ def test_translate_says_once_that_stand_ins_are_missing(palito, monkeypatch):
     assert "prosim doctor" in prosim("translate", palito).stderr or sys.platform != "linux"
     monkeypatch.setattr(llvm, "problem", lambda: None)
     done = prosim("doctor")
-    assert sys.platform != "linux" or done.exit_code == 1 and "prosim link" in done.stdout
+    assert sys.platform != "linux" or (done.exit_code == 1 and "prosim link" in done.stdout)
 
 
 @pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])
@@ -125,11 +128,15 @@ def test_format_keeps_the_link_and_the_mode(palito):
 
 def test_format_says_what_it_could_not_write(palito, monkeypatch):
     """And not that it has."""
+
     def full(_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(palito.parent))
+
     monkeypatch.setattr(writing, "write", full)
     done = prosim("format", palito)
-    assert done.exit_code == 1 and done.stdout == "" and "stays as it is" in done.stderr and "No space left" in done.stderr
+    assert (
+        done.exit_code == 1 and done.stdout == "" and "stays as it is" in done.stderr and "No space left" in done.stderr
+    )
 
 
 def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):

@@ -27,10 +27,15 @@ def test_output_folder(scene):
         assert names(scene.parent / folder) == ["scene.exr", "scene.png"]
 
 
-@pytest.mark.parametrize("command, name, says", [
-    ("render", "x.jpg", ".exr and .png, not .jpg"), ("render", "x.html", ".exr and .png"),
-    ("compare", "x.png", ".html and .json and .csv, not .png"), ("translate", "pal.xml", "folder"),
-])
+@pytest.mark.parametrize(
+    "command, name, says",
+    [
+        ("render", "x.jpg", ".exr and .png, not .jpg"),
+        ("render", "x.html", ".exr and .png"),
+        ("compare", "x.png", ".html and .json and .csv, not .png"),
+        ("translate", "pal.xml", "folder"),
+    ],
+)
 def test_output_of_another_kind(palito, command, name, says):
     done = prosim(command, palito, "-o", palito.with_name(name))
     assert done.exit_code == 2 and says in done.stderr
@@ -43,9 +48,10 @@ def test_the_scene_is_not_overwritten(palito):
     assert done.exit_code == 2 and "is the scene itself" in done.stderr
 
 
-@pytest.mark.parametrize("place, says", [
-    ("/proc/image", "/proc"), ("a" * 252, "too long"), ("é" * 126, "too long, at most"), ("scene.xml/a", "no folder"),
-])
+@pytest.mark.parametrize(
+    "place, says",
+    [("/proc/image", "/proc"), ("a" * 252, "too long"), ("é" * 126, "too long, at most"), ("scene.xml/a", "no folder")],
+)
 def test_what_cannot_be_written_is_found_before_the_render(scene, monkeypatch, place, says):
     monkeypatch.setattr(rendering, "render", lambda *_: pytest.fail("has rendered"))
     done = prosim("render", scene, "-o", scene.parent / place)
@@ -71,12 +77,15 @@ def test_an_image_that_cannot_be_written_after_all_is_kept(scene, monkeypatch, t
     assert pixels(folder / "scene.exr").shape == (8, 12, 3)
 
 
-BANDS = XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/><integer name="band" value="48"/></integrator>')
+BANDS = XML.replace(
+    '"path"/>', '"prosim"><integer name="samples" value="2"/><integer name="band" value="48"/></integrator>'
+)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
     """One that comes when the first band is done."""
+
     class Bar(tqdm):
         def update(self, done):
             os.kill(os.getpid(), number)
@@ -112,9 +121,14 @@ def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):
 
 def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):
     """It holds up Python's signal handlers until it is done, which would take minutes."""
-    scene.write_text(XML.replace('"4"', '"65536"').replace('"12"', '"512"').replace('"8"', '"512"').replace("nrook", "independent"))
-    with subprocess.Popen([sys.executable, "-m", "prosim_start", "render", scene, "-m", "scalar_rgb", "-v"],
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    scene.write_text(
+        XML.replace('"4"', '"65536"').replace('"12"', '"512"').replace('"8"', '"512"').replace("nrook", "independent")
+    )
+    with subprocess.Popen(
+        [sys.executable, "-m", "prosim_start", "render", scene, "-m", "scalar_rgb", "-v"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
         for line in process.stderr:
             if b"Starting render job" in line:
                 break

@@ -11,14 +11,16 @@ START = [sys.executable, "-m", "prosim_start"]
 
 
 def test_help_imports_nothing_heavy():
-    code = ("import sys; from prosim_start.group import prosim; prosim(['-h'], standalone_mode=False); "
-            "print({'mitsuba', 'drjit', 'numpy', 'prosim_scene'} & set(sys.modules))")
+    code = (
+        "import sys; from prosim_start.group import prosim; prosim(['-h'], standalone_mode=False); "
+        "print({'mitsuba', 'drjit', 'numpy', 'prosim_scene'} & set(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert "compare" in done.stdout and done.stdout.endswith("set()\n")
 
 
 def test_ctrl_c_at_the_start_is_quiet(tmp_path):
-    """While modules are imported, here one that takes a minute; a shell says 130 of a process that ends by the signal."""
+    """While modules are imported, here one that takes a minute; a shell says 130 of a process that ends so."""
     slow = tmp_path / "mitsuba_prosim"
     slow.mkdir()
     (slow / "__init__.py").write_text("import time; print('importing', flush=True); time.sleep(60)")

@@ -95,11 +95,13 @@ def test_furnace_by_sampling(variant_rgb, bsdf):
 
 STRIPES = {"type": "prosim_stripes", "color0": 0.2, "color1": 0.9}
 PEAKS = {"type": "spectrum", "value": [(400, 0.9), (500, 0.1), (550, 0.8), (700, 0.2)]}
+HALVES = {"type": "spectrum", "value": [(400, 0.1), (410, 0.9), (700, 0.1)]}
 GREENISH = {"type": "rgb", "value": [0.05, 0.9, 0.05]}
 
 
 @pytest.mark.parametrize("kd, ks", ((STRIPES, 0.7), (0.4, STRIPES), (STRIPES, STRIPES), (STRIPES, None), (None, STRIPES),
                                     (PEAKS, 0.5), (PEAKS, {"type": "spectrum", "value": [(400, 0.9), (700, 0.9)]}),
+                                    (HALVES, HALVES | {"value": [(400, 0.1), (690, 0.95), (700, 0.1)]}), (HALVES, GREENISH),
                                     (GREENISH, {"type": "rgb", "value": [0.95, 0.1, 0.95]})))
 @pytest.mark.parametrize("variant", ("llvm_ad_rgb", "llvm_ad_spectral"))
 def test_paint_creates_no_energy(variant, kd, ks):

@@ -457,6 +457,15 @@ def test_an_image_of_light_is_finite_and_not_negative(variant_rgb, texel):
             mi.load_dict(sphere(area() | {"radiance": given}))
 
 
+def test_textures_of_light_are_accepted(variant):
+    """Also where their numbers become coefficients of spectra, which may be negative."""
+    texels = mi.TensorXf(np.random.default_rng(1).random((3, 3, 3)).astype(np.float32))
+    for texture in ({"type": "prosim_brick", "brick": rgb(0.2, 0.4, 0.9), "mortar": 3.0},
+                    {"type": "bitmap", "data": texels}, {"type": "blackbody", "temperature": 3000.0}):
+        loaded, _ = emitter_of(sphere(area() | {"radiance": texture}))
+        assert len(loaded.emitters()) == 1
+
+
 def test_a_place_is_finite(variant_rgb):
     with pytest.raises(Exception, match='parameter "position" is .*; allowed: finite coordinates'):
         mi.load_dict({"type": "prosim_point", "position": [0, float("nan"), 0]})

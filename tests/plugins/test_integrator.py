@@ -393,8 +393,8 @@ def test_grazing_roughness(variant_rgb):
 
 
 def test_wrong_parameters_are_named(variant_rgb):
-    for settings, message in (({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: neighbours or'),
-                              ({"samples": 0}, 'parameter "samples" is 0; allowed: a number >= 1'),
+    for settings, message in (({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: one of neighbours, thesis, none'),
+                              ({"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
                               ({"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
                               ({"channels": "rgx"}, 'parameter "channels"'),
                               ({"aovs": "sample"}, 'parameter "aovs" is .sample.; allowed: samples, error')):

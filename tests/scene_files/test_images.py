@@ -11,20 +11,32 @@ from mitsuba_prosim.scene_files import images, session
 
 def film(**settings):
     """A rendered film of 20 x 10 pixels."""
-    scene = mi.load_dict({
-        "type": "scene", "light": {"type": "constant"},
-        "ball": {"type": "sphere", "to_world": mi.ScalarTransform4f().translate([0, 0, 4])},
-        "integrator": {"type": "aov", "aovs": "nn:sh_normal,depth:depth", "path": {"type": "path"}},
-        "sensor": {"type": "perspective", "sampler": {"type": "independent"},
-                   "film": {"type": "hdrfilm", "width": 20, "height": 10} | settings}})
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "light": {"type": "constant"},
+            "ball": {"type": "sphere", "to_world": mi.ScalarTransform4f().translate([0, 0, 4])},
+            "integrator": {"type": "aov", "aovs": "nn:sh_normal,depth:depth", "path": {"type": "path"}},
+            "sensor": {
+                "type": "perspective",
+                "sampler": {"type": "independent"},
+                "film": {"type": "hdrfilm", "width": 20, "height": 10} | settings,
+            },
+        }
+    )
     mi.render(scene)
     return scene.sensors()[0].film().bitmap()
 
 
-@pytest.mark.parametrize("settings", [
-    {"component_format": "float32"}, {"component_format": "float16"}, {"pixel_format": "rgba"},
-    {"pixel_format": "luminance", "component_format": "float32"},
-])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"component_format": "float32"},
+        {"component_format": "float16"},
+        {"pixel_format": "rgba"},
+        {"pixel_format": "luminance", "component_format": "float32"},
+    ],
+)
 def test_exr_holds_the_film_bit_by_bit(variant_rgb, tmp_path, settings):
     """Every channel under its name, in its precision; both OpenEXR's library and Mitsuba read the same."""
     bitmap = film(**settings)

@@ -1,21 +1,55 @@
-"""Fuzzes the translator, by hand: pip install atheris; python tests/translator/fuzz.py [libFuzzer options] [corpus]
+"""Fuzzes the translator, by hand: pip install atheris; python tests/translator/fuzz.py [libFuzzer options] [corpus].
 
 Anything but a SceneError, and a formatted scene that means something else, is a finding. The examples serve as corpus:
 
-    python tests/translator/fuzz.py -max_total_time=600 -dict=tests/translator/fuzz.dict examples
+    python tests/translator/fuzz.py -max_total_time=600 examples
 """
 
 import sys
+import tempfile
 import warnings
+from pathlib import Path
+from xml.etree import ElementTree
 
 import atheris
 
 with atheris.instrument_imports():
     import prosim_scene
-    from prosim_scene import geometry, translator
+    from prosim_scene.language import document_of
+    from prosim_scene.language.words import WORDS
+    from prosim_scene.translator import Options, assemble
+    from prosim_scene.write import xml
 
 warnings.simplefilter("ignore")
-geometry.MAX_SEGMENTS = 16  # speed
+OPTIONS = Options(tolerance=1e3)
+MARKS = (
+    "(",
+    ")",
+    "#",
+    '\\"',
+    ":",
+    "=",
+    "+ ",
+    "- ",
+    "* ",
+    "nan",
+    "inf",
+    "1e400",
+    "1e-200",
+    "-0",
+    ".5",
+    "t-tijolo",
+    "t-x",
+    "a.png",
+    "cobre",
+    "Cu_palik",
+)
+
+
+def dictionary():
+    """The words of the language, for libFuzzer."""
+    words = [spelling for row in WORDS for spelling in row.spellings]
+    return "".join(f'"{word}"\n' for word in (*words, *MARKS))
 
 
 def one_input(data):
@@ -24,17 +58,21 @@ def one_input(data):
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     try:
-        scene = prosim_scene.parse(text, "fuzz.scn")
+        document = document_of(text, "fuzz.scn")
     except prosim_scene.SceneError:
         return
-    assert prosim_scene.parse(prosim_scene.format(text), "fuzz.scn") == scene
-    if len(scene.csg) < 50:
+    assert prosim_scene.parse(prosim_scene.format(text), "fuzz.scn") == document.scene
+    if len(document.scene.csg) < 50:
         try:
-            translator._Translation(scene, "/nonexistent", tolerance=1e3).build(str, str)
+            tree = assemble(document, Path("/nonexistent"), OPTIONS, lambda name, _: name, str)
         except prosim_scene.SceneError:
-            pass
+            return
+        ElementTree.fromstring(xml.write(tree))
 
 
 if __name__ == "__main__":
-    atheris.Setup(sys.argv, one_input)
-    atheris.Fuzz()
+    with tempfile.NamedTemporaryFile("w", suffix=".dict") as words:
+        words.write(dictionary())
+        words.flush()
+        atheris.Setup([*sys.argv, f"-dict={words.name}"], one_input)
+        atheris.Fuzz()

@@ -5,7 +5,8 @@ import warnings
 
 import prosim_scene
 import pytest
-from prosim_scene import SceneError, SceneWarning, reader
+from prosim_scene import SceneError, SceneWarning
+from prosim_scene.language.files import SIZE_LIMIT
 
 MINIMAL = """NAME: x
 LIGHTS POINT position 0 5 5 Intensity 60000 60000 60000
@@ -70,8 +71,9 @@ WRONG = [
     (3, "VIEW OBS 0 -inf 9", 12, ["'-inf'", "expected a finite number"]),
     (1, "NSAMPLES: 5O", 11, ["found '5O', which is not a number"]),
     (1, "NSAMPLES: 2.5", 11, ["expected a whole number"]),
+    (3, "VIEW RESOLUTION 65536 65536", 6, ["too many pixels", "268435456 at most"]),
     (1, "MAX-LEVEL: -1", 12, ["expected a whole number, 0 or more"]),
-    (1, "AIR-INDEX: 0", 12, ["expected above 0"]),
+    (1, "AIR-INDEX: 0", 12, ["expected 0.001 or more, 1000 at most"]),
     (1, "SAVE-RGB: FALSE FALSE FALSE", 1, ["leaves out all channels"]),
     (5, "SURFACE 0 kd = 0.5 1.5 0", 20, ["found '1.5' after kd", "1 at most"]),
     (4, "CSG-TREE CUBE 0.5", 15, ["expected a whole number"]),
@@ -90,13 +92,38 @@ WRONG = [
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, ["kd + ks is above 1"]),
     # lights
     (2, "LIGHTS AREA raio 2", 8, ["has no position"]),
-    (2, "LIGHTS AREA position 0 5 5 raio 0", 33, ["expected above 0"]),
+    (2, "LIGHTS AREA position 0 5 5 raio 0", 33, ["expected 1e-15 or more"]),
     (2, "LIGHTS POINT position 0 5 5 CONE direction 0 0 0", 44, ["length 0"]),
     (2, "LIGHTS POINT position 0 5 5 CONE angle 200", 40, ["180 at most"]),
     # textures
     (1, "TEXTURE t-parede mortar = 1", 9, ["has no kind", "brick, stripes or fractal"]),
     (1, "TEXTURE t-x stripes mortar = 1", 21, ["found 'mortar' in a texture of kind stripes"]),
     (4, "CSG-TREE CUBE 0 NULL madeira.png", 22, ["an image stands in the second texture slot"]),
+    # words of other statements, and of other languages
+    (3, "RESOLUTION 5 5 OBS 0 0 9", 1, ["found 'RESOLUTION', a word of VIEW; expected it after VIEW"]),
+    (5, "SURFACE 0 SCALE (1 1 1)", 11, ["a word of TRANSFORM"]),
+    (5, "SURFACE 0 kd .5 OBS 0 0 9", 17, ["found 'OBS', a word of VIEW"]),
+    (3, "CAMERA 0 0 9", 1, ["unknown word 'CAMERA'", "the camera is VIEW, with OBS, VRP and WINDOW"]),
+    (5, "SURFACE 0 material glass", 20, ["for glass: material dieletrico"]),
+    (5, "SURFACE 0 material wood", 20, ["material lambertiano", "material condutor and the metal's name"]),
+    (5, "SURFACE 0 material condutor mirror", 29, ["unknown metal 'mirror'", "ouro, prata"]),
+    (5, "SURFACE 0 kd = red", 16, ["colours are three numbers", "kd = 1 0 0"]),
+    (
+        5,
+        "SURFACE 0 kd = #ff8000",
+        11,
+        ["found 0 numbers after kd", "'#ff8000' is a remark, and this colour is 1 0.502 0"],
+    ),
+    # trees in parentheses and infix trees
+    (
+        4,
+        "CSG-TREE (CUBE 0 - SPHERE 0)",
+        10,
+        ["the tree stands in a remark", "- CUBE 1 SPHERE 2", "parentheses are remarks"],
+    ),
+    (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, ["the tree stands in a remark"]),
+    (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["operators come before their operands"]),
+    (4, "CSG-TREE + (CUBE 0 - SPHERE 0) CUBE 0", 10, ["lacks an operand", "parentheses are remarks"]),
     # marks
     (1, "NAME: x (unclosed", 9, ["this remark is not closed"]),
     (1, 'NAME: "x', 7, ["this quote is not closed"]),
@@ -128,17 +155,59 @@ def test_wrong_input(number, line, column, words, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["wrong.scn"]
 
 
-@pytest.mark.parametrize("line, number, words", [
-    ("SURFACE 7 kd = 1 1 1", 1, "no primitive has this index"),
-    ("LIGHTS", 2, "no lights"),
-    ("LIGHTS POINT position 0 5 5 angle 3", 2, "has no effect on a UNIFORM light"),
-    ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "has no effect on a lambertiano"),
-    ("END (fim) e mais", 7, "what follows END is ignored"),
-    ("CSG-TREE", 4, "no CSG-TREE"),
-])
+@pytest.mark.parametrize(
+    "line, number, words",
+    [
+        ("SURFACE 7 kd = 1 1 1", 1, "no primitive has this index"),
+        ("LIGHTS", 2, "no lights"),
+        ("LIGHTS POINT position 0 5 5 angle 3", 2, "has no effect on a UNIFORM light"),
+        ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "has no effect on a lambertiano"),
+        ("END (fim) e mais", 7, "what follows END is ignored"),
+        ("CSG-TREE", 4, "no CSG-TREE"),
+        ("LIGHTS POINT position 0 5 5 Intensity 1 1 1", 2, "2:29: this Intensity is all but dark: 65535 is 1.0"),
+        ("AMBIENT .2 .2 .2", 1, "1:1: this AMBIENT is all but dark"),
+        ("BACKGROUND 255 255 255", 1, "1:1: this BACKGROUND is all but dark"),
+        ("CSG-TREE CUBE 0 (CUBE 0 - SPHERE 0)", 4, "4:17: this remark reads like a part of the tree"),
+        ("CSG-TREE CUBE 0 ((CUBE 0 + CONE 1) * SPHERE 0)", 4, "4:17: this remark reads like a part of the tree"),
+    ],
+)
 def test_doubtful_input_is_a_warning(line, number, words):
     with pytest.warns(SceneWarning, match=words):
         prosim_scene.parse(with_line(number, line))
+
+
+@pytest.mark.parametrize(
+    "line, number",
+    [
+        ("CSG-TREE CUBE 0 (CUBE 0: o chao - azul + um cubo)", 4),
+        ("CSG-TREE CUBE 0 (- CUBE 0 SPHERE 1)", 4),
+        ("NAME: x (CUBE 1 - SPHERE 2)", 1),
+        ("AMBIENT 0 0 0", 1),
+        ("BACKGROUND 0 300 0", 1),
+        ('BACKGROUND 1 1 1 "sky.exr"', 1),
+    ],
+)
+def test_right_input_is_no_warning(line, number):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        prosim_scene.parse(with_line(number, line))
+
+
+@pytest.mark.parametrize(
+    "number, line",
+    [
+        (3, "BLURB 0 0 9"),
+        (1, "NSAMPLES: six"),
+        (5, "SURFACE 0 material condutor adamantium"),
+        (5, "SURFACE 0 kd = reddish"),
+        (4, "CSG-TREE TORUS 0"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_no_guess_that_is_not_near(number, line):
+    with pytest.raises(SceneError, match=r"unknown (word|metal)") as error:
+        prosim_scene.parse(with_line(number, line))
+    assert "did you mean" not in str(error.value)
 
 
 def test_a_missing_file_is_a_scene_error(tmp_path):
@@ -157,23 +226,26 @@ def test_large_files_are_refused(tmp_path):
         with pytest.raises(SceneError, match="larger than 16 MiB"):
             read(path)
     with pytest.raises(SceneError, match="larger than 16 MiB"):
-        prosim_scene.parse("(" * (reader.SIZE_LIMIT + 1))
+        prosim_scene.parse("(" * (SIZE_LIMIT + 1))
     assert time.perf_counter() - start < 20  # it is not read at all
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("text, words", [
-    ("NSAMPLES " + "9" * 1_000_000 + " END", "9"),
-    ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "finite"),
-    ("SURFACE " + "1" * 1_000_000 + " END", "9 digits at most"),
-    ("(" * 1_000_000, "not closed"),
-    ("()" * 500_000 + "x", "unknown word"),
-    ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
-    ("CSG-TREE " + "+" * 100_000 + " CUBE 0 END", "lacks"),
-    ("x" * 1_000_000, "unknown word"),
-    ("\x00" * 1000, "unknown word"),
-    ("NAME: " + "y" * 1_000_000 + " END", "200 at most"),
-])
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("NSAMPLES " + "9" * 1_000_000 + " END", "9"),
+        ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "finite"),
+        ("SURFACE " + "1" * 1_000_000 + " END", "9 digits at most"),
+        ("(" * 1_000_000, "not closed"),
+        ("()" * 500_000 + "x", "unknown word"),
+        ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
+        ("CSG-TREE " + "+" * 100_000 + " CUBE 0 END", "lacks"),
+        ("x" * 1_000_000, "unknown word"),
+        ("\x00" * 1000, "unknown word"),
+        ("NAME: " + "y" * 1_000_000 + " END", "200 at most"),
+    ],
+)
 def test_monstrous_input_ends_soon_with_a_short_message(text, words):
     with pytest.raises(SceneError, match=words) as error:
         prosim_scene.parse(text, "monster.scn")
@@ -190,8 +262,11 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     (tmp_path / "scene").mkdir()
     (tmp_path / "outside.png").write_bytes(b"")
     path = tmp_path / "scene" / "x.scn"
-    for image, words in (("../outside.png", "outside the scene's folder"), (f'"{tmp_path}/outside.png"', "outside"),
-                         ("none.png", "does not exist")):
+    for image, words in (
+        ("../outside.png", "outside the scene's folder; .*--allow-outside, allow_outside=True"),
+        (f'"{tmp_path}/outside.png"', "outside"),
+        ("none.png", "does not exist"),
+    ):
         path.write_text(with_line(4, f"CSG-TREE CUBE 0 {image}"))
         with pytest.raises(SceneError, match=words):
             prosim_scene.translate(path)
@@ -202,12 +277,23 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     assert "../outside.png" in prosim_scene.translate(path, allow_outside=True).read_text()
 
 
-def test_wrong_options_are_value_errors(tmp_path):
+def test_wrong_options_are_scene_errors(tmp_path):
     path = tmp_path / "x.scn"
     path.write_text(MINIMAL)
-    for options in ({"target": "pov"}, {"light_units": "lumen"}, {"tolerance": 0}, {"samples": 0}, {"resolution": (0, 1)}):
-        with pytest.raises(ValueError, match="expected"):
-            prosim_scene.translate(path, **options)
+    for options in (
+        {"target": "pov"},
+        {"light_units": "lumen"},
+        {"tolerance": 0},
+        {"tolerance": float("nan")},
+        {"samples": 0},
+        {"samples": 1001},
+        {"resolution": (0, 1)},
+        {"resolution": (65536, 65536)},
+        {"resolution": (1.5, 1)},
+    ):
+        for function in (prosim_scene.translate, prosim_scene.load, prosim_scene.check):
+            with pytest.raises(SceneError, match=f"{next(iter(options))} is .*; expected"):
+                function(path, **options)
     path.write_text(with_line(3, "VIEW OBS 0 0 9 VRP 0 5 5"))
     with pytest.raises(SceneError, match="stands at VRP"):
         prosim_scene.translate(path)
@@ -215,8 +301,12 @@ def test_wrong_options_are_value_errors(tmp_path):
 
 def test_encodings(tmp_path):
     path = tmp_path / "x.scn"
-    text = with_line(2, "LUZES ponto posição 0 5 5 intensidade 1 1 1 direção 0 -1 0 CONE ângulo 20 (só isto)")
-    for encoding in ("utf-8", "latin-1", "utf-8-sig"):
+    text = with_line(2, "LUZES ponto posição 0 5 5 intensidade 1000 1000 1000 direção 0 -1 0 CONE ângulo 20 (só isto)")
+    for encoding in ("utf-8", "latin-1", "utf-8-sig", "utf-16"):
         path.write_bytes(text.replace("\n", "\r\n").encode(encoding))
         assert prosim_scene.parse(prosim_scene.read(path)) == prosim_scene.parse(text)
     assert prosim_scene.parse(text).lights[0].angle == 20
+    for encoding in ("utf-16-le", "utf-16-be", "utf-32"):
+        path.write_bytes(text.encode(encoding))
+        with pytest.raises(SceneError, match="no text in UTF-8"):
+            prosim_scene.read(path)

@@ -7,7 +7,13 @@ import warnings
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneWarning, csg, geometry, translator
+from prosim_scene import SceneWarning, translator, view
+from prosim_scene.language import document_of
+from prosim_scene.model import Leaf, Operator
+from prosim_scene.solids import csg, media, parts, tessellate
+from prosim_scene.solids.coincidence import Planes
+from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
+from prosim_scene.solids.transforms import matrix
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 
@@ -23,13 +29,14 @@ def scene(tree, transforms, surfaces=()):
 
 def solids(text, tolerance=0.05):
     """{index of the first leaf with that look: Triangles} of a scene."""
-    parsed = prosim_scene.parse(text, "test.scn")
-    translation = translator._Translation(parsed, ".", tolerance=tolerance)
-    found = geometry.triangles(parsed, translation.camera, tolerance, translation.medium, translation.material_key)
+    document = document_of(text, "test.scn")
+    scene = document.scene
+    found = tessellate(document, view.camera(document), tolerance, lambda leaf: translator.medium(scene, leaf),
+                       lambda leaf: translator.look(scene, leaf))
     keys = {}
-    for leaf in parsed.csg:
+    for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
-            keys.setdefault(translation.material_key(leaf), leaf.index)
+            keys.setdefault(translator.look(scene, leaf), leaf.index)
     return {keys[key]: triangles for key, triangles in found.items()}
 
 
@@ -110,7 +117,7 @@ def test_normals_are_those_of_the_quadric_after_cuts():
     assert set(meshes) == {0, 1, 2, 3}
     assert_closed(list(meshes.values()))
     for index, mesh in meshes.items():
-        to_local = np.linalg.inv(geometry.matrix(parsed.transforms[index]))
+        to_local = np.linalg.inv(matrix(parsed.transforms[index]))
         p = mesh.positions @ to_local[:3, :3].T + to_local[:3, 3]
         if index == 3:
             center = p.mean(axis=1)
@@ -139,12 +146,12 @@ def test_normals_are_those_of_the_quadric_after_cuts():
 
 def test_chord_error_is_below_the_tolerance():
     text = scene("SPHERE 0", ["SCALE (3 1 1)"])
-    camera = translator._Translation(prosim_scene.parse(text), ".").camera
+    camera = view.camera(document_of(text))
     for tolerance in (0.5, 0.05):
         p = solids(text, tolerance)[0].positions / [3, 1, 1]
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         distance = np.abs(np.einsum("ti,ti->t", n / np.linalg.norm(n, axis=1, keepdims=True), p[:, 0]))
-        assert 3 * (1 - distance.min()) <= tolerance * camera.footprint([0, 0, 0], 3) * 1.02
+        assert 3 * (1 - distance.min()) <= tolerance * camera.footprint(20 - 1) * 1.02
 
 
 @pytest.mark.parametrize("tree, owner", [("+ CUBE 0 CUBE 1", 0), ("+ CUBE 1 CUBE 0", 1)])
@@ -213,7 +220,7 @@ def inside(text, points):
             a, b = stack.pop(), stack.pop()
             stack.append({"+": a | b, "-": a & ~b, "*": a & b}[node.symbol])
         else:
-            m = np.linalg.inv(geometry.matrix(parsed.transforms[node.index]))
+            m = np.linalg.inv(matrix(parsed.transforms[node.index]))
             stack.append(tests[node.shape](points @ m[:3, :3].T + m[:3, 3]))
     return stack.pop()
 
@@ -319,8 +326,9 @@ def test_what_vanishes_is_reported():
 @pytest.mark.parametrize("tree", ["+ " * 3000 + "CUBE 0 " * 3001, "+ CUBE 0 " * 3000 + "CUBE 0",
                                   "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"])
 def test_depth_of_nesting_needs_no_recursion(tree):
-    nodes = ["+" if node == "+" else "*" if node == "*" else 0 for node in tree.replace("CUBE 0", "0").split()]
-    vertices, faces = geometry.unit_mesh("cube", 4)
-    cube = csg.solid(vertices, faces, csg.reserve_ids(1))
-    (part,) = csg.evaluate(nodes, lambda leaf: {csg.OPAQUE: cube})[csg.OPAQUE]
+    nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
+    mesh = SHAPES["cube"].mesh(4, np.eye(4))
+    planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
+    cube = parts.solid(mesh.vertices, mesh.triangles, mesh.facets, parts.reserve_ids(1), planes)
+    (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
     assert part.manifold.volume() == pytest.approx(1)

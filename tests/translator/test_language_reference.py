@@ -5,8 +5,8 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene import textures
-from prosim_scene.words import WORDS, fold
+from prosim_scene.language.words import WORDS, fold
+from prosim_scene.targets import textures
 
 TEXT = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```scn\n(.*?)```", TEXT, re.DOTALL)
@@ -21,9 +21,9 @@ def test_examples_parse(number):
 
 def test_every_statement_and_parameter_has_an_example():
     words = {fold(w) for example in EXAMPLES for w in re.findall(r"[\w-]+", example)}
-    missing = {t for t, spellings in WORDS.items() if not words & {fold(s) for s in spellings}}
+    missing = [row for row in WORDS if not words & {fold(s) for s in row.spellings}]
     # The plain ones among the parameters of textures and transforms are in the tables.
-    assert {fold(WORDS[t][0]) for t in missing} <= {fold(w) for w in re.findall(r"[\w-]+", TEXT)}
+    assert {fold(row.canonical) for row in missing} <= {fold(w) for w in re.findall(r"[\w-]+", TEXT)}
 
 
 def test_the_tables_of_defaults_are_right():

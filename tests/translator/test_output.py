@@ -124,9 +124,12 @@ def test_load_without_mitsuba_keeps_arrays(everything):
 def test_the_translator_never_imports_mitsuba():
     import subprocess
     import sys
-    code = ("import sys, warnings; warnings.simplefilter('ignore'); import prosim_scene\n"
-            f"prosim_scene.load({str(EXAMPLES / 'palito.scn')!r})\n"
-            "assert not {'mitsuba', 'drjit', 'mitsuba_prosim'} & set(sys.modules)")
+
+    code = (
+        "import sys, warnings; warnings.simplefilter('ignore'); import prosim_scene\n"
+        f"prosim_scene.load({str(EXAMPLES / 'palito.scn')!r})\n"
+        "assert not {'mitsuba', 'drjit', 'mitsuba_prosim'} & set(sys.modules)"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
@@ -146,8 +149,13 @@ def test_palito(tmp_path, variant_rgb):
     radiance = np.array(mi.traverse(light)["radiance.value"]).ravel()
     assert radiance == pytest.approx(3 * [400000 / 65535 * d2 / (math.pi * 1.8**2)], rel=1e-5)
     # What a ray through the middle of the ball, the hat, the pole and the floor meets.
-    for point, name in (((12, 14, 5), "surface_4"), ((0.3, 12, 12.1), "surface_3"), ((0.3, 5, 12.5), "surface_2"),
-                        ((-10, 0.5, 15), "surface_0"), ((-12, 10, 0), "surface_1")):
+    for point, name in (
+        ((12, 14, 5), "surface_4"),
+        ((0.3, 12, 12.1), "surface_3"),
+        ((0.3, 5, 12.5), "surface_2"),
+        ((-10, 0.5, 15), "surface_0"),
+        ((-12, 10, 0), "surface_1"),
+    ):
         o = mi.Point3f(0, 8, 30)
         si = scene.ray_intersect(mi.Ray3f(o, mi.Vector3f(*point) - o))
         assert mi.ShapePtr(shapes[name]) == si.shape, point
@@ -182,27 +190,81 @@ def test_each_approximation_is_said_once(everything, tmp_path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         prosim_scene.translate(everything, tmp_path, target="stock", tolerance=1)
-    said = [str(w.message).split("stock target: ")[1].splitlines()[0] for w in caught if "stock target" in str(w.message)]
+    said = [
+        str(w.message).split("stock target: ")[1].splitlines()[0] for w in caught if "stock target" in str(w.message)
+    ]
     assert len(said) == len(set(said)) > 8
 
 
 def test_alike_surfaces_share_a_mesh(tmp_path):
     path = tmp_path / "a.scn"
-    path.write_text("VIEW OBS 0 0 9 LIGHTS POINT position 0 5 5 CSG-TREE + CUBE 0 + CUBE 1 CUBE 2 "
-                    + " ".join(f"SURFACE {i} material lambertiano kd = {.5 if i < 2 else .4} "
-                               f"TRANSFORM {i} TRANSLATE ({2 * i} 0 0)" for i in range(3)) + " END")
+    path.write_text(
+        "VIEW OBS 0 0 9 LIGHTS POINT position 0 5 5 CSG-TREE + CUBE 0 + CUBE 1 CUBE 2 "
+        + " ".join(
+            f"SURFACE {i} material lambertiano kd = {0.5 if i < 2 else 0.4} TRANSFORM {i} TRANSLATE ({2 * i} 0 0)"
+            for i in range(3)
+        )
+        + " END"
+    )
     prosim_scene.translate(path)
-    assert sorted(p.name for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0.ply", "surface_2.ply"]
+    assert sorted(p.name.split("-")[0] for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0", "surface_2"]
+
+
+@pytest.mark.parametrize(
+    "light, irradiance",
+    [
+        ("AREA raio 2", 1),
+        ("AREA raio 2 SPOT direction 0 0 -1 exponent 1", 1),
+        ("AREA raio 1 SPOT direction 0 0 -1 exponent 40", 1),
+        ("AREA raio 2 SPOT direction 0 0 -1 exponent 3 angle 20", 1),
+        ("AREA raio 2 CONE direction 0 0 -1 angle 15", 1),
+        ("AREA raio 2 CONE direction 0 0 -1 angle 120", 1),
+        ("POINT SPOT direction 0 0 -1 exponent 9", 1),
+        # VRP lies beside the axis: what counts is a surface as far away, on the axis.
+        ("POINT SPOT direction 0 .6 -.8 exponent 2", 0.64),
+        ("POINT CONE direction 0 .6 -.8 angle 20", 0),
+    ],
+)
+def test_calibrated_lights_give_their_irradiance_at_vrp(light, irradiance, tmp_path, variant_rgb):
+    """A lambertian wall that faces the light at VRP, 4 away: the mean over a tiny window."""
+    path = tmp_path / "a.scn"
+    kind, *rest = light.split(maxsplit=1)
+    path.write_text(
+        "VIEW RESOLUTION 8 8 WINDOW -.01 -.01 .01 .01 OBS 0 0 1 VRP 0 0 0 NSAMPLES 16\n"
+        f"LIGHTS {kind} position 0 0 4 {rest[0]}\n"
+        "CSG-TREE CUBE 0 SURFACE 0 material lambertiano kd = 1 1 1 ka = 0 0 0\n"
+        "TRANSFORM 0 SCALE (4 4 1) TRANSLATE (-2 -2 -1) END"
+    )
+    image = mi.render(mi.load_dict(prosim_scene.load(path)), seed=1)
+    assert np.array(image).mean() * math.pi == pytest.approx(irradiance, rel=0.01)
+
+
+def test_a_radius_without_effect_is_a_warning(tmp_path):
+    path = tmp_path / "a.scn"
+    path.write_text("VIEW OBS 0 0 9 LIGHTS POINT position 0 0 5 raio 2 CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END")
+    for target in ("prosim", "stock"):
+        for units in ("calibrated", "unattenuated"):
+            with pytest.warns(
+                SceneWarning, match="1:44: has no effect on a POINT light, but with light units 'radiance'"
+            ):
+                prosim_scene.check(path, light_units=units, target=target)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        prosim_scene.check(path, light_units="radiance")
+        path.write_text(path.read_text().replace("raio 2", ""))
+        prosim_scene.check(path)
 
 
 @pytest.mark.parametrize("units", ["calibrated", "radiance", "unattenuated"])
 def test_light_units(units, tmp_path, variant_rgb):
     # The irradiance of a facing lambertian wall at VRP, by an area light 4 away, far and small.
     path = tmp_path / "a.scn"
-    path.write_text("VIEW RESOLUTION 1 1 WINDOW -.01 -.01 .01 .01 OBS 0 0 3 VRP 0 0 0 BACKGROUND 0 0 0 NSAMPLES 8\n"
-                    "LIGHTS AREA position 0 0 4 Intensity 65535 65535 65535 raio .1\n"
-                    "CSG-TREE CUBE 0 SURFACE 0 material lambertiano kd = 1 1 1 ka = 0 0 0\n"
-                    "TRANSFORM 0 SCALE (4 4 1) TRANSLATE (-2 -2 -1) END")
+    path.write_text(
+        "VIEW RESOLUTION 1 1 WINDOW -.01 -.01 .01 .01 OBS 0 0 3 VRP 0 0 0 BACKGROUND 0 0 0 NSAMPLES 8\n"
+        "LIGHTS AREA position 0 0 4 Intensity 65535 65535 65535 raio .1\n"
+        "CSG-TREE CUBE 0 SURFACE 0 material lambertiano kd = 1 1 1 ka = 0 0 0\n"
+        "TRANSFORM 0 SCALE (4 4 1) TRANSLATE (-2 -2 -1) END"
+    )
     image = mi.render(mi.load_dict(prosim_scene.load(path, light_units=units)))
     expected = math.pi * 0.1**2 / 4**2 if units == "radiance" else 1.0
     assert np.array(image).mean() == pytest.approx(expected / math.pi, rel=0.02)

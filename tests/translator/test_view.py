@@ -7,6 +7,9 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from prosim_scene.language import document_of
+from prosim_scene.targets import clip
+from prosim_scene.view import camera
 
 VIEWS = {
     "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",
@@ -27,8 +30,11 @@ def formula(view, i, j):
     u /= np.linalg.norm(u)
     v = np.cross(n, u)
     (w, h), (umin, vmin, umax, vmax) = view.resolution, view.window
-    through = (p + np.multiply.outer(umin + (i + 0.5) * (umax - umin) / w, u)
-               + np.multiply.outer(vmax - (j + 0.5) * (vmax - vmin) / h, v))
+    through = (
+        p
+        + np.multiply.outer(umin + (i + 0.5) * (umax - umin) / w, u)
+        + np.multiply.outer(vmax - (j + 0.5) * (vmax - vmin) / h, v)
+    )
     pixel = min((umax - umin) / w, (vmax - vmin) / h)
     return through, e, pixel, n, p
 
@@ -38,7 +44,9 @@ def translated(view, tmp_path, **options):
     path = tmp_path / "view.scn"
     path.write_text(f"VIEW {view} LIGHTS POINT position 0 0 0 CSG-TREE END")
     with pytest.warns(prosim_scene.SceneWarning, match="no|empty"):
-        return prosim_scene.translate(path, light_units="radiance", **options), prosim_scene.parse(path.read_text()).view
+        return prosim_scene.translate(path, light_units="radiance", **options), prosim_scene.parse(
+            path.read_text()
+        ).view
 
 
 def only_the_sensor(path):
@@ -75,13 +83,12 @@ def test_rays_are_exact(name, tmp_path, variant_rgb):
 
 @pytest.mark.parametrize("name", ["oblique", "tall pixels"])
 def test_the_formula_of_the_translator_itself(name):
-    from prosim_scene import view as view_module
     with pytest.warns(prosim_scene.SceneWarning):
-        scene = prosim_scene.parse(f"VIEW {VIEWS[name]} CSG-TREE LIGHTS END")
+        document = document_of(f"VIEW {VIEWS[name]} CSG-TREE LIGHTS END")
     i, j = np.array([0, 17, 99]), np.array([99, 3, 0])
-    through, eye, *_ = formula(scene.view, i, j)
+    through, eye, *_ = formula(document.scene.view, i, j)
     d = through - eye
-    assert np.allclose(view_module.camera(scene).ray(i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
+    assert np.allclose(camera(document).ray(i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
 
 
 def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
@@ -94,8 +101,16 @@ def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
 def test_window_sensor_and_crop(variant):
     film = {"type": "hdrfilm", "width": 30, "height": 20, "filter": {"type": "box"}}
     full = mi.load_dict({"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5, "film": film})
-    crop = mi.load_dict({"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5, "film": {
-        **film, "crop_offset_x": 6, "crop_offset_y": 5, "crop_width": 15, "crop_height": 10}})
+    crop = mi.load_dict(
+        {
+            "type": "prosim_window",
+            "left": -0.3,
+            "right": 1.2,
+            "bottom": -2,
+            "top": 0.5,
+            "film": {**film, "crop_offset_x": 6, "crop_offset_y": 5, "crop_width": 15, "crop_height": 10},
+        }
+    )
     a, _ = full.sample_ray(0, 0.5, mi.Point2f((6 + 0.25 * 15) / 30, (5 + 0.5 * 10) / 20), mi.Point2f(0))
     b, _ = crop.sample_ray(0, 0.5, mi.Point2f(0.25, 0.5), mi.Point2f(0))
     assert dr.allclose(a.d, b.d, atol=1e-6)
@@ -107,17 +122,27 @@ def test_window_sensor_and_crop(variant):
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("view, reason", [
-    ("OBS 0 0 0 VRP 0 0 0", "OBS and VRP are the same point"),
-    ("OBS 0 5 0 VRP 0 0 0 VPN 0 0 1", "OBS lies on the view plane"),
-    ("OBS 0 5 0 VRP 0 0 0 VUP 0 1 0", "VUP is parallel to VPN"),
-    ("OBS 0 0 5 VRP 0 0 0 VUP 0 0 0", "VUP has length 0"),
-    ("OBS 0 0 5 WINDOW 1 0 1 5", "is empty"),
-    ("OBS 0 0 5 WINDOW 0 5 1 -5", "is empty"),
-    ("RESOLUTION 0 10", "expected a whole number of pixels"),
-    ("RESOLUTION 10.5 10", "expected a whole number of pixels"),
-    ("OBS 0 0 5 WINDOW -1e308 -1 1e308 1", "too large"),
-])
+@pytest.mark.parametrize(
+    "view, reason",
+    [
+        ("OBS 0 0 0 VRP 0 0 0", "OBS and VRP are the same point"),
+        ("OBS 0 5 0 VRP 0 0 0 VPN 0 0 1", "OBS lies on the view plane"),
+        ("OBS 0 5 0 VRP 0 0 0 VUP 0 1 0", "VUP is parallel to VPN"),
+        ("OBS 0 0 5 VRP 0 0 0 VUP 0 0 0", "VUP has length 0"),
+        ("OBS 0 0 5 WINDOW 1 0 1 5", "is empty"),
+        ("OBS 0 0 5 WINDOW 0 5 1 -5", "is empty"),
+        ("RESOLUTION 0 10", "expected a whole number of pixels"),
+        ("RESOLUTION 10.5 10", "expected a whole number of pixels"),
+        ("RESOLUTION 65536 65536", "too many pixels"),
+        ("OBS 0 0 5 WINDOW -1e308 -1 1e308 1", "a magnitude of 1e\\+15 at most"),
+        ("OBS 0 0 5 WINDOW -1e8 -1 1e8 1", "too large or too small"),
+        ("OBS 0 0 5 WINDOW 1 1 1.000000001 2", "too large or too small"),
+        ("OBS 0 0 5 VPN 0 0 1e-200", "VPN has length 0"),
+        ("OBS 0 0 5 VUP 0 1e-200 0", "VUP has length 0"),
+        ("OBS 0 0 1e-200 VRP 0 0 0", "OBS and VRP are the same point"),
+        ("OBS 0 0 1e200", "a magnitude of 1e\\+15 at most"),
+    ],
+)
 def test_degenerate_views_are_errors(view, reason, tmp_path):
     path = tmp_path / "view.scn"
     path.write_text(f"VIEW {view}\nCSG-TREE LIGHTS END")
@@ -125,3 +150,51 @@ def test_degenerate_views_are_errors(view, reason, tmp_path):
         prosim_scene.translate(path)
     assert error.value.line == 1 and "^" in str(error.value)
     assert [p.name for p in tmp_path.iterdir()] == ["view.scn"]
+
+
+BALL = "SPHERE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0"
+CLIPPED = {
+    "far view plane": ("WINDOW -15010 -15010 15010 15010 OBS 0 0 20 VRP 0 0 -30000", f"{BALL} SCALE (5 5 5)"),
+    "near view plane": ("WINDOW -5e-5 -5e-5 5e-5 5e-5 OBS 0 0 20 VRP 0 0 19.9999", f"{BALL} SCALE (5 5 5)"),
+    "a wall far behind": (
+        "WINDOW -1 -1 1 1 OBS 0 0 1 VRP 0 0 0",
+        "CUBE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0 SCALE (1e7 1e7 1) TRANSLATE (-5e6 -5e6 -1e6)",
+    ),
+    "the eye above a floor": (
+        "WINDOW -900 -900 900 900 OBS 0 .01 0 VRP 0 0 -500",
+        "CUBE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0 SCALE (200 1 200) TRANSLATE (-100 -1 -100)",
+    ),
+    "the eye in a room": (
+        "WINDOW -900 -900 900 900 OBS 0 0 .999 VRP 0 0 -500",
+        "- CUBE 1 SPHERE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0 SURFACE 1 TRANSFORM 1 SCALE (4 4 4) TRANSLATE (-2 -2 -2)",
+    ),
+    "stretched pixels": ("WINDOW -15010 -9000 15010 15010 OBS 0 0 20 VRP 0 0 -30000", f"{BALL} SCALE (5 5 5)"),
+}
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("target", ["prosim", "stock"])
+@pytest.mark.parametrize("name", CLIPPED)
+def test_nothing_is_clipped(name, target, tmp_path, variant_rgb):
+    """The camera's rays meet all that rays without an end meet, which begin at the eye itself."""
+    path = tmp_path / "view.scn"
+    path.write_text(
+        f"VIEW RESOLUTION 40 40 {CLIPPED[name][0]} LIGHTS POINT position 0 0 90 CSG-TREE {CLIPPED[name][1]} END"
+    )
+    scene = mi.load_dict(prosim_scene.load(path, target=target, tolerance=1))
+    j, i = np.mgrid[:40, :40]
+    ray, _ = scene.sensors()[0].sample_ray(
+        0, 0.5, mi.Point2f(((i + 0.5) / 40).ravel(), ((j + 0.5) / 40).ravel()), mi.Point2f(0.5)
+    )
+    seen = np.array(scene.ray_intersect(ray).is_valid())
+    whole = mi.Ray3f(mi.Point3f(prosim_scene.parse(path.read_text()).view.eye), ray.d)
+    expected = np.array(scene.ray_intersect(whole).is_valid())
+    assert expected.any() and np.array_equal(seen, expected)
+
+
+def test_planes_stay_where_they_are_if_nothing_is_cut_off():
+    camera_ = camera(document_of("LIGHTS POINT position 0 0 5 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END"))
+    triangle = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    assert clip.planes(camera_, [triangle], ()) == (0.02, 2e6)
+    assert clip.planes(camera_, [triangle + np.array([0, 0, 19.99])], ()) == pytest.approx((0.01 / 2 / 1.5**0.5, 2e6))
+    assert clip.planes(camera_, [triangle - [0, 0, 3e6]], ()) == (0.02, 2 * (3e6 + 20))

@@ -46,25 +46,67 @@ def missing_packages() -> list[str]:
 @click.argument("scene", type=SCENE)
 @click.argument("a", default="prosim")
 @click.argument("b", default="path:multijitter")
-@click.option("-o", "--output", metavar="PATH", show_default=False,
-              help="Page to write; the numbers go beside it, with the suffixes .json and .csv; or a folder. "
-                   "[default: SCENE-compare.html beside the scene]")
-@click.option("-m", "--mode", metavar="VARIANT", show_default=False,
-              help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]")
-@click.option("-D", "--define", "definitions", type=Definition(), multiple=True,
-              help="Constant that replaces $key in the XML scene. May be repeated.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="PATH",
+    show_default=False,
+    help="Page to write; the numbers go beside it, with the suffixes .json and .csv; or a folder. "
+    "[default: SCENE-compare.html beside the scene]",
+)
+@click.option(
+    "-m",
+    "--mode",
+    metavar="VARIANT",
+    show_default=False,
+    help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]",
+)
+@click.option(
+    "-D",
+    "--define",
+    "definitions",
+    type=Definition(),
+    multiple=True,
+    help="Constant that replaces $key in the XML scene. May be repeated.",
+)
 @click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
-@click.option("--reference-seconds", type=Finite(min=0), default=60,
-              help="Time for each reference; one that is kept already is continued.")
-@click.option("--exposure", type=Finite(-STOPS, STOPS), default=0.0, metavar="STOPS",
-              help="Makes everything that is measured and shown brighter by so many factors of two; negative: darker.")
-@click.option("--cache", type=click.Path(file_okay=False, path_type=Path), show_default=False,
-              help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]")
+@click.option(
+    "--reference-seconds",
+    type=Finite(min=0),
+    default=60,
+    help="Time for each reference; one that is kept already is continued.",
+)
+@click.option(
+    "--exposure",
+    type=Finite(-STOPS, STOPS),
+    default=0.0,
+    metavar="STOPS",
+    help="Makes everything that is measured and shown brighter by so many factors of two; negative: darker.",
+)
+@click.option(
+    "--cache",
+    type=click.Path(file_okay=False, path_type=Path),
+    show_default=False,
+    help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]",
+)
 @translation
-def compare(scene: Path, a: str, b: str, output: str | None, mode: str | None, definitions: tuple[tuple[str, str], ...],
-            rounds: int, levels: tuple[int, ...], reference_seconds: float, exposure: float, cache: Path | None,
-            resolution: tuple[int, int] | None, samples: int | None, **language: Any) -> None:
+def compare(
+    scene: Path,
+    a: str,
+    b: str,
+    output: str | None,
+    mode: str | None,
+    definitions: tuple[tuple[str, str], ...],
+    rounds: int,
+    levels: tuple[int, ...],
+    reference_seconds: float,
+    exposure: float,
+    cache: Path | None,
+    resolution: tuple[int, int] | None,
+    samples: int | None,
+    **language: Any,
+) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time, samples, and light left out.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
@@ -73,22 +115,28 @@ def compare(scene: Path, a: str, b: str, output: str | None, mode: str | None, d
     Without SAMPLER, it is the scene's.
     """
     if missing := missing_packages():
-        raise click.ClickException(f"prosim compare needs {', '.join(missing)}. "
-                                   "Run: pip install 'mitsuba-prosim[compare]'")
+        raise click.ClickException(
+            f"prosim compare needs {', '.join(missing)}. Run: pip install 'mitsuba-prosim[compare]'"
+        )
     stem = files.stem(output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
     variant = choose_variant(mode)
     if variant.startswith("scalar_") or not variant.endswith("_rgb"):
-        raise click.ClickException(f"prosim compare can't use {variant}: it needs a variant that ends in _rgb and "
-                                   "does not begin with scalar_.")
+        raise click.ClickException(
+            f"prosim compare can't use {variant}: it needs a variant that ends in _rgb and does not begin with scalar_."
+        )
 
     from ..compare import page, scenes
     from ..compare.study import Effort, study
+
     with writing.scratch() as folder, log(0):
         with wrong_input():
             specs = scenes.Spec(a), scenes.Spec(b)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            opened = scenes.FileScene(opening.SceneFile(scene, folder, definitions=dict(definitions),
-                                                        resolution=resolution, samples=samples, **language))
+            opened = scenes.FileScene(
+                opening.SceneFile(
+                    scene, folder, definitions=dict(definitions), resolution=resolution, samples=samples, **language
+                )
+            )
             for spec in specs:  # whatever is wrong with them shows before the long work
                 opened.contestant(spec, spec.transport or "scene", spp=4)
         width, height = opened.scene().sensors()[0].film().crop_size()
@@ -96,9 +144,11 @@ def compare(scene: Path, a: str, b: str, output: str | None, mode: str | None, d
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
         with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}", disable=None, leave=False) as bar:
-            def tell(text, done):
+
+            def tell(text: str, done: float) -> None:
                 bar.set_description_str(text)
                 bar.update(100 * done - bar.n)
+
             effort = Effort(levels, rounds, reference_seconds, cache, tell)
             facts, images = study(opened, scene.name, *specs, effort, exposure)
     texts = page.html(facts, images), page.json_text(facts), page.csv_text(facts)
@@ -110,11 +160,16 @@ def compare(scene: Path, a: str, b: str, output: str | None, mode: str | None, d
 def summary(facts: Mapping[str, Any]) -> str:
     """The main result in a few lines."""
     section = facts["sections"][0]
-    light = {"paths": "every path of light, without the ambient term", "direct": "direct light alone",
-             "scene": "the light that the scene asks for"}[section["transport"]]
+    light = {
+        "paths": "every path of light, without the ambient term",
+        "direct": "direct light alone",
+        "scene": "the light that the scene asks for",
+    }[section["transport"]]
     lines = [f"All in {light}; samples and times as near to equal as the samplers allow:"]
     labels = [row["name"] + row["role"][1:] for row in section["rows"]]
     for label, row in zip(labels, section["rows"]):
-        lines.append(f"{label:<{max(map(len, labels))}} {row['samples']:7.1f} samples  {row['seconds']['median']:7.3f} s  "
-                     f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}")
+        lines.append(
+            f"{label:<{max(map(len, labels))}} {row['samples']:7.1f} samples  {row['seconds']['median']:7.3f} s  "
+            f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}"
+        )
     return "\n".join(lines)

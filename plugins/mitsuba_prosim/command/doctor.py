@@ -45,8 +45,10 @@ def doctor() -> None:
         compiler = stand_in.compiler()
         say("C compiler", " ".join(compiler) if compiler else "none (only to build stand-ins)")
         if misplaced := misplaced_folder():
-            troubles.append(f"{misplaced} keeps the mitsuba command from starting, because Mitsuba itself is in "
-                            f"{folder.parent}. Run: prosim link")
+            troubles.append(
+                f"{misplaced} keeps the mitsuba command from starting, because Mitsuba itself is in "
+                f"{folder.parent}. Run: prosim link"
+            )
         elif missing := sorted(set(stand_in.names_in_source(Path(llvm.__file__).parent)) - set(stand_ins)):
             advice = "Run: prosim link" if compiler else f"Install {stand_in.COMPILER}, then run: prosim link"
             troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). {advice}")
@@ -54,7 +56,10 @@ def doctor() -> None:
         say("mitsuba", "the mitsuba command can run plugins written in Python on Linux only; use prosim render")
 
     lacking = missing_packages()
-    say("compare", f"lacks {', '.join(lacking)}; to get them: pip install 'mitsuba-prosim[compare]'" if lacking else "ready")
+    say(
+        "compare",
+        f"lacks {', '.join(lacking)}; to get them: pip install 'mitsuba-prosim[compare]'" if lacking else "ready",
+    )
 
     for trouble in troubles:
         click.echo(f"\n{trouble}")
@@ -73,4 +78,8 @@ def origin() -> str:
     path = os.environ.get("DRJIT_LIBLLVM_PATH")
     if not path:
         return "found in the system's folders"
-    return "chosen by mitsuba_prosim_llvm.pth" if path.endswith(f"/lib/{llvm.packaged()}") else "chosen by DRJIT_LIBLLVM_PATH"
+    return (
+        "chosen by mitsuba_prosim_llvm.pth"
+        if path.endswith(f"/lib/{llvm.packaged()}")
+        else "chosen by DRJIT_LIBLLVM_PATH"
+    )

@@ -20,14 +20,28 @@ from ..scene_files import opening, rendering, session
 
 #: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
 OPTIONS = {
-    "-t": ("--threads", True), "-v": ("--verbose", False), "-D": ("--define", True), "-s": ("--sensor", True),
-    "-o": ("--output", True), "-h": ("--help", False), "-m": ("--mode", True), "-a": ("--append", True),
-    "-O": (None, True), "-W": (None, False), "-S": (None, False), "-V": (None, True),
+    "-t": ("--threads", True),
+    "-v": ("--verbose", False),
+    "-D": ("--define", True),
+    "-s": ("--sensor", True),
+    "-o": ("--output", True),
+    "-h": ("--help", False),
+    "-m": ("--mode", True),
+    "-a": ("--append", True),
+    "-O": (None, True),
+    "-W": (None, False),
+    "-S": (None, False),
+    "-V": (None, True),
 }
 
 #: The flags that -O0 .. -O5 switch on, one more with each step.
-OPTIMIZATIONS = (dr.JitFlag.MergeFunctions, dr.JitFlag.ConstantPropagation, dr.JitFlag.ValueNumbering,
-                 dr.JitFlag.OptimizeCalls, dr.JitFlag.OptimizeLoops)
+OPTIMIZATIONS = (
+    dr.JitFlag.MergeFunctions,
+    dr.JitFlag.ConstantPropagation,
+    dr.JitFlag.ValueNumbering,
+    dr.JitFlag.OptimizeCalls,
+    dr.JitFlag.OptimizeLoops,
+)
 
 #: Option -> its values, None for each time that a flag is given.
 Options = dict[str, list[Any]]
@@ -46,12 +60,18 @@ def parse_arguments(words: Iterable[str]) -> tuple[Options, list[str]]:
             scenes.append(word)
             continue
         # As in the native command, -t4 is -t 4, -vv is -v -v, and what follows a long option is ignored.
-        option = next((o for o, (long, _) in OPTIONS.items()
-                       if word.startswith(long or o) or not word.startswith("--") and word.startswith(o)), None)
+        option = next(
+            (
+                o
+                for o, (long, _) in OPTIONS.items()
+                if word.startswith(long or o) or (not word.startswith("--") and word.startswith(o))
+            ),
+            None,
+        )
         if option is None:
             raise ValueError(f'Argument "{word}" was not recognized!')
         long, has_value = OPTIONS[option]
-        rest = "" if word.startswith("--") else word[len(option):]
+        rest = "" if word.startswith("--") else word[len(option) :]
         value = None
         if has_value:
             if rest:
@@ -81,8 +101,16 @@ def set_up(options: Options) -> None:
     if "-V" in options:
         raise ValueError("-V: the vector width can't be set for scenes with plugins that are written in Python.")
     mi.set_log_level([mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace][min(verbose, 2)])
-    dr.set_log_level([dr.LogLevel.Error, dr.LogLevel.Warn, dr.LogLevel.Info, dr.LogLevel.InfoSym, dr.LogLevel.Debug,
-                      dr.LogLevel.Trace][min(verbose, 5)])
+    dr.set_log_level(
+        [
+            dr.LogLevel.Error,
+            dr.LogLevel.Warn,
+            dr.LogLevel.Info,
+            dr.LogLevel.InfoSym,
+            dr.LogLevel.Debug,
+            dr.LogLevel.Trace,
+        ][min(verbose, 5)]
+    )
     if "-t" in options:
         dr.set_thread_count(max(integer(options, "-t", 1), 1))
     variant = session.set_variant(options["-m"][0] if "-m" in options else "scalar_rgb" if "-h" in options else None)
@@ -144,7 +172,7 @@ def render(scene: mi.Scene, index: int, path: str) -> None:
         with session.enough_threads():
             sensor.film().write(path)
 
-    def progress(_):
+    def progress(_: float) -> None:
         if hang_ups:
             hang_ups.clear()
             integrator.flush()
@@ -164,5 +192,5 @@ def main(plugin: str, *words: str) -> int:
         return 0
     except Exception as error:  # noqa: BLE001 (the native command does the same)
         sys.stdout.flush()
-        print(f"\x1b[31m\nCaught a critical exception: {session.message(error)}\x1b[0m", file=sys.stderr)
+        sys.stderr.write(f"\x1b[31m\nCaught a critical exception: {session.message(error)}\x1b[0m\n")
         return 255

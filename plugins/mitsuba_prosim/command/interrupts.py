@@ -23,7 +23,7 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
     os.set_blocking(writer, False)
 
     # In a thread, because Mitsuba's own integrators hold up Python's handlers, in the main thread, until they are done.
-    def watch():
+    def watch() -> None:
         come = 0
         while number := int.from_bytes(os.read(reader, 1), "little"):
             come += number in handled
@@ -31,7 +31,7 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
                 os._exit(128 + number)
             stop()
 
-    def handle(number, _):
+    def handle(number: int, _: object) -> None:
         seen.append(number)
         stop()
 

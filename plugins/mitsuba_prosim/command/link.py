@@ -4,9 +4,10 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
@@ -40,10 +41,11 @@ def plugin_names() -> list[str]:
     mi.set_variant(session.default_variant())
     names.update(registry.PLUGINS)
 
-    def recording(register):
-        def record(name, *args):
+    def recording(register: Callable) -> Callable:
+        def record(name: str, *args: Any) -> Any:
             names.add(name)
             return register(name, *args)
+
         return record
 
     for attribute in [a for a in dir(mi) if a.startswith("register_")]:
@@ -55,9 +57,10 @@ def plugin_names() -> list[str]:
 def record(paths: Iterable[Path]) -> None:
     """Adds files to the list of what pip removes when this package is uninstalled."""
     own = distribution("mitsuba-prosim")
-    listing = next(Path(str(file.locate())) for file in own.files if file.name == "RECORD")
+    files = own.files or []
+    listing = next(Path(str(file.locate())) for file in files if file.name == "RECORD")
     site = listing.parents[1]
-    known = {file.as_posix() for file in own.files}
+    known = {file.as_posix() for file in files}
     with listing.open("a", encoding="utf-8") as file:
         file.writelines(f"{path},,\n" for path in (os.path.relpath(path, site) for path in paths) if path not in known)
 

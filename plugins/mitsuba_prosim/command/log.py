@@ -60,7 +60,7 @@ def _follow(file: BinaryIO, finished: threading.Event) -> None:
         # Not file.read(), which would move the place at which Mitsuba writes.
         added = os.pread(file.fileno(), os.fstat(file.fileno()).st_size - printed, printed)
         if not last:
-            added = added[:added.rfind(b"\n") + 1]
+            added = added[: added.rfind(b"\n") + 1]
         printed += len(added)
         if text := DECORATION.sub("", added.decode("utf-8", "replace")):
             tqdm.write(text, file=sys.stderr, end="" if text.endswith("\n") else "\n")

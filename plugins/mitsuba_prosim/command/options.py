@@ -11,6 +11,7 @@ from typing import Any
 import click
 import mitsuba as mi
 import prosim_scene
+from click.core import ParameterSource
 
 from ..scene_files import opening, session
 
@@ -70,7 +71,9 @@ class Crop(click.ParamType):
 
     name = "X,Y,W,H"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int, int, int]:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int, int, int]:
         """Its left upper corner, from 0, and its width and height, from 1."""
         try:
             x, y, width, height = (int(word) for word in value.split(","))
@@ -107,20 +110,42 @@ class Definition(click.ParamType):
 
 def translation(command: Callable) -> Callable:
     """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
-    @functools.wraps(command)
-    def warning(*args, **options):
-        warnings.simplefilter("always", prosim_scene.SceneWarning)
-        return command(*args, **options)
 
-    for option in reversed([
-        click.option("--light-units", type=click.Choice(["calibrated", "radiance", "unattenuated"]),
-                     default="calibrated", help="What a light's intensity means."),
-        click.option("--tolerance", type=Finite(min=0, min_open=True), metavar="PIXELS", show_default=False,
-                     help="How far a mesh may be from the curved face that it stands for. [default: 0.1]"),
-        click.option("--resolution", type=Resolution(), help="Size of the image in pixels, such as 640x480."),
-        click.option("--samples", type=click.IntRange(min=1), metavar="N",
-                     help="N of the N-rook sampling: N samples a pass, at most N*N a pixel."),
-        click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
-    ]):
+    @functools.wraps(command)
+    def warning(scene: Path, **options: Any) -> Any:
+        warnings.simplefilter("always", prosim_scene.SceneWarning)
+        if scene.suffix.lower() == ".xml":
+            context = click.get_current_context()
+            for name in ("light_units", "tolerance", "allow_outside"):
+                if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+                    option = "--" + name.replace("_", "-")
+                    raise click.UsageError(f"{option} is for scenes in the thesis's language, and {scene} is XML.")
+        return command(scene=scene, **options)
+
+    for option in reversed(
+        [
+            click.option(
+                "--light-units",
+                type=click.Choice(["calibrated", "radiance", "unattenuated"]),
+                default="calibrated",
+                help="What a light's intensity means.",
+            ),
+            click.option(
+                "--tolerance",
+                type=Finite(min=0, min_open=True),
+                metavar="PIXELS",
+                show_default=False,
+                help="How far a mesh may be from the curved face that it stands for. [default: 0.1]",
+            ),
+            click.option("--resolution", type=Resolution(), help="Size of the image in pixels, such as 640x480."),
+            click.option(
+                "--samples",
+                type=click.IntRange(1, 2**12),
+                metavar="N",
+                help="N of the N-rook sampling: N samples a pass, at most N*N a pixel.",
+            ),
+            click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
+        ]
+    ):
         warning = option(warning)
     return warning

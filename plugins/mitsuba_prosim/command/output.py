@@ -10,8 +10,28 @@ from ..scene_files import writing
 from .options import InputError
 
 #: Kinds of files that a name may end in. One that is not written is a mistake, not a part of the name.
-KNOWN = {".bmp", ".csv", ".exr", ".gif", ".hdr", ".html", ".jpeg", ".jpg", ".json", ".pdf", ".pfm", ".png", ".ppm",
-         ".rgbe", ".svg", ".tga", ".tif", ".tiff", ".webp", ".xml"}
+KNOWN = {
+    ".bmp",
+    ".csv",
+    ".exr",
+    ".gif",
+    ".hdr",
+    ".html",
+    ".jpeg",
+    ".jpg",
+    ".json",
+    ".pdf",
+    ".pfm",
+    ".png",
+    ".ppm",
+    ".rgbe",
+    ".svg",
+    ".tga",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".xml",
+}
 
 
 def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
@@ -28,7 +48,9 @@ def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
     if suffix in suffixes:
         return path.with_suffix("")
     if suffix in KNOWN:
-        raise click.BadParameter(f"{output!r}: what is written is {' and '.join(suffixes)}, not {suffix}.", param_hint="-o")
+        raise click.BadParameter(
+            f"{output!r}: what is written is {' and '.join(suffixes)}, not {suffix}.", param_hint="-o"
+        )
     return path
 
 

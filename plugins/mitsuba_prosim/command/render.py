@@ -28,37 +28,92 @@ MOST_THREADS = 1024
 
 @click.command()
 @click.argument("scene", type=SCENE)
-@click.option("-o", "--output", metavar="PATH", show_default=False,
-              help="Image to write, without or with the suffix .exr or .png: both are written; or a folder. "
-                   "[default: beside the scene, under its name]")
-@click.option("-m", "--mode", metavar="VARIANT",
-              help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb, llvm_ad_rgb or scalar_rgb, the first that "
-                   "this machine can run]", show_default=False)
-@click.option("-D", "--define", "definitions", type=Definition(), multiple=True,
-              help="Constant that replaces $key in the XML scene. May be repeated.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="PATH",
+    show_default=False,
+    help="Image to write, without or with the suffix .exr or .png: both are written; or a folder. "
+    "[default: beside the scene, under its name]",
+)
+@click.option(
+    "-m",
+    "--mode",
+    metavar="VARIANT",
+    help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb, llvm_ad_rgb or scalar_rgb, the first that "
+    "this machine can run]",
+    show_default=False,
+)
+@click.option(
+    "-D",
+    "--define",
+    "definitions",
+    type=Definition(),
+    multiple=True,
+    help="Constant that replaces $key in the XML scene. May be repeated.",
+)
 @click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
-@click.option("-t", "--threads", type=click.IntRange(1, MOST_THREADS), show_default=False,
-              help="Number of threads. [default: all]")
+@click.option(
+    "-t",
+    "--threads",
+    type=click.IntRange(1, MOST_THREADS),
+    show_default=False,
+    help="Number of threads. [default: all]",
+)
 @click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")
-@click.option("--spp", type=click.IntRange(1, 2**24), help="Samples per pixel, as Mitsuba counts them, instead of --samples. "
-              "[default: what the scene says]", show_default=False)
+@click.option(
+    "--spp",
+    type=click.IntRange(1, 2**24),
+    help="Samples per pixel, as Mitsuba counts them, instead of --samples. [default: what the scene says]",
+    show_default=False,
+)
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
 @click.option("--crop", type=Crop(), help="Render only this window of the image, in pixels.")
-@click.option("--paths", is_flag=True, help="Follow every path of light, diffuse reflections included, in place of the "
-              "ambient term.")
-@click.option("--max-level", type=click.IntRange(-1, 2**16), show_default=False,
-              help="Deepest level of reflected and refracted rays; -1, with --paths: any. "
-                   "[default: what the scene says; with --paths: -1]")
-@click.option("--threshold", type=Finite(min=0), show_default=False,
-              help="Noise of a pixel that is small enough, white being 1; smaller takes longer. "
-                   "[default: what the scene says]")
-@click.option("--exposure", type=Finite(-STOPS, STOPS), default=0.0, metavar="STOPS",
-              help="Makes the PNG brighter by so many factors of two; negative: darker.")
+@click.option(
+    "--paths",
+    is_flag=True,
+    help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
+)
+@click.option(
+    "--max-level",
+    type=click.IntRange(-1, 2**16),
+    show_default=False,
+    help="Deepest level of reflected and refracted rays; -1, with --paths: any. "
+    "[default: what the scene says; with --paths: -1]",
+)
+@click.option(
+    "--threshold",
+    type=Finite(min=0),
+    show_default=False,
+    help="Noise of a pixel that is small enough, white being 1; smaller takes longer. [default: what the scene says]",
+)
+@click.option(
+    "--exposure",
+    type=Finite(-STOPS, STOPS),
+    default=0.0,
+    metavar="STOPS",
+    help="Makes the PNG brighter by so many factors of two; negative: darker.",
+)
 @translation
-def render(scene: Path, output: str | None, mode: str | None, definitions: tuple[tuple[str, str], ...], sensor: int,
-           threads: int | None, verbose: int, spp: int | None, seed: int, crop: tuple[int, int, int, int] | None,
-           paths: bool, max_level: int | None, threshold: float | None, exposure: float,
-           resolution: tuple[int, int] | None, samples: int | None, **language: Any) -> None:
+def render(
+    scene: Path,
+    output: str | None,
+    mode: str | None,
+    definitions: tuple[tuple[str, str], ...],
+    sensor: int,
+    threads: int | None,
+    verbose: int,
+    spp: int | None,
+    seed: int,
+    crop: tuple[int, int, int, int] | None,
+    paths: bool,
+    max_level: int | None,
+    threshold: float | None,
+    exposure: float,
+    resolution: tuple[int, int] | None,
+    samples: int | None,
+    **language: Any,
+) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
 
     Writes a linear EXR (with how it was made as metadata) and a tone-mapped PNG. Existing files are replaced when the
@@ -71,8 +126,15 @@ def render(scene: Path, output: str | None, mode: str | None, definitions: tuple
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
             loaded = opening.SceneFile(
-                scene, folder, definitions=dict(definitions), resolution=resolution, crop=crop, samples=samples,
-                integrator=parameters(paths, max_level, threshold), **language).load()
+                scene,
+                folder,
+                definitions=dict(definitions),
+                resolution=resolution,
+                crop=crop,
+                samples=samples,
+                integrator=parameters(paths, max_level, threshold),
+                **language,
+            ).load()
             chosen = opening.pick_sensor(loaded, sensor)
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
@@ -87,12 +149,19 @@ def render(scene: Path, output: str | None, mode: str | None, definitions: tuple
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
             seconds, interrupted = time.perf_counter() - start, bool(signals)
-            facts = {"prosim.scene": str(scene), "prosim.version": version("mitsuba-prosim"),
-                     "prosim.variant": variant, "prosim.integrator": str(integrator), "prosim.seed": str(seed),
-                     "prosim.seconds": f"{seconds:.3f}"}
+            facts = {
+                "prosim.scene": str(scene),
+                "prosim.version": version("mitsuba-prosim"),
+                "prosim.variant": variant,
+                "prosim.integrator": str(integrator),
+                "prosim.seed": str(seed),
+                "prosim.seconds": f"{seconds:.3f}",
+            }
             written = files.save(stem, images.encode(chosen.film().bitmap(), facts, exposure))
-    click.echo(f"{' and '.join(map(str, written))}: {width} x {height} pixels, {variant}, {seconds:.2f} s"
-               + (", interrupted" if interrupted else ""))
+    click.echo(
+        f"{' and '.join(map(str, written))}: {width} x {height} pixels, {variant}, {seconds:.2f} s"
+        + (", interrupted" if interrupted else "")
+    )
     if interrupted:
         sys.exit(1)
 
@@ -115,11 +184,12 @@ def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[
     """
     told = rendering.tells_progress(integrator)
     form = "{l_bar}{bar}| {elapsed}, {remaining} left" if told else "{desc}"
-    with tqdm(total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
-        # The first step comes when the kernels are compiled and a part is rendered.
-        bar.set_description_str("compiling kernels" if told and not variant.startswith("scalar") else "rendering")
+    # The first step comes when the kernels are compiled and a part is rendered.
+    doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
+    with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
 
         def tell(done: float) -> None:
             bar.set_description_str("rendering", refresh=False)
             bar.update(100 * done - bar.n)
+
         yield tell if told else None

@@ -1,4 +1,4 @@
-"""Building and finding stand-ins for plugins (see ``stand_in.c``). Used when the package is built: standard library only."""
+"""Building and finding stand-ins for plugins (see ``stand_in.c``); standard library only, as the build uses it too."""
 
 import importlib.util
 import os
@@ -41,8 +41,11 @@ def stand_ins() -> dict[str, Path]:
 
 def names_in_source(package: str | Path) -> list[str]:
     """Names of the plugins that the modules of a package define, by their text alone."""
-    return sorted(name for module in Path(package).glob("*/*.py")
-                  for name in REGISTERED.findall(module.read_text(encoding="utf-8")))
+    return sorted(
+        name
+        for module in Path(package).glob("*/*.py")
+        for name in REGISTERED.findall(module.read_text(encoding="utf-8"))
+    )
 
 
 def compiler() -> list[str] | None:
@@ -63,7 +66,11 @@ def compile_stand_in(path: str | Path, python: str | None = None) -> None:
         raise RuntimeError(f"there is no C compiler; install {COMPILER}")
     define = [f'-DPYTHON="{python}"'] if python else []
     try:
-        subprocess.run([*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", *define, "-o", str(path),
-                        str(SOURCE)], check=True, capture_output=True, text=True)
+        subprocess.run(
+            [*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", *define, "-o", str(path), str(SOURCE)],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
     except (OSError, subprocess.CalledProcessError) as error:
         raise RuntimeError(f"the C compiler failed: {getattr(error, 'stderr', None) or error}") from None

@@ -30,10 +30,13 @@ class Folder(click.Path):
 
 @click.command()
 @click.argument("scene", type=SCENE)
-@click.option("-o", "--output", type=Folder(), show_default=False,
-              help="Folder to write to. [default: the scene's]")
-@click.option("--target", type=click.Choice(["prosim", "stock"]), default="prosim",
-              help="Plugins that the XML names: this package's, or only those that Mitsuba brings.")
+@click.option("-o", "--output", type=Folder(), show_default=False, help="Folder to write to. [default: the scene's]")
+@click.option(
+    "--target",
+    type=click.Choice(["prosim", "stock"]),
+    default="prosim",
+    help="Plugins that the XML names: this package's, or only those that Mitsuba brings.",
+)
 @click.option("--check", is_flag=True, help="Write nothing; only say what is wrong or doubtful.")
 @translation
 def translate(scene: Path, output: Path | None, check: bool, **options: Any) -> None:
@@ -44,7 +47,9 @@ def translate(scene: Path, output: Path | None, check: bool, **options: Any) -> 
         else:
             click.echo(prosim_scene.translate(scene, output, **options))
             if options["target"] == "prosim" and sys.platform == "linux" and not stand_in.stand_ins():
-                click.echo("The mitsuba command can't run this scene yet, see prosim doctor; prosim render can.", err=True)
+                click.echo(
+                    "The mitsuba command can't run this scene yet, see prosim doctor; prosim render can.", err=True
+                )
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
 

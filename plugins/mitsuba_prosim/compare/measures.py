@@ -21,7 +21,8 @@ def rmse(image: np.ndarray, reference: np.ndarray) -> float:
 
 def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Error of each pixel, shape (height, width): root mean square over the channels, after a square root as a rough
-    tone curve, with white at 1 and no upper limit."""
+    tone curve, with white at 1 and no upper limit.
+    """
     difference = np.sqrt(np.maximum(image, 0)) - np.sqrt(np.maximum(reference, 0))
     return np.sqrt(np.mean(np.square(difference), axis=2))
 
@@ -44,13 +45,16 @@ def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
 def ssim(image: np.ndarray, reference: np.ndarray) -> float:
     """Structural similarity (Wang et al. 2004) of the displayed images; 1 for equal ones. At least 7 x 7 pixels."""
     from skimage.metrics import structural_similarity
+
     return float(structural_similarity(display(reference), display(image), channel_axis=2, data_range=1.0))
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """ꟻLIP (Andersson et al. 2020) of the displayed images: difference that a viewer sees, 0 to 1 for each pixel, at the
-    67 pixels per degree of a screen at arm's length."""
+    """ꟻLIP (Andersson et al. 2020) of the displayed images: difference that a viewer sees, 0 to 1 for each pixel, at
+    the 67 pixels per degree of a screen at arm's length.
+    """
     import flip_evaluator
+
     images = [np.ascontiguousarray(display(i), dtype=np.float32) for i in (reference, image)]
     return np.asarray(flip_evaluator.evaluate(*images, "LDR", applyMagma=False)[0])[..., 0]
 
@@ -61,8 +65,7 @@ def flip(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 #: Those that need no more than numpy.
-CHEAP = {"rmse": rmse, "tone_mapped_rmse": tone_mapped_rmse, "percentile99": percentile99,
-         "relative_mse": relative_mse}
+CHEAP = {"rmse": rmse, "tone_mapped_rmse": tone_mapped_rmse, "percentile99": percentile99, "relative_mse": relative_mse}
 ALL = CHEAP | {"ssim": ssim, "flip": flip}
 
 
@@ -86,9 +89,12 @@ def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> fl
     return float(np.exp(np.interp(-wanted, -y, x)))
 
 
-def relative_cost(own: float, error: float, costs: Sequence[float], errors: Sequence[float]) -> tuple[float, bool] | None:
+def relative_cost(
+    own: float, error: float, costs: Sequence[float], errors: Sequence[float]
+) -> tuple[float, bool] | None:
     """How many times the cost ``own`` a curve of points (cost, error) takes for ``error``, and whether it gets there;
-    where it does not, that of its dearest point. None where its first point is better already."""
+    where it does not, that of its dearest point. None where its first point is better already.
+    """
     if error > errors[0]:
         return None
     needed = cost_at(max(error, 1e-12), costs, errors)

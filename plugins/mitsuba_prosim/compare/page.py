@@ -35,17 +35,21 @@ TRANSPORTS = {
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
     """The page as text. Each number on it stands in ``facts`` too, as ``<data value=...>`` gives it in full."""
     import jinja2
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined)
+
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
     environment.globals.update(number=number, picture=picture, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS)
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
-    return template.render(facts=facts, pictures=encode(facts, images),
-                           charts=[chart(section) for section in facts["sections"]])
+    return template.render(
+        facts=facts, pictures=encode(facts, images), charts=[chart(section) for section in facts["sections"]]
+    )
 
 
 def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
     """A number as it stands on the page."""
     import markupsafe
+
     if value is None:
         return "–"
     # No exponents: 0.0000123 reads better beside its like, and 1.2e+02 is no way to write 120.
@@ -58,8 +62,10 @@ def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
 def picture(source: str, caption: str, classes: str = "") -> str:
     """An image that is opened and closed by a click."""
     import markupsafe
+
     return markupsafe.Markup('<figure class="{}"><img src="{}" alt="{}"><figcaption>{}</figcaption></figure>').format(
-        classes, source, caption, caption)
+        classes, source, caption, caption
+    )
 
 
 def data_uri(content: bytes, kind: str) -> str:
@@ -70,6 +76,7 @@ def data_uri(content: bytes, kind: str) -> str:
 def png(image: np.ndarray) -> str:
     """``image``, of shape (height, width, 3) in [0, 1], as a PNG data URI."""
     from matplotlib.image import imsave
+
     file = io.BytesIO()
     imsave(file, np.ascontiguousarray(np.clip(image, 0, 1)), format="png")
     return data_uri(file.getvalue(), "png")
@@ -78,6 +85,7 @@ def png(image: np.ndarray) -> str:
 def coloured(values: np.ndarray, top: float, name: str = "magma") -> np.ndarray:
     """Numbers as colours, from 0 to ``top``."""
     from matplotlib import colormaps
+
     return colormaps[name](np.clip(values / top, 0, 1))[..., :3]
 
 
@@ -102,18 +110,27 @@ def chart(section: Facts) -> str:
     import matplotlib
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
     axes = figure.subplots(2, 2, sharey="row")
     for row, measure in zip(axes, ("rmse", "flip")):
-        for axis, (cost, label) in zip(row, (("samples", "samples per pixel"), ("cpu", "processor seconds per thread"))):
+        for axis, (cost, label) in zip(
+            row, (("samples", "samples per pixel"), ("cpu", "processor seconds per thread"))
+        ):
             for curve, colour in zip(section["curves"], ("#c2410c", "#1d4ed8")):
-                axis.loglog([p[cost] for p in curve["points"]], [max(p[measure], 1e-7) for p in curve["points"]], "o-",
-                            color=colour, label=curve["name"])
+                axis.loglog(
+                    [p[cost] for p in curve["points"]],
+                    [max(p[measure], 1e-7) for p in curve["points"]],
+                    "o-",
+                    color=colour,
+                    label=curve["name"],
+                )
             for entry in section["rows"]:
                 colour = "#c2410c" if entry["role"] == "a" else "#1d4ed8"
                 x = entry[cost] if cost == "samples" else entry[cost]["median"]
-                axis.loglog([x], [max(entry[measure]["median"], 1e-7)], "D", color=colour, markersize=9,
-                            markerfacecolor="none")
+                axis.loglog(
+                    [x], [max(entry[measure]["median"], 1e-7)], "D", color=colour, markersize=9, markerfacecolor="none"
+                )
             axis.set_xlabel(label)
             axis.grid(True, which="both", alpha=0.2)
             for side in (axis.xaxis, axis.yaxis):
@@ -140,10 +157,23 @@ def csv_text(facts: Facts) -> str:
     writer.writerow(["transport", "contestant", "role", "samples", "seconds", "cpu_seconds", *MEASURES])
     for section in facts["sections"]:
         for row in section["rows"]:
-            writer.writerow([section["transport"], row["name"], row["role"], row["samples"],
-                             *(row[k]["median"] for k in ("seconds", "cpu", *MEASURES))])
+            writer.writerow(
+                [
+                    section["transport"],
+                    row["name"],
+                    row["role"],
+                    row["samples"],
+                    *(row[k]["median"] for k in ("seconds", "cpu", *MEASURES)),
+                ]
+            )
         for curve in section["curves"]:
             for point in curve["points"]:
-                writer.writerow([section["transport"], curve["name"], f"{curve['role']} level {point['level']}",
-                                 *(point[k] for k in ("samples", "seconds", "cpu", *MEASURES))])
+                writer.writerow(
+                    [
+                        section["transport"],
+                        curve["name"],
+                        f"{curve['role']} level {point['level']}",
+                        *(point[k] for k in ("samples", "seconds", "cpu", *MEASURES)),
+                    ]
+                )
     return file.getvalue()

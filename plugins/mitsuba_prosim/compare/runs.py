@@ -101,11 +101,13 @@ class Runs:
         return sorted(getattr(self, what) if what in ("seconds", "cpu") else [e[what] for e in self.errors])
 
 
-def by_turns(contestants: Sequence[Contestant], rounds: int, measures: Measures,
-             tell: Tell = lambda done: None) -> list[Runs]:
+def by_turns(
+    contestants: Sequence[Contestant], rounds: int, measures: Measures, tell: Tell = lambda done: None
+) -> list[Runs]:
     """Renders each contestant once to warm up and then once in each of ``rounds`` rounds; a list of :class:`Runs`.
 
-    By turns, so that whatever else the machine does slows down all of them alike. ``tell`` is called with the part done.
+    By turns, so that whatever else the machine does slows down all of them alike. ``tell`` is called with the part
+    done.
     """
     results = []
     for k, contestant in enumerate(contestants):
@@ -138,12 +140,13 @@ class Reference:
     mean_difference: float | None = None
 
 
-def reference(folder: str | Path, key: str, estimators: Sequence[Contestant], seconds: float,
-              tell: Tell = lambda done: None) -> Reference:
+def reference(
+    folder: str | Path, key: str, estimators: Sequence[Contestant], seconds: float, tell: Tell = lambda done: None
+) -> Reference:
     """Renders the estimators (contestants of the same expected image) by turns for ``seconds`` seconds.
 
-    Sums are kept in ``folder`` under ``key``, any text that identifies the image; a later call goes on from there, if it
-    grants more time. At least three passes each.
+    Sums are kept in ``folder`` under ``key``, any text that identifies the image; a later call goes on from there, if
+    it grants more time. At least three passes each.
     """
     path = Path(folder) / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
     spent, count, means = 0.0, 0, []
@@ -157,7 +160,7 @@ def reference(folder: str | Path, key: str, estimators: Sequence[Contestant], se
         start = time.perf_counter()
         images = np.array([e.render(REFERENCE_SEEDS + count)[0] for e in estimators], dtype=np.float64)
         sums = sums + images if count else images
-        squares = squares + images ** 2 if count else images ** 2
+        squares = squares + images**2 if count else images**2
         means.append(images.mean(axis=(1, 2, 3)).tolist())
         count += 1
         spent += time.perf_counter() - start
@@ -167,13 +170,14 @@ def reference(folder: str | Path, key: str, estimators: Sequence[Contestant], se
         np.savez(content, spent=spent, count=count, sums=sums, squares=squares, means=means)
         writing.write({path: content.getvalue()})
     mean = sums / count
-    variance = np.maximum(squares / count - mean ** 2, 0) / (count - 1)
+    variance = np.maximum(squares / count - mean**2, 0) / (count - 1)
     total = variance.mean(axis=(1, 2, 3))
     if np.any(total == 0):  # an image without noise
         return Reference(mean[np.argmin(total)], 0.0, spent, [count] * len(estimators))
     weights = 1 / total / np.sum(1 / total)
-    result = Reference(np.tensordot(weights, mean, 1), float(np.sqrt(np.sum(weights ** 2 * total))), spent,
-                       [count] * len(estimators))
+    result = Reference(
+        np.tensordot(weights, mean, 1), float(np.sqrt(np.sum(weights**2 * total))), spent, [count] * len(estimators)
+    )
     if len(estimators) > 1:
         result.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / (total[0] + total[1])))
         differences = np.diff(np.array(means)[:, :2], axis=1)[:, 0]
@@ -186,8 +190,8 @@ def reference(folder: str | Path, key: str, estimators: Sequence[Contestant], se
 class Part:
     """What is run in one transport of light: the rows of the table, by role, and the curves, by role and level.
 
-    Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves; a level is the square
-    root of the sample count that is asked for. Before they are rendered these are contestants, then runs.
+    Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves; a level is the
+    square root of the sample count that is asked for. Before they are rendered these are contestants, then runs.
     """
 
     transport: str
@@ -198,8 +202,12 @@ class Part:
     def each(self, change: Callable[[Any], Any]) -> Part:
         """The same with every contestant replaced by what ``change`` makes of it, rows first."""
         rows = {role: change(row) for role, row in self.rows.items()}
-        return Part(self.transport, self.reference, rows,
-                    {role: {level: change(point) for level, point in curve.items()} for role, curve in self.curves.items()})
+        return Part(
+            self.transport,
+            self.reference,
+            rows,
+            {role: {level: change(point) for level, point in curve.items()} for role, curve in self.curves.items()},
+        )
 
 
 def cache_folder() -> Path:
@@ -212,9 +220,21 @@ def machine() -> dict[str, str | int | float | None]:
     name = platform.processor()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
-        name = next((line.partition(":")[2].strip() for line in cpuinfo.read_text().splitlines()
-                     if line.startswith("model name")), name)
-    return {"processor": name or platform.machine(), "cores": os.cpu_count(), "threads": dr.thread_count(),
-            "system": platform.system(), "python": platform.python_version(), "variant": mi.variant(),
-            **{package: version(package) for package in ("mitsuba-prosim", "mitsuba", "drjit")},
-            "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None}
+        name = next(
+            (
+                line.partition(":")[2].strip()
+                for line in cpuinfo.read_text().splitlines()
+                if line.startswith("model name")
+            ),
+            name,
+        )
+    return {
+        "processor": name or platform.machine(),
+        "cores": os.cpu_count(),
+        "threads": dr.thread_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "variant": mi.variant(),
+        **{package: version(package) for package in ("mitsuba-prosim", "mitsuba", "drjit")},
+        "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+    }

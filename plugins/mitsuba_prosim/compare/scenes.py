@@ -15,8 +15,9 @@ from .runs import Contestant
 class Scene(ABC):
     """A scene that contestants are made from.
 
-    ``settings``: parameters of the integrators that the scene has its own for, by the integrator's name; ``ambient`` and
-    ``background``: those of its ``prosim`` integrator, textures or None; ``key``: text that identifies what is rendered.
+    ``settings``: parameters of the integrators that the scene has its own for, by the integrator's name; ``ambient``
+    and ``background``: those of its ``prosim`` integrator, textures or None; ``key``: text that identifies what is
+    rendered.
     """
 
     def __init__(self, settings: dict[str, dict[str, Any]], key: str, ambient: Any = None, background: Any = None):
@@ -29,13 +30,14 @@ class Scene(ABC):
 
     def scene(self, sampler: str | None = None, lit_by_background: bool = False) -> mi.Scene:
         """The scene with another sampler, and the integrator's background made an emitter, as other integrators need
-        it to be. Of equal arguments it is the same scene, and the parts are always the same."""
+        it to be. Of equal arguments it is the same scene, and the parts are always the same.
+        """
         lit = lit_by_background and self.background is not None
         if (sampler, lit) not in self._made:
             self._made[sampler, lit] = self._make(sampler, lit)
         return self._made[sampler, lit]
 
-    def _make(self, sampler, lit):
+    def _make(self, sampler: str | None, lit: bool) -> mi.Scene:
         if sampler is not None:
             shared = self.scene(None, lit)
             return seen_by(self.scene(sampler).sensors()[0] if lit else self.load(sampler).sensors()[0], shared)
@@ -49,8 +51,8 @@ class Scene(ABC):
         return seen_by(unlit.sensors()[0], unlit, background=light)
 
     def contestant(self, spec: Spec, transport: str, **overrides: Any) -> Contestant:
-        """The :class:`Contestant` that ``spec`` describes, under a ``transport``: "scene" (what the scene file says), or
-        that of another integrator, "paths" or "direct".
+        """The :class:`Contestant` that ``spec`` describes, under a ``transport``: "scene" (what the scene file says),
+        or that of another integrator, "paths" or "direct".
 
         ``overrides``: parameters of the integrator, before those of the spec; ``spp`` for the sample count.
         """
@@ -87,13 +89,16 @@ class FileScene(Scene):
         settings = {}
         if node is not None:
             settings[node.props.plugin_name()] = {
-                name: node.props[name] for name in node.props
-                if isinstance(node.props[name], (bool, int, float, str)) and name not in ("id", "type")}
+                name: node.props[name]
+                for name in node.props
+                if isinstance(node.props[name], (bool, int, float, str)) and name not in ("id", "type")
+            }
         own = first.integrator()
         super().__init__(settings, self._key(), getattr(own, "ambient", None), getattr(own, "background", None))
         self._made[None, False] = first
 
     def load(self, sampler: str | None) -> mi.Scene:
+        """Makes the scene of the file."""
         return self.file.load(sampler)
 
     def _key(self):
@@ -107,15 +112,16 @@ class FileScene(Scene):
                         if other.is_file():
                             digest.update(other.read_bytes())
                             break
-        return (f"{digest.hexdigest()} {file.resolution} {sorted(file.definitions.items())} {mi.variant()} "
-                f"{mi.__version__}")
+        return (
+            f"{digest.hexdigest()} {file.resolution} {sorted(file.definitions.items())} {mi.variant()} {mi.__version__}"
+        )
 
 
 def seen_by(sensor: mi.Sensor, scene: mi.Scene, **more: Any) -> mi.Scene:
     """A scene of the parts of ``scene`` and ``more``, with ``sensor``.
 
-    The parts are shared, not loaded again: Dr.Jit traces and compiles every BSDF and emitter that is alive, in whichever
-    scene, for every image.
+    The parts are shared, not loaded again: Dr.Jit traces and compiles every BSDF and emitter that is alive, in
+    whichever scene, for every image.
     """
     parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
     parts |= {f"emitter_{i}": e for i, e in enumerate(scene.emitters()) if e.get_shape() is None}

@@ -15,7 +15,8 @@ from .scenes import Scene, Spec
 class Effort:
     """How much is rendered: square roots of the sample counts of the curves, rounds by turns, seconds for the reference
     of each transport, the folder that references are kept in (None: the user's), and whom to tell what is going on and
-    the part of it that is done."""
+    the part of it that is done.
+    """
 
     levels: tuple[int, ...] = (2, 3, 4, 6, 9)
     rounds: int = 5
@@ -24,8 +25,9 @@ class Effort:
     tell: Callable[[str, float], None] = field(default=lambda text, done: None)
 
 
-def study(scene: Scene, name: str, a: Spec, b: Spec, effort: Effort = Effort(),
-          exposure: float = 0.0) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def study(
+    scene: Scene, name: str, a: Spec, b: Spec, effort: Effort = Effort(), exposure: float = 0.0
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Compares two contestants on a scene called ``name``.
 
     ``exposure``: in stops, for everything that is measured and shown. Returns ``(facts, images)``: a dictionary of text
@@ -42,15 +44,25 @@ def study(scene: Scene, name: str, a: Spec, b: Spec, effort: Effort = Effort(),
     for part in parts:
         part.each(everyone.append)
     for contestant in everyone:
-        contestant.scale = 2.0 ** exposure
-    results = iter(runs.by_turns(everyone, effort.rounds, measures.ALL, lambda done: effort.tell("rendering by turns", done)))
+        contestant.scale = 2.0**exposure
+    results = iter(
+        runs.by_turns(everyone, effort.rounds, measures.ALL, lambda done: effort.tell("rendering by turns", done))
+    )
     parts = [part.each(lambda _: next(results)) for part in parts]
-    scale = 2.0 ** exposure
+    scale = 2.0**exposure
 
     height, width = parts[0].reference.image.shape[:2]
-    said = {"scene": name, "a": a.text, "b": b.text, "rounds": effort.rounds, "exposure": exposure,
-            "machine": runs.machine(), "width": int(width), "height": int(height),
-            "sections": [facts.section(part, a if k == 0 else free[0], b, k, scale) for k, part in enumerate(parts)]}
+    said = {
+        "scene": name,
+        "a": a.text,
+        "b": b.text,
+        "rounds": effort.rounds,
+        "exposure": exposure,
+        "machine": runs.machine(),
+        "width": int(width),
+        "height": int(height),
+        "sections": [facts.section(part, a if k == 0 else free[0], b, k, scale) for k, part in enumerate(parts)],
+    }
     images: dict[str, np.ndarray] = {}
     for k, part in enumerate(parts):
         images |= {f"{k}/{name}": image for name, image in facts.pictures(part, scale).items()}
@@ -65,9 +77,12 @@ def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effor
     """The contestants of one transport, with their reference; without ``b``, ``a`` alone."""
     specs = {"a": a} | ({"b": b} if b else {})
     reference = runs.reference(
-        effort.cache or runs.cache_folder(), f"{scene.key} {transport} {[s and s.text for s in (a, b)]}",
-        [converging(scene, spec, transport) for spec in specs.values()], effort.seconds,
-        lambda done: effort.tell("reference", done))
+        effort.cache or runs.cache_folder(),
+        f"{scene.key} {transport} {[s and s.text for s in (a, b)]}",
+        [converging(scene, spec, transport) for spec in specs.values()],
+        effort.seconds,
+        lambda done: effort.tell("reference", done),
+    )
     rows = {"a": scene.contestant(a, transport)}
     levels = {"a": effort.levels, "b": effort.levels}
     if b and b.counts_itself:
@@ -76,12 +91,17 @@ def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effor
         # Further, if need be, than A: it is asked what B takes for A's error.
         levels["b"] = (*effort.levels, round(1.6 * effort.levels[-1]), round(2.5 * effort.levels[-1]))
         rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
-    part = runs.Part(transport, reference, rows,
-                {role: {n: at_level(scene, spec, transport, n) for n in levels[role]} for role, spec in specs.items()})
+    part = runs.Part(
+        transport,
+        reference,
+        rows,
+        {role: {n: at_level(scene, spec, transport, n) for n in levels[role]} for role, spec in specs.items()},
+    )
 
-    def measured(contestant):
+    def measured(contestant: runs.Contestant) -> runs.Contestant:
         contestant.reference = reference
         return contestant
+
     return part.each(measured)
 
 
@@ -105,7 +125,7 @@ def equals(scene: Scene, a: runs.Contestant, b: Spec, transport: str) -> tuple[r
     """Contestants ``b`` with as many samples as ``a`` really takes, and with as many as take the same time."""
     samples = max(round(float(np.mean(a.counts()))), 1)
 
-    def processor_seconds(contestant):
+    def processor_seconds(contestant: runs.Contestant) -> float:
         contestant.render(0)  # compiles
         return float(np.median([contestant.render(0)[1][1] for _ in range(3)]))
 

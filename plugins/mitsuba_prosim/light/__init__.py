@@ -1,2 +1,1 @@
-"""Light: what sources emit, and how a surface samples them (sections 4.2.2.1, 5.2): one strategy a file, and the table of
-a scene's sources."""
+"""Light: what sources emit, and how surfaces sample them (sections 4.2.2.1, 5.2): one strategy a file, and a table."""

@@ -50,9 +50,9 @@ def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | No
 class Beam:
     """The distribution of a source about its axis; None where it has no such parameter."""
 
-    distribution: str               #: one of `SHAPES`
-    direction: mi.Vector3f | None   #: the axis, in world coordinates and of any length
-    angle: mi.Float | None          #: in degrees
+    distribution: str  #: one of `SHAPES`
+    direction: mi.Vector3f | None  #: the axis, in world coordinates and of any length
+    angle: mi.Float | None  #: in degrees
     exponent: mi.Float | None
 
     @property
@@ -90,8 +90,12 @@ class Beam:
 
     def values(self) -> dict[str, Any]:
         """The parameters by name."""
-        return {"distribution": self.distribution, "direction": self.direction, "angle": self.angle,
-                "exponent": self.exponent}
+        return {
+            "distribution": self.distribution,
+            "direction": self.direction,
+            "angle": self.angle,
+            "exponent": self.exponent,
+        }
 
 
 def read_beam(props: mi.Properties) -> Beam:

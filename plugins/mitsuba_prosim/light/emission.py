@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import overload
 
 import drjit as dr
 import mitsuba as mi
@@ -11,10 +12,15 @@ import numpy as np
 from ..parameters import constant, reject, shown
 
 
-def read_emission(props: mi.Properties, name: str, default: float | None = None) -> mi.Texture | None:
+@overload
+def read_emission(props: mi.Properties, name: str, default: float) -> mi.Texture: ...
+@overload
+def read_emission(props: mi.Properties, name: str) -> mi.Texture | None: ...
+def read_emission(props, name, default=None):
     """The texture of what is emitted; None if it is absent and there is no ``default``.
 
-    Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative.
+    Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative. In
+    spectral variants Mitsuba turns texels into the coefficients of spectra, of any sign; of those only NaN is told.
     """
     allowed = "finite numbers >= 0"
     values = constant(props, name)
@@ -30,13 +36,15 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
         for key, parameter in mi.traverse(texture):
             if key.rpartition(".")[2] in ("value", "values", "data"):
                 numbers = np.ravel(np.array(parameter, dtype=np.float32))
-                if wrong := numbers[~((numbers >= 0) & (numbers < math.inf))][:1].tolist():
+                bad = np.isnan(numbers) if mi.is_spectral else ~((numbers >= 0) & (numbers < math.inf))
+                if wrong := numbers[bad][:1].tolist():
                     raise reject(props, name, f"a texture whose {key} has {wrong[0]:g}", allowed)
     return texture
 
 
-def sample_spectrum(texture: mi.Texture, si: mi.SurfaceInteraction3f, sample: mi.Float,
-                    active: mi.Bool) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
+def sample_spectrum(
+    texture: mi.Texture, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
+) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
     """Wavelengths drawn from ``texture``, stratified, and their weight; in colour, its value."""
     wavelengths = dr.zeros(type(si.wavelengths))
     if len(wavelengths):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mitsuba as mi
 
 from .sample import LightSample
@@ -15,19 +17,39 @@ class Others:
     #: Whether it can tell beforehand that a ray meets none of its sources.
     can_foresee = False
 
-    def __init__(self, emitters):
+    def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         pass
 
     @staticmethod
-    def takes(emitter) -> bool:
+    def takes(emitter: mi.Emitter | mi.EmitterPtr) -> bool:
         """Whether this strategy is fit for ``emitter``: for every one."""
         return True
 
-    def sample(self, number, emitter, si, n, sample, active, attached=False) -> LightSample:
+    def sample(
+        self,
+        number: int | mi.UInt32,
+        emitter: mi.Emitter | mi.EmitterPtr,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        sample: mi.Point2f,
+        active: mi.Bool,
+        attached: bool = False,
+    ) -> LightSample:
         """A point of ``emitter``, seen from ``si``; see :meth:`.balls.Balls.sample`."""
         ds, weight = emitter.sample_direction(si, sample, active)
         return LightSample(ds.d, ds.p, ds.pdf, mi.Bool(ds.delta), weight)
 
-    def pdf(self, number, si, n, ds, active):
+    def pdf(
+        self,
+        number: int | mi.UInt32,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        ds: mi.DirectionSample3f,
+        active: mi.Bool,
+    ) -> mi.Float:
         """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
         return ds.emitter.pdf_direction(si, ds, active)
+
+    def may_meet(self, number: int | mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
+        """Whether the ray (o, d) meets the source ``number``: it can't be told."""
+        return mi.Bool(True)

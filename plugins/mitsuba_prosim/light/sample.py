@@ -24,15 +24,19 @@ class LightSample:
     weight: mi.Spectrum
 
 
-def weighed(emitter, si, ds, active) -> LightSample:
-    """The sample of ``emitter`` in the direction ``ds`` (``mi.DirectionSample3f``), drawn with the density ``ds.pdf``."""
+def weighed(
+    emitter: mi.Emitter | mi.EmitterPtr, si: mi.SurfaceInteraction3f, ds: mi.DirectionSample3f, active: mi.Bool
+) -> LightSample:
+    """The sample of ``emitter`` in the direction ``ds`` (``mi.DirectionSample3f``), drawn with the density
+    ``ds.pdf``.
+    """
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
     weight = emitter.eval_direction(si, ds, visible) / dr.select(visible, ds.pdf, 1)
     return LightSample(ds.d, ds.p, dr.select(visible, ds.pdf, 0), mi.Bool(False), dr.select(visible, weight, 0))
 
 
-def direction_sample(si, d):
+def direction_sample(si: mi.SurfaceInteraction3f, d: mi.Vector3f) -> mi.DirectionSample3f:
     """A ``mi.DirectionSample3f`` in the direction ``d``, else empty."""
     ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
     ds.d, ds.time = d, si.time

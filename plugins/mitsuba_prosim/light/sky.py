@@ -13,15 +13,22 @@ class Sky:
     #: Whether all of it is sampled: only what is above the horizon.
     whole_sphere = False
 
-    def __init__(self, far):
+    def __init__(self, far: float) -> None:
         self.far = far
 
     @staticmethod
-    def takes(emitter) -> bool:
+    def takes(emitter: mi.Emitter | mi.EmitterPtr) -> bool:
         """Whether ``emitter`` is a constant sky."""
         return emitter.class_name() == "ConstantBackgroundEmitter"
 
-    def sample(self, emitter, si, n, sample, active) -> LightSample:
+    def sample(
+        self,
+        emitter: mi.Emitter | mi.EmitterPtr,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> LightSample:
         """A point of the sky above the horizon of ``n``; see :meth:`.balls.Balls.sample`."""
         local = mi.warp.square_to_cosine_hemisphere(sample)
         ds = direction_sample(si, mi.Frame3f(n).to_world(local))

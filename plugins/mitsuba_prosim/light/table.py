@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -19,14 +21,24 @@ STRATEGIES = (Balls, Others)
 
 @dataclass
 class Lamp:
-    """A source on its turn: number ``k`` of the table, ``number`` of its ``strategy``, both integers or Dr.Jit arrays."""
+    """A source on its turn: number ``k`` of the table, ``number`` of its ``strategy``, both integers or Dr.Jit
+    arrays.
+    """
 
     k: int | mi.UInt32
     emitter: mi.Emitter | mi.EmitterPtr
     strategy: Balls | Others
     number: int | mi.UInt32
 
-    def sample(self, si, n, both_sides, sample, active, attached=False) -> LightSample:
+    def sample(
+        self,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        both_sides: mi.Bool | bool,
+        sample: mi.Point2f,
+        active: mi.Bool,
+        attached: bool = False,
+    ) -> LightSample:
         """A point of the source, seen from ``si``.
 
         ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
@@ -39,6 +51,9 @@ class Lamp:
         whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides, attached)
         return dr.select(both_sides, whole, above)
 
+
+#: A strategy, and the numbers of its first lamp and of the one after its last.
+Group = tuple[Balls | Others, int, int]
 
 #: What samples any source from a surface that light reaches from both sides.
 WHOLE = Others(())
@@ -56,13 +71,17 @@ class Lights:
 
     UNROLLED = 4
 
-    def __init__(self, scene):
+    def __init__(self, scene: mi.Scene) -> None:
         emitters = list(scene.emitters())
         skies = [e for e in emitters if Sky.takes(e)]
-        groups = [(s, [e for e in emitters if e not in skies and s is next(t for t in STRATEGIES if t.takes(e))])
-                  for s in STRATEGIES]
-        #: ``(strategy, first, end)``: the lamps ``first`` .. ``end`` - 1 are sampled by it, in the order of its numbers.
-        self.groups, self.emitters = [], []
+        groups = [
+            (s, [e for e in emitters if e not in skies and s is next(t for t in STRATEGIES if t.takes(e))])
+            for s in STRATEGIES
+        ]
+        #: ``(strategy, first, end)``: the lamps ``first`` .. ``end`` - 1 are sampled by it, in the order of its
+        #: numbers.
+        self.groups: list[Group] = []
+        self.emitters: list[mi.Emitter] = []
         for strategy, members in groups:
             if members:
                 first = len(self.emitters)
@@ -77,13 +96,15 @@ class Lights:
         self.only_points = all(deltas)
         #: Whether it can be told beforehand, by :meth:`may_meet`, that a ray meets no source.
         self.can_foresee = self.sky is None and all(
-            strategy.can_foresee or all(deltas[first:end]) for strategy, first, end in self.groups)
+            strategy.can_foresee or all(deltas[first:end]) for strategy, first, end in self.groups
+        )
         if self.jit and self.emitters:
             self._tabulate(scene)
 
-    def _tabulate(self, scene):
+    def _tabulate(self, scene: mi.Scene) -> None:
         """Pointers by the number of the source, and for many sources the way back from Dr.Jit's identity of an emitter.
-        (That table's size has to be waited for.)"""
+        (That table's size has to be waited for.)
+        """
         in_scene = scene.emitters()
         order = mi.UInt32([in_scene.index(emitter) for emitter in self.emitters])
         self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
@@ -93,7 +114,7 @@ class Lights:
             dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), identity)
             dr.make_opaque(self.numbers)
 
-    def number_of(self, emitter, active):
+    def number_of(self, emitter: mi.Emitter | mi.EmitterPtr, active: mi.Bool) -> int | mi.UInt32:
         """The number of the source ``emitter``, a ``mi.EmitterPtr``, or an emitter in scalar variants."""
         if not self.jit:
             return self.emitters.index(emitter) if active else 0
@@ -104,8 +125,12 @@ class Lights:
             number = dr.select(emitter == dr.gather(mi.EmitterPtr, self.pointers, k), k, number)
         return number
 
-    def for_each(self, body, total, active, groups=None):
-        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a :class:`Lamp`."""
+    def for_each(
+        self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, groups: list[Group] | None = None
+    ) -> Any:
+        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a
+        :class:`Lamp`.
+        """
         for strategy, first, end in self.groups if groups is None else groups:
             if self.jit and self.lamps > self.UNROLLED:
                 total = self._loop(body, strategy, first, end, total, active)
@@ -114,27 +139,52 @@ class Lights:
                     total = body(Lamp(k, self.emitters[k], strategy, k - first), total)
         return total
 
-    def _loop(self, body, strategy, first, end, total, active):
+    def _loop(
+        self,
+        body: Callable[[Lamp, Any], Any],
+        strategy: Balls | Others,
+        first: int,
+        end: int,
+        total: Any,
+        active: mi.Bool,
+    ) -> Any:
         first, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
 
-        def step(k, total):
+        def step(k: mi.UInt32, total: Any) -> tuple[mi.UInt32, Any]:
             emitter = dr.gather(mi.EmitterPtr, self.pointers, k)
             return k + 1, body(Lamp(k, emitter, strategy, k - first), total)
 
-        return dr.while_loop((mi.UInt32(first), total), lambda k, total: active & (k < end), step,
-                             labels=("k", "total"))[1]
+        return dr.while_loop(
+            (mi.UInt32(first), total), lambda k, total: active & (k < end), step, labels=("k", "total")
+        )[1]
 
-    def sample_sky(self, si, n, both_sides, sample, active) -> LightSample:
+    def sample_sky(
+        self,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        both_sides: mi.Bool | bool,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> LightSample:
         """A point of the sky; parameters as in :meth:`Lamp.sample`."""
+        assert self.sky is not None
         sky = self.emitters[-1]
         above = self.sky.sample(sky, si, n, sample, active)
         if both_sides is False:
             return above
         return dr.select(both_sides, WHOLE.sample(self.lamps, sky, si, n, sample, active & both_sides), above)
 
-    def pdf(self, si, n, both_sides, ds, active):
+    def pdf(
+        self,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        both_sides: mi.Bool | bool,
+        ds: mi.DirectionSample3f,
+        active: mi.Bool,
+    ) -> mi.Float:
         """Density per solid angle with which a lamp is sampled in the direction ``ds`` (``mi.DirectionSample3f``) at
-        ``si``, the lamp being the one that is met there; parameters as in :meth:`Lamp.sample`."""
+        ``si``, the lamp being the one that is met there; parameters as in :meth:`Lamp.sample`.
+        """
         k = self.number_of(ds.emitter, active)
         pdf = mi.Float(0)
         for strategy, first, end in self.groups:
@@ -150,7 +200,11 @@ class Lights:
                 pdf = dr.select(rest, WHOLE.pdf(k, si, n, ds, rest), pdf)
         return pdf
 
-    def may_meet(self, o, d):
+    def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets a source, as far as nothing is in the way; where the table ``can_foresee``."""
-        return self.for_each(lambda lamp, meets: meets | lamp.strategy.may_meet(lamp.number, o, d), mi.Bool(False),
-                             mi.Bool(True), [group for group in self.groups if group[0].can_foresee])
+        return self.for_each(
+            lambda lamp, meets: meets | lamp.strategy.may_meet(lamp.number, o, d),
+            mi.Bool(False),
+            mi.Bool(True),
+            [group for group in self.groups if group[0].can_foresee],
+        )

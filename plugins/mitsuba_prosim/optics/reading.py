@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
+from typing import overload
 
 import mitsuba as mi
 
@@ -14,7 +15,11 @@ from ..parameters import choice, constant, reject, shown
 from .facets import DISTRIBUTIONS, Distribution
 
 
-def reflectance(props: mi.Properties, name: str, default: float | None = None) -> mi.Texture | None:
+@overload
+def reflectance(props: mi.Properties, name: str, default: float) -> mi.Texture: ...
+@overload
+def reflectance(props: mi.Properties, name: str) -> mi.Texture | None: ...
+def reflectance(props, name, default=None):
     """The texture of a reflectance, checked to lie in [0, 1] where it is constant; None if absent without default."""
     values = constant(props, name)
     if not all(0 <= v <= 1 for v in values):
@@ -31,12 +36,13 @@ def conserve(props: mi.Properties, **defaults: float | None) -> bool:
     and spectra it is known only where they are evaluated. ``defaults``: what a reflectance is if it is not given; None
     if it is then whatever keeps the sum. Raises ValueError if constants add up to more than 1.
     """
-    implied = {name: default for name, default in defaults.items() if name not in props}
-    if None in implied.values():
+    if any(default is None and name not in props for name, default in defaults.items()):
         return True
+    implied = {name: default for name, default in defaults.items() if default is not None and name not in props}
     values = [[implied[name]] if name in implied else constant(props, name) for name in defaults]
     channels = max(map(len, values))
-    if channels not in (1, 3) or any(len(v) not in (1, channels) for v in values):
+    if any(len(v) > 1 and hasattr(props.get(name), "values") for name, v in zip(defaults, values, strict=True)) or \
+            not all(values):
         return False
     sums = [sum(v[i % len(v)] for v in values) for i in range(channels)]
     if max(sums) > 1 + 1e-6:
@@ -61,9 +67,9 @@ def roughness(props: mi.Properties,
     if parameter not in props:
         return distribution, None
     values = constant(props, parameter)
-    low, high, allowed = distribution.range
+    low, high, within = distribution.range
     if not all(low <= v <= high for v in values):
-        raise reject(props, parameter, shown(values), allowed)
+        raise reject(props, parameter, shown(values), within)
     texture = props.get_unbounded_texture(parameter)
     return distribution, None if parameter == "alpha" and values == [0] else texture
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 
-from .plan import pixels
+from .plan import Rectangle, pixels
 
 
 class Image:
@@ -15,21 +17,24 @@ class Image:
     the bands are. The values lie as a film has them, channel by channel within each pixel, so that none is copied.
     """
 
-    def __init__(self, window, channels, aovs):
+    def __init__(self, window: Rectangle, channels: Sequence[str], aovs: int) -> None:
         self.window, self.sampled, self.weight = window, len(channels), channels.index("W")
         self.channels = self.sampled + aovs
         self.width, self.height = window[2] - window[0], window[3] - window[1]
         self.values = dr.zeros(mi.Float, self.width * self.height * self.channels)
         dr.make_opaque(self.values)
 
-    def add(self, outer, band, sums, aovs, reach):
+    def add(self, outer: Rectangle, band: Rectangle, sums: list[mi.Float], aovs: list[mi.Float], reach: int) -> None:
         """Adds the pixels of ``band``; ``sums`` and ``aovs`` are laid out over the rectangle ``outer``."""
         top, bottom = max(band[1] - reach, self.window[1]), min(band[3] + reach, self.window[3])
         if top >= bottom:
             return
         x, y, *_ = pixels((self.window[0], top, self.window[2], bottom))
-        index = self.channels * mi.UInt32((y - dr.opaque(mi.Int32, self.window[1])) * dr.opaque(mi.Int32, self.width)
-                                          + x - dr.opaque(mi.Int32, self.window[0]))
+        index = self.channels * mi.UInt32(
+            (y - dr.opaque(mi.Int32, self.window[1])) * dr.opaque(mi.Int32, self.width)
+            + x
+            - dr.opaque(mi.Int32, self.window[0])
+        )
         totals = [dr.gather(mi.Float, self.values, index + c) for c in range(self.sampled)]
         left, first, right, last = (dr.opaque(mi.Int32, v) for v in band)
         outer_left, outer_top, outer_width = (dr.opaque(mi.Int32, v) for v in (outer[0], outer[1], outer[2] - outer[0]))
@@ -51,16 +56,18 @@ class Image:
         for c, aov in enumerate(aovs):
             dr.scatter(self.values, dr.gather(mi.Float, aov, source, own), index + self.sampled + c, own)
 
-    def wait(self):
+    def wait(self) -> None:
         """Waits until what was added is there."""
         dr.eval(self.values)
         dr.sync_thread()
 
-    def plane(self, channel):
+    def plane(self, channel: int) -> mi.Float:
         """One channel, pixel by pixel."""
-        return dr.gather(mi.Float, self.values, dr.arange(mi.UInt32, self.width * self.height) * self.channels + channel)
+        return dr.gather(
+            mi.Float, self.values, dr.arange(mi.UInt32, self.width * self.height) * self.channels + channel
+        )
 
-    def tensor(self):
+    def tensor(self) -> mi.TensorXf:
         """Shape (height, width, channels), the integrator's own channels multiplied by the weight, as films expect."""
         values = self.values
         if self.channels > self.sampled:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
+if TYPE_CHECKING:
+    #: From time and a number for the wavelengths, the places on the film and on the lens: the ray and its weight.
+    RaySampler = Callable[[mi.Float, mi.Float, mi.Point2f, mi.Point2f], tuple[mi.Ray3f, mi.Spectrum]]
 
-def ray_sampler(sensor):
-    """What ``sensor.sample_ray_differential`` is, but for the differentials, for a film without a crop window. (Not every
-    sensor has a ``sample_ray``.)
+
+def ray_sampler(sensor: mi.Sensor) -> RaySampler:
+    """What ``sensor.sample_ray_differential`` is, but for the differentials, for a film without a crop window. (Not
+    every sensor has a ``sample_ray``.)
 
     Mitsuba's perspective camera has the film's size as a constant in its code, so that each resolution would be
     compiled anew: its rays are made here, by its own matrices.
@@ -23,7 +29,9 @@ def ray_sampler(sensor):
     near, far = dr.opaque(mi.Float, sensor.near_clip()), dr.opaque(mi.Float, sensor.far_clip())
     dr.make_opaque(to_camera, offset)
 
-    def sample_ray(time, wavelength_sample, position, _):
+    def sample_ray(
+        time: mi.Float, wavelength_sample: mi.Float, position: mi.Point2f, _: mi.Point2f
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
         wavelengths, weight = sensor.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample)
         on_near = to_camera @ mi.Point3f(position.x + offset.x, position.y + offset.y, 0)
         d = dr.normalize(mi.Vector3f(on_near))
@@ -38,9 +46,10 @@ def ray_sampler(sensor):
 
 
 @contextlib.contextmanager
-def uncropped(sensor):
+def uncropped(sensor: mi.Sensor) -> Iterator[None]:
     """The film of ``sensor`` without its crop window, so that the rays of a crop are those of the whole image to the
-    bit (a sensor scales positions by the window)."""
+    bit (a sensor scales positions by the window).
+    """
     film = sensor.film()
     offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())
     if all(offset == 0) and all(size == film.size()):

@@ -65,7 +65,7 @@ class NRookSampler(mi.Sampler):
         if n * n != spp:
             mi.Log(mi.LogLevel.Warn, f"nrook: sample count rounded up from {spp} to {n * n}.")
         self.permutations = Permutations(n)
-        self.samples_per_wavefront = None  # until told
+        self.samples_per_wavefront: int | None = None  # until told
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
         super().set_samples_per_wavefront(samples_per_wavefront)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,9 +19,18 @@ LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 class SceneFile:
     """A scene file, XML or in the thesis's language, that scenes are made from."""
 
-    def __init__(self, path: str | Path, folder: str | Path, *, definitions: Mapping[str, str] | None = None,
-                 resolution: tuple[int, int] | None = None, crop: tuple[int, int, int, int] | None = None,
-                 samples: int | None = None, integrator: Mapping[str, Any] | None = None, **language: Any):
+    def __init__(
+        self,
+        path: str | Path,
+        folder: str | Path,
+        *,
+        definitions: Mapping[str, str] | None = None,
+        resolution: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        samples: int | None = None,
+        integrator: Mapping[str, Any] | None = None,
+        **language: Any,
+    ):
         """Reads ``path``, as XML if that is its suffix.
 
         ``folder``
@@ -43,10 +52,10 @@ class SceneFile:
         self.path = self.xml = Path(path)
         self.resolution, self.definitions = resolution, dict(definitions or {})
         if self.path.suffix.lower() != ".xml":
-            self.xml = prosim_scene.translate(self.path, Path(folder), resolution=resolution, samples=samples, **language)
-            asked, resolution, samples = resolution, None, None  # said in the translation
-        else:
-            asked = resolution
+            self.xml = prosim_scene.translate(
+                self.path, Path(folder), resolution=resolution, samples=samples, **language
+            )
+            resolution = samples = None  # said in the translation
         with self._search_paths():
             self.state = parse(self.xml, self.definitions)
         for node in self.state.nodes:
@@ -55,8 +64,8 @@ class SceneFile:
                 _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
                 check_size(node.props.get("width", 768), node.props.get("height", 576))
         self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
-        if asked:
-            self._warn_of_distortion(*asked)
+        if self.resolution:
+            self._warn_of_distortion(*self.resolution)
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""
@@ -69,12 +78,14 @@ class SceneFile:
         with self._search_paths(), session.enough_threads():
             return instantiate(state)
 
-    def _change_integrator(self, parameters):
+    def _change_integrator(self, parameters: Mapping[str, Any]) -> None:
         integrators = [node.props for node in self.state.nodes if node.type == mi.ObjectType.Integrator]
         ours = [props for props in integrators if props.plugin_name() == "prosim"]
         if parameters and not ours:
             names = ", ".join(props.plugin_name() for props in integrators) or "none"
-            raise ValueError(f"{self.path}: only the integrator prosim has {', '.join(parameters)}; this scene's is {names}")
+            raise ValueError(
+                f"{self.path}: only the integrator prosim has {', '.join(parameters)}; this scene's is {names}"
+            )
         for props in ours:
             for name, value in parameters.items():
                 if value is not None:
@@ -82,18 +93,25 @@ class SceneFile:
                 elif name in props:
                     del props[name]
 
-    def _warn_of_distortion(self, width, height):
-        """Where pixels of this resolution are not square, as far as whole pixels can be."""
+    def _warn_of_distortion(self, width: int, height: int) -> None:
+        """Where pixels of this resolution are not square: by more than rounding, and than the eye forgives."""
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
-                left, right, bottom, top = (node.props.get(name, default) for name, default in
-                                            (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0)))
+                left, right, bottom, top = (
+                    node.props.get(name, default)
+                    for name, default in (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))
+                )
                 ratio = (right - left) / (top - bottom)
-                if abs(width - height * ratio) > 1 and abs(height - width / ratio) > 1:
-                    warnings.warn(prosim_scene.SceneWarning(
-                        f"{self.path}: {width}x{height} pixels distort the image, because the scene's window is "
-                        f"{ratio:.4g} times as wide as high; {width}x{max(round(width / ratio), 1)} or "
-                        f"{max(round(height * ratio), 1)}x{height} would not"), stacklevel=3)
+                rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
+                if not rounding and abs(width / (height * ratio) - 1) > 0.01:
+                    warnings.warn(
+                        prosim_scene.SceneWarning(
+                            f"{self.path}: {width}x{height} pixels distort the image, because the scene's window is "
+                            f"{ratio:.4g} times as wide as high; {width}x{max(round(width / ratio), 1)} or "
+                            f"{max(round(height * ratio), 1)}x{height} would not"
+                        ),
+                        stacklevel=3,
+                    )
 
     def _search_paths(self):
         return session.search_paths(first=[self.xml.parent, self.path.parent])
@@ -101,15 +119,17 @@ class SceneFile:
 
 def check_size(width: int, height: int) -> None:
     """Raises ValueError for an image that no film can hold."""
-    if not (1 <= min(width, height) and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
-        raise ValueError(f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
-                         f"{MOST_PIXELS // 10**6} million in all")
+    if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
+        raise ValueError(
+            f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
+            f"{MOST_PIXELS // 10**6} million in all"
+        )
 
 
 def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
     """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
     if taken := {"config", "filename"} & set(parameters):
-        raise ValueError(f'-D {taken.pop()}=...: Mitsuba\'s Python parser keeps this name for itself; choose another')
+        raise ValueError(f"-D {taken.pop()}=...: Mitsuba's Python parser keeps this name for itself; choose another")
     return mi.parser.parse_file(_config(), str(path), **parameters)
 
 
@@ -140,7 +160,7 @@ def _config():
     return mi.parser.ParserConfig(mi.variant() or "")
 
 
-def _override(props, names, values):
+def _override(props: mi.Properties, names: Iterable[str], values: Iterable[int] | None) -> None:
     """Sets named properties, if values are given."""
     for name, value in zip(names, values or ()):
         props[name] = value

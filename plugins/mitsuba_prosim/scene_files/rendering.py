@@ -14,8 +14,9 @@ def tells_progress(integrator: mi.Integrator) -> bool:
     return hasattr(integrator, "progress")
 
 
-def render(scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0,
-           tell: Callable[[float], None] | None = None) -> None:
+def render(
+    scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0, tell: Callable[[float], None] | None = None
+) -> None:
     """Renders into the sensor's film with the scene's integrator, and waits for the end.
 
     ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
@@ -25,7 +26,7 @@ def render(scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0,
     told = tell is not None and tells_progress(integrator)
     if told:
         # Some seconds at most between two steps, at which Ctrl-C is heard as well.
-        integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or int(integrator.samples)**2)))
+        integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or int(integrator.samples) ** 2)))
         integrator.progress = tell
     try:
         # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.

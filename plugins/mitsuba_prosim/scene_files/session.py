@@ -41,8 +41,10 @@ def set_variant(variant: str | None = None) -> str:
     variant = variant or default_variant()
     if variant in mi.variants() and not has_backend(variant):
         _, need = BACKENDS[variant.partition("_")[0]]
-        raise RuntimeError(f"{variant} needs {need}, and Dr.Jit finds none here. This machine can run "
-                           f"{', '.join(filter(has_backend, mi.variants()))}; prosim doctor tells more.")
+        raise RuntimeError(
+            f"{variant} needs {need}, and Dr.Jit finds none here. This machine can run "
+            f"{', '.join(filter(has_backend, mi.variants()))}; prosim doctor tells more."
+        )
     mi.set_variant(variant)
     load_plugins()
     return variant
@@ -62,8 +64,9 @@ def load_plugins() -> None:
 
 
 def message(error: BaseException) -> str:
-    """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its own
-    words."""
+    """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its
+    own words.
+    """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
 
@@ -96,5 +99,5 @@ def threads(count: int | None) -> Iterator[None]:
 
 
 def enough_threads() -> AbstractContextManager[None]:
-    """Mitsuba 3.9 waits for ever when it reads or writes an EXR with one or two threads: lends it a third, for a while."""
+    """Lends a third thread for a while: Mitsuba 3.9 waits for ever when it reads or writes an EXR with one or two."""
     return threads(max(dr.thread_count(), 3))

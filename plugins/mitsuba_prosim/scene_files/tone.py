@@ -12,4 +12,4 @@ def compress(rgb: np.ndarray) -> np.ndarray:
     """
     luminance = np.maximum(rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype), 0)[..., None]
     white = max(1.0, float(np.percentile(luminance, 99)))
-    return rgb * (1 + luminance / white ** 2) / (1 + luminance)
+    return rgb * (1 + luminance / white**2) / (1 + luminance)

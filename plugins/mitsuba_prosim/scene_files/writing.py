@@ -1,5 +1,7 @@
 """Files that are complete or not there, and folders that do not stay when their process is killed."""
 
+from __future__ import annotations
+
 import errno
 import fcntl
 import os
@@ -42,8 +44,9 @@ def check(paths: Iterable[Path], size: int) -> None:
             with _Parts() as parts:
                 _allocate(parts.new(folder)[0], size)
         except OSError as error:
-            raise OSError(error.errno, f"no file of {size} bytes can be written there: {error.strerror}",
-                          str(folder)) from None
+            raise OSError(
+                error.errno, f"no file of {size} bytes can be written there: {error.strerror}", str(folder)
+            ) from None
 
 
 def write(contents: Mapping[Path, bytes]) -> list[Path]:
@@ -59,7 +62,7 @@ def write(contents: Mapping[Path, bytes]) -> list[Path]:
             file, part = parts.new(target.parent)
             with open(file, "wb", closefd=False) as stream:
                 stream.write(content)
-            with suppress(FileNotFoundError):
+            with suppress(OSError):  # there is no old one, or no mode on such a disk
                 os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))
             parts.finished[part] = target
         for part, target in parts.finished.items():
@@ -95,25 +98,25 @@ def scratch() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=place, ignore_cleanup_errors=True) as name:
         lock = os.open(name, os.O_RDONLY)
         try:
-            fcntl.flock(lock, fcntl.LOCK_SH)
+            _lock(lock)
             yield Path(name)
         finally:
             os.close(lock)
 
 
-def _target(path):
+def _target(path: Path) -> Path:
     """The file itself, where ``path`` is a link."""
     return path.resolve() if path.is_symlink() else path
 
 
-def _existing(folder):
+def _existing(folder: Path) -> Path:
     """The folder, or the nearest one above it that is there."""
     while not os.path.lexists(folder):
         folder = folder.parent
     return folder
 
 
-def _allocate(file, size):
+def _allocate(file: int, size: int) -> None:
     """Takes room for so many bytes, as far as the system lets a program do that."""
     if hasattr(os, "posix_fallocate"):
         try:
@@ -129,28 +132,35 @@ class _Parts:
     """Unfinished files, locked as long as this context lasts; what has not been renamed by then is removed."""
 
     def __init__(self):
-        self.made, self.finished = {}, {}
+        self.made: dict[Path, int] = {}
+        self.finished: dict[Path, Path] = {}
 
-    def __enter__(self):
+    def __enter__(self) -> _Parts:
         return self
 
-    def new(self, folder):
+    def new(self, folder: Path) -> tuple[int, Path]:
         """A file descriptor and the path of a new part in a folder, from which leftovers are removed first."""
         for part in folder.glob(PART + "*"):
             _remove_leftover(part)
         part = folder / (PART + secrets.token_hex(6))
         file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         self.made[part] = file
-        fcntl.flock(file, fcntl.LOCK_EX)
+        _lock(file)
         return file, part
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         for part, file in self.made.items():
             part.unlink(missing_ok=True)
             os.close(file)
 
 
-def _remove_leftover(path):
+def _lock(file: int) -> None:
+    """Says that a file or folder is in use, as long as it is open. Where no lock can be had, leftovers stay."""
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_EX)
+
+
+def _remove_leftover(path: Path) -> None:
     """Removes a part or a scratch folder of ours, if nobody has locked it and it is not quite new."""
     with suppress(OSError):
         found = path.lstat()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import operator
+from collections.abc import Sequence
 
 import mitsuba as mi
 
@@ -42,7 +43,7 @@ def diffuse() -> mi.BSDFContext:
     return _context(DIFFUSE)
 
 
-def _context(names):
+def _context(names: Sequence[str]) -> mi.BSDFContext:
     context = mi.BSDFContext()
     context.type_mask = mask(*names)
     return context
@@ -53,7 +54,7 @@ def mask(*names: str) -> int:
     return functools.reduce(operator.or_, (int(getattr(mi.BSDFFlags, name)) for name in names))
 
 
-def has_any(flags, *names: str):
+def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
     """Whether the BSDF flags ``flags`` (an integer or a Dr.Jit array) hold one of the named ``mi.BSDFFlags``."""
     return (flags & mask(*names)) != 0
 

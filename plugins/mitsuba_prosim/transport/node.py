@@ -30,7 +30,8 @@ class Ray:
     d: mi.Vector3f
     #: ``mi.Spectrum``: factor from the radiance of this ray to that of the camera ray.
     throughput: mi.Spectrum
-    #: Number of the node. In a tree as in a heap: 1 is the camera's, 2 n and 2 n + 1 the reflected and refracted one of n.
+    #: Number of the node. In a tree as in a heap: 1 is the camera's, 2 n and 2 n + 1 the reflected and refracted one
+    #: of n.
     node: mi.UInt32
     #: Number of reflections and refractions before this ray: 0 is the camera's.
     level: mi.UInt32
@@ -85,8 +86,9 @@ class Nodes:
         return CAMERA_SPACES + node * (NODE_SPACES + self.facts.lights.count) + k
 
     def shade(self, ray: Ray, camera, points, active):
-        """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and direct
-        light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths."""
+        """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
+        direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths.
+        """
         settings, lights = self.settings, self.facts.lights
         ray3, si = self.meet(ray, camera, active)
         if settings.hide_emitters and not lights.only_points:
@@ -234,7 +236,8 @@ class Nodes:
         counts = mi.Bool(True)
         with dr.suspend_grad(when=self.attached):
             bs, weight = bsdf.sample(lobe, si, choice, sample, active)
-            # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their own.
+            # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their
+            # own.
             belongs = (bs.sampled_type & lobe.type_mask) != 0
             if self.facts.indivisible:
                 whole = active & is_whole(bsdf, active)
@@ -264,8 +267,10 @@ class Nodes:
 
     @staticmethod
     def sample_whole(lobe, si, bsdf, choice, sample, whole, others):
-        """``(bs, weight, belongs)``: ``others`` but for the lanes ``whole``, where all lobes of ``bsdf`` are sampled, and
-        ``belongs`` says whether the sample counts for ``lobe``."""
+        """``(bs, weight, belongs)``: ``others`` but for the lanes ``whole``, where all lobes of ``bsdf`` are sampled,
+        and
+        ``belongs`` says whether the sample counts for ``lobe``.
+        """
         if idle(whole):
             return others
         bs, weight = bsdf.sample(lobes.everything(), si, choice, sample, whole)

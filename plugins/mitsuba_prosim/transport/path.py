@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
+from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
-from .node import CHOICE, DIFFUSE, REFLECTED, ROULETTE, Nodes, Ray
+from .node import CHOICE, DIFFUSE, REFLECTED, ROULETTE, Node, Nodes, Ray
 from .walk import walk
 
 
@@ -27,11 +28,13 @@ class State:
     sampler: mi.Sampler | None
 
 
-def radiance(nodes: Nodes, camera, points, active, sampler=None):
+def radiance(
+    nodes: Nodes, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
+) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by one path: ``(L, hit)``; see :class:`.Transport`."""
     settings = nodes.settings
 
-    def step(state):
+    def step(state: State) -> State:
         ray = state.ray
         L, node = nodes.shade(ray, camera, points, state.active)
         hit = state.hit | (ray.level == 0) & node.surface
@@ -48,15 +51,20 @@ def radiance(nodes: Nodes, camera, points, active, sampler=None):
         following, going = roulette(nodes, following, going, eta, points.choice(nodes.space(ray.node, ROULETTE)))
         return State(state.L + L, hit, following, going, bounces, eta, state.sampler)
 
-    state = State(mi.Spectrum(0), mi.Bool(False), Ray.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler)
+    state = State(
+        mi.Spectrum(0), mi.Bool(False), Ray.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler
+    )
     return walk(nodes, step, state, camera)
 
 
-def one_of_two(nodes: Nodes, ray, node, points, surface, bounces):
+def one_of_two(
+    nodes: Nodes, ray: Ray, node: Node, points: NRook | SamplerPoints, surface: mi.Bool, bounces: mi.UInt32
+) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
     """Draws a specular and, up to ``diffuse_bounces``, a diffuse ray, and follows one of the two."""
     following, going, passed = nodes.follow(lobes.specular(), REFLECTED, ray, node, points, surface)
-    scattered, scatters, _ = nodes.follow(lobes.diffuse(), DIFFUSE, ray, node, points,
-                                          surface & (bounces < nodes.settings.diffuse_bounces))
+    scattered, scatters, _ = nodes.follow(
+        lobes.diffuse(), DIFFUSE, ray, node, points, surface & (bounces < nodes.settings.diffuse_bounces)
+    )
     # The sources were sampled in full for the diffuse component: what this ray meets is no source.
     scattered = replace(scattered, counts=mi.Bool(False))
     a = dr.select(going, dr.max(following.throughput), 0)
@@ -65,11 +73,15 @@ def one_of_two(nodes: Nodes, ray, node, points, surface, bounces):
     choose = points.choice(nodes.space(ray.node, CHOICE)) < p
     following = dr.select(choose, scattered, following)
     following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
-    return (following, dr.select(choose, scatters, going), dr.select(choose, 1, passed),
-            dr.select(choose, bounces + 1, bounces))
+    return (
+        following,
+        dr.select(choose, scatters, going),
+        dr.select(choose, 1, passed),
+        dr.select(choose, bounces + 1, bounces),
+    )
 
 
-def roulette(nodes: Nodes, ray, active, eta, sample):
+def roulette(nodes: Nodes, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
     """The ray and its lanes after Russian roulette, from level ``rr_depth`` on."""
     survival = dr.detach(dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95))
     plays = ray.level >= nodes.settings.rr_depth

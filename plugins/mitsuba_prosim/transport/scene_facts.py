@@ -37,7 +37,8 @@ class SceneFacts:
         lights, flags = Lights(scene), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)
-        alone, partners = lobes.everything(), ()
+        alone: mi.BSDFContext | None = lobes.everything()
+        partners: tuple[mi.BSDFContext, ...] = ()
         if settings.diffuse_bounces < 0:
             alone, partners = None, (lobes.everything(),)
         elif not lights.only_points and lobes.has_any(flags, "GlossyReflection", "GlossyTransmission"):
@@ -46,8 +47,15 @@ class SceneFacts:
                 partners = (lobes.reflected(),) * reflects + (lobes.refracted(),) * refracts
             else:
                 partners = (lobes.specular(),)
-        return cls(lights, reflects, refracts, lobes.has_any(flags, *lobes.BOTH_SIDES),
-                   settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)), alone, partners)
+        return cls(
+            lights,
+            reflects,
+            refracts,
+            lobes.has_any(flags, *lobes.BOTH_SIDES),
+            settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)),
+            alone,
+            partners,
+        )
 
 
 def scene_flags(scene: mi.Scene) -> int:

@@ -1,10 +1,14 @@
 """What a ray sees that leaves the scene."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
 
-def background_radiance(background, ray, si, active):
+def background_radiance(
+    background: mi.Texture, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool
+) -> mi.UnpolarizedSpectrum:
     """Radiance of the texture ``background`` in the direction of ``ray``; ``si``: what the ray has met, i.e. nothing.
 
     An image is looked up by latitude and longitude as Mitsuba's ``envmap`` has them: y is up, u = 0 towards +z.

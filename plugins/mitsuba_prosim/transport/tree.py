@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
+from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
 from .node import REFLECTED, REFRACTED, Nodes, Ray
 from .walk import walk
@@ -16,14 +17,18 @@ from .walk import walk
 @dataclass
 class Waiting:
     """Refracted rays that wait for their turn, depth first: one for each level, in registers (a local array would be
-    slower, and is not reliable in Dr.Jit 1.5)."""
+    slower, and is not reliable in Dr.Jit 1.5).
+    """
 
     rays: list[Ray]
     count: mi.UInt32
 
-    def turn(self, reflected, reflects, refracted, refracts, active):
-        """The ray that comes next and its lanes: the reflected one, while the refracted one waits; or the only one of the
-        two; or the last one that waits."""
+    def turn(
+        self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
+    ) -> tuple[Ray, mi.Bool, Waiting]:
+        """The ray that comes next and its lanes: the reflected one, while the refracted one waits; or the only one of
+        the two; or the last one that waits.
+        """
         following, going = dr.select(reflects, reflected, refracted), reflects | refracts
         if not self.rays:
             return following, going, self
@@ -49,13 +54,15 @@ class State:
     sampler: mi.Sampler | None
 
 
-def radiance(nodes: Nodes, camera, points, active, sampler=None):
+def radiance(
+    nodes: Nodes, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
+) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
     facts, max_level = nodes.facts, nodes.settings.max_level
     first = Ray.first(camera)
     waiting = Waiting([first] * ((max_level + 1) if facts.reflects and facts.refracts else 0), mi.UInt32(0))
 
-    def step(state):
+    def step(state: State) -> State:
         ray = state.ray
         L, node = nodes.shade(ray, camera, points, state.active)
         hit = state.hit | (ray.level == 0) & node.surface

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import drjit as dr
+import mitsuba as mi
 
 from .node import Nodes
 
 
-def walk(nodes: Nodes, step, state, camera, branches=False):
+def walk(
+    nodes: Nodes, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
+) -> tuple[mi.Spectrum, mi.Bool]:
     """Takes ``state`` from node to node by ``step`` and returns ``(L, hit)``, the state's fields.
 
     ``state``: a dataclass with at least ``L``, ``hit``, ``ray`` and ``active``; ``step`` makes the next one of it. Rays
@@ -21,9 +27,12 @@ def walk(nodes: Nodes, step, state, camera, branches=False):
     else:
         # A symbolic loop cannot be differentiated backwards, unless it is told how far it may go; Dr.Jit 1.5 then
         # generates wrong code for masks. Mitsuba's own integrators unroll theirs for the same reason.
-        state, = dr.while_loop(
-            (state,), lambda state: state.active & (state.ray.level <= max_level) if ends else state.active,
-            lambda state: (step(state),), mode="evaluated" if nodes.attached else None)
+        (state,) = dr.while_loop(
+            (state,),
+            lambda state: state.active & (state.ray.level <= max_level) if ends else state.active,
+            lambda state: (step(state),),
+            mode="evaluated" if nodes.attached else None,
+        )
     if ends and not lights.only_points:
         return state.L + nodes.end(state.ray, camera, state.active), state.hit
     return state.L, state.hit

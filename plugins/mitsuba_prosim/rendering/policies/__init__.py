@@ -10,7 +10,8 @@ A policy is made from a :class:`~mitsuba_prosim.rendering.plan.Plan` and a thres
     or None: which pixels of a wave end after their ``t``-th sample, the last of a pass;
 ``waves(estimate, x, y, size, band)``
     the waves after the first one, each as ``(where, begin, end)``: the samples ``begin`` .. ``end`` - 1 for the pixels
-    with the indices ``where``; ``begin`` starts a pass. It is resumed when a wave's samples have been added to ``estimate``.
+    with the indices ``where``; ``begin`` starts a pass. It is resumed when a wave's samples have been added to
+    ``estimate``.
 """
 
 from .neighbours import Neighbours

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from ..plan import Plan
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import mitsuba as mi
+
+from ..plan import Plan, Rectangle
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
 
 
 class Everything:
@@ -11,9 +19,11 @@ class Everything:
     reach = 0
     quiet = None
 
-    def __init__(self, plan: Plan, threshold: float):
+    def __init__(self, plan: Plan, threshold: float) -> None:
         self.first = plan.most
 
-    def waves(self, estimate, x, y, size, band):
+    def waves(
+        self, estimate: Estimate, x: mi.Int32, y: mi.Int32, size: list[mi.UInt32], band: Rectangle
+    ) -> Iterable[tuple[mi.UInt32, int, int]]:
         """No further waves."""
         return ()

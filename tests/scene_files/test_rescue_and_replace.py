@@ -39,10 +39,13 @@ def names(folder):
 
 def test_all_or_nothing(tmp_path):
     (tmp_path / "a").write_bytes(b"old")
-    with little_room(5), pytest.raises(OSError):
+    with little_room(5), pytest.raises(OSError, match="File too large"):
         writing.write({tmp_path / "a": b"new", tmp_path / "b": b"longer"})
     assert names(tmp_path) == ["a"] and (tmp_path / "a").read_bytes() == b"old"
-    assert writing.write({tmp_path / "a": b"new", tmp_path / "c" / "b": b"longer"}) == [tmp_path / "a", tmp_path / "c" / "b"]
+    assert writing.write({tmp_path / "a": b"new", tmp_path / "c" / "b": b"longer"}) == [
+        tmp_path / "a",
+        tmp_path / "c" / "b",
+    ]
     assert names(tmp_path) == ["a", "c"] and names(tmp_path / "c") == ["b"]
 
 
@@ -60,7 +63,9 @@ def test_check_finds_what_writing_would(tmp_path):
     (tmp_path / "file").touch()
     longest = os.pathconf(tmp_path, "PC_NAME_MAX")
     for path, says in [
-        (tmp_path / "folder", "folder"), (tmp_path / "file" / "a", "no folder"), (tmp_path / "new" / ("é" * 200), "bytes"),
+        (tmp_path / "folder", "folder"),
+        (tmp_path / "file" / "a", "no folder"),
+        (tmp_path / "new" / ("é" * 200), "bytes"),
         (tmp_path / ("a" * (longest + 1)), f"at most {longest} bytes"),
     ]:
         with pytest.raises(OSError, match=says):
@@ -107,8 +112,12 @@ def test_leftovers_of_killed_runs_are_removed(tmp_path, temporary):
             sys.stdin.readline()
             writing.write({Path(sys.argv[1], "image"): b"content"})
         """
-    with subprocess.Popen([sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                          env=os.environ | {"TMPDIR": str(temporary)}) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", code, tmp_path],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | {"TMPDIR": str(temporary)},
+    ) as process:
         folder = process.stdout.readline().decode().strip()
         os.utime(folder, (0, 0))
         with writing.scratch():
@@ -120,7 +129,7 @@ def test_leftovers_of_killed_runs_are_removed(tmp_path, temporary):
     assert len(parts) == 1
     with writing.scratch():
         writing.check([tmp_path / "image"], 10)
-    assert names(tmp_path) == parts + ["temporary"]  # it is new
+    assert names(tmp_path) == [*parts, "temporary"]  # it is new
     os.utime(tmp_path / parts[0], (0, 0))
     with writing.scratch() as own:
         writing.check([tmp_path / "image"], 10)

@@ -1,8 +1,10 @@
 """Errors and warnings that show the place in the scene's text."""
 
-import difflib
 from bisect import bisect_right
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
 
 CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
 
@@ -18,7 +20,7 @@ class SceneError(ValueError):
     text), ``reason``.
     """
 
-    def __init__(self, message, filename="", line=0, column=0, reason=""):
+    def __init__(self, message: str, filename: str = "", line: int = 0, column: int = 0, reason: str = "") -> None:
         super().__init__(message)
         self.filename, self.line, self.column, self.reason = filename, line, column, reason or message
 
@@ -34,57 +36,54 @@ class Place:
 class Source:
     """The text of a scene and its file name; turns offsets into lines, columns and messages."""
 
-    def __init__(self, text, filename):
+    def __init__(self, text: str, filename: str | PathLike[str]) -> None:
         self.text, self.filename = text, str(filename)
-        self._line_starts = None
 
-    def line_column(self, offset):
+    @cached_property
+    def line_starts(self) -> list[int]:
+        """Offsets at which the lines begin."""
+        return [0] + [i + 1 for i, c in enumerate(self.text) if c == "\n"]
+
+    def line_column(self, offset: int) -> tuple[int, int]:
         """Line and column, both from 1, of a character offset."""
-        if self._line_starts is None:
-            self._line_starts = [0]
-            self._line_starts += [i + 1 for i, c in enumerate(self.text) if c == "\n"]
-        line = bisect_right(self._line_starts, offset)
-        return line, offset - self._line_starts[line - 1] + 1
+        line = bisect_right(self.line_starts, offset)
+        return line, offset - self.line_starts[line - 1] + 1
 
-    def line(self, place):
+    def line(self, place: Place) -> int:
+        """The line, from 1, on which a place begins."""
         return self.line_column(place.start)[0]
 
-    def message(self, place, reason):
+    def message(self, place: Place, reason: str) -> str:
         """``file:line:column: reason`` and the source line with a caret under the place."""
         line, column = self.line_column(place.start)
-        start = self._line_starts[line - 1]
+        start = self.line_starts[line - 1]
         end = self.text.find("\n", place.start)
         end = len(self.text) if end < 0 else end
         # A long line is quoted around the place only.
         first = max(start, place.start - CLIP)
-        quoted = self.text[first:min(end, place.start + CLIP)]
+        quoted = self.text[first : min(end, place.start + CLIP)]
         quoted = "".join(c if c.isprintable() else " " for c in quoted)
         width = max(1, min(place.end, end, place.start + CLIP) - place.start)
         caret = " " * (place.start - first) + "^" + "~" * (width - 1)
         return f"{self.filename}:{line}:{column}: {reason}\n    {quoted}\n    {caret}"
 
-    def error(self, place, reason):
+    def error(self, place: Place, reason: str) -> SceneError:
+        """The error to raise about what stands at ``place``."""
         line, column = self.line_column(place.start)
         return SceneError(self.message(place, reason), self.filename, line, column, reason)
 
-    def warning(self, place, reason):
+    def warning(self, place: Place, reason: str) -> SceneWarning:
+        """The warning to emit about what stands at ``place``."""
         return SceneWarning(self.message(place, reason))
 
 
-def quote(text):
+def quote(text: str) -> str:
     """``'text'``, clipped where it is too long to print."""
     text = str(text)
-    return repr(text if len(text) <= CLIP else text[:CLIP - 3] + "...")
+    return repr(text if len(text) <= CLIP else text[: CLIP - 3] + "...")
 
 
-def listing(words, last="or"):
+def listing(words: Iterable[object], last: str = "or") -> str:
     """``A, B or C``."""
-    words = [str(word) for word in words]
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
-
-
-def nearest(word, words, cutoff=0.6):
-    """``; did you mean 'X'?`` for the known word nearest to ``word``, or nothing where none is near."""
-    folded = {w.lower(): w for w in words}
-    match = difflib.get_close_matches(str(word).lower()[:CLIP], folded, n=1, cutoff=cutoff)
-    return f"; did you mean {folded[match[0]]!r}?" if match else ""
+    texts = [str(word) for word in words]
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {last} {texts[-1]}"

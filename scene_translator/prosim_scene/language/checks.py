@@ -1,0 +1,113 @@
+"""What a scene needs as a whole, and what in it has no effect."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..model import GREY, Leaf, Surface, Vector
+from .document import Document
+from .hints import nearest
+from .messages import listing, quote
+from .names import ALIASES, BUILT_IN
+from .words import WORDS, canonical
+
+#: Below this, the intensity of a light, of AMBIENT or of BACKGROUND is most likely a mistake.
+DARK = 256
+
+
+def whole(document: Document) -> None:
+    """Raises the first SceneError about a scene, and emits its SceneWarnings."""
+    scene = document.scene
+    for i, light in enumerate(scene.lights):
+        _effects(document, light.distribution, f"{light.distribution.upper()} light", "LIGHT_PARAMETER", "lights", i)
+    for index, surface in scene.surfaces.items():
+        _surface(document, index, surface)
+    _leaves(document)
+    _unused(document)
+    _dark(document)
+
+
+def _effects(document: Document, kind: str, called: str, role: str, *owner: str | int) -> None:
+    """Warns of the given parameters that a kind of light or material does not know."""
+    rows = {word.name: word for word in WORDS if word.role == role or (word.role == "METAL" and role == "OPTIC")}
+    for path in document.places:
+        if path[:-1] == owner and (word := rows.get(str(path[-1]))) and word.of and kind not in word.of:
+            document.warn(f"has no effect on a {called}", *path)
+
+
+def _surface(document: Document, index: int, surface: Surface) -> None:
+    """What a material needs, and what has no meaning for it."""
+    path = "surfaces", index
+    kind = surface.material
+    if kind == "conductor":
+        if surface.metal and (surface.eta or surface.k):
+            raise document.error(
+                "a metal's name and n-refr or k-abs are given; expected one of the two", *path, "metal"
+            )
+        if not surface.metal and not (surface.eta and surface.k):
+            raise document.error("a condutor lacks its optics; expected n-refr and k-abs, or a metal's name", *path)
+    elif kind in ("dielectric", "composite") and not surface.eta:
+        raise document.error(f"a {canonical('MATERIAL_KIND', kind)} lacks its index; expected n-refr", *path)
+    elif kind == "composite" and surface.ks and max(map(sum, zip(surface.kd or GREY, surface.ks))) > 1 + 1e-6:
+        raise document.error("kd + ks is above 1 in a composto; expected s + d = 1 at most", *path)
+    called = {"conductor": "condutor", None: "surface without a material"}
+    _effects(document, kind or "phong", called.get(kind) or canonical("MATERIAL_KIND", str(kind)), "OPTIC", *path)
+
+
+def _leaves(document: Document) -> None:
+    """Indices and texture names that lead nowhere."""
+    scene = document.scene
+    for number, leaf in enumerate(scene.csg):
+        if not isinstance(leaf, Leaf):
+            continue
+        tables: tuple[tuple[Mapping[int, Any], str], ...] = (scene.surfaces, "SURFACE"), (scene.transforms, "TRANSFORM")
+        for table, keyword in tables:
+            if leaf.index not in table:
+                given = sorted(table)
+                known = f"; there are {listing(given[:20], 'and')}" if given else ""
+                raise document.error(
+                    f"{leaf.shape.upper()} {leaf.index} has no {keyword} {leaf.index}; "
+                    f"expected a statement {keyword} {leaf.index}{known}",
+                    "csg",
+                    number,
+                )
+        for slot, texture in enumerate(leaf.textures):
+            path = "csg", number, "textures", slot
+            if texture and texture.name and texture.name not in scene.patterns:
+                names = list(dict.fromkeys([*BUILT_IN, *scene.patterns]))
+                raise document.error(
+                    f"unknown texture {quote(texture.name)}; expected {listing(names[:20])}, an image file "
+                    f"or NULL{nearest(texture.name, [*names, *ALIASES])}",
+                    *path,
+                )
+            if slot == 1 and texture and texture.image:
+                raise document.error(
+                    "an image stands in the second texture slot, which is solid; expected it in the first", *path
+                )
+
+
+def _dark(document: Document) -> None:
+    """Warns of intensities that were meant as 1.0, or as 255."""
+    scene = document.scene
+    given: list[tuple[Vector, str, tuple[str | int, ...]]] = [
+        (light.intensity, "Intensity", ("lights", i, "intensity")) for i, light in enumerate(scene.lights)
+    ]
+    given.append((scene.ambient, "AMBIENT", ("ambient",)))
+    if scene.background.image is None:
+        given.append((scene.background.color, "BACKGROUND", ("background",)))
+    for color, word, path in given:
+        if 0 < max(color) < DARK:
+            document.warn(f"this {word} is all but dark: 65535 is 1.0", *path)
+
+
+def _unused(document: Document) -> None:
+    """What is given and never used, and what is missing."""
+    scene = document.scene
+    used = {node.index for node in scene.csg if isinstance(node, Leaf)}
+    for name, table in (("surfaces", scene.surfaces), ("transforms", scene.transforms)):
+        for index in table:
+            if index not in used:
+                document.warn("no primitive has this index", name, index)
+    if not scene.csg:
+        document.warn("the scene has no CSG-TREE: nothing but the background is seen", "csg")
+    if not scene.lights:
+        document.warn("the scene has no lights", "lights")

@@ -1,0 +1,42 @@
+"""A scene, and beside it where each of its values stands in the text."""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..model import Scene
+from .messages import Place, SceneError, Source
+
+#: The way to a value of the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
+Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Document:
+    """A scene, its text, and the places of its values by their paths in the model."""
+
+    scene: Scene
+    source: Source
+    places: Mapping[Path, Place]
+
+    def given(self, *path: str | int) -> bool:
+        """Whether the text gives this value, or it is a default."""
+        return path in self.places
+
+    def place(self, *path: str | int) -> Place:
+        """Where a value stands, or else what it belongs to; the beginning of the text if that is not given either."""
+        while path and path not in self.places:
+            path = path[:-1]
+        return self.places.get(path) or Place(0, 0)
+
+    def line(self, *path: str | int) -> int:
+        """The line of a value, from 1."""
+        return self.source.line(self.place(*path))
+
+    def error(self, reason: str, *path: str | int) -> SceneError:
+        """The error to raise about a value."""
+        return self.source.error(self.place(*path), reason)
+
+    def warn(self, reason: str, *path: str | int) -> None:
+        """Emits a :class:`SceneWarning` about a value."""
+        warnings.warn(self.source.warning(self.place(*path), reason), stacklevel=2)

@@ -1,0 +1,58 @@
+"""What to say of a word that the language does not have: its meaning in other languages, or a word that is near."""
+
+import difflib
+
+from .messages import CLIP
+from .words import WORDS, fold
+
+#: How the language says what other languages, and newcomers, say with other words.
+SAID = (
+    ("for glass: material dieletrico n-refr = 1.5",
+     "glass vidro water agua diamond diamante crystal cristal transparent"),
+    ("for a metal: material condutor and its name, such as ouro, prata, cobre, aluminio or cromo",
+     "mirror espelho steel aco iron ferro brass latao chrome cromado bronze metallic platinum platina"),
+    ("for a matt surface: material lambertiano kd = r g b; a texture such as t-fractal, or an image, goes after the "
+     "primitive; for metals: material condutor and the metal's name",
+     "wood madeira stone pedra marble marmore matte matt diffuse plaster gesso paper papel concrete"),
+    ("for a varnished surface: material composto kd = r g b n-refr = 1.5",
+     "plastic plastico paint tinta varnish verniz ceramic ceramica glossy"),
+    ("the camera is VIEW, with OBS, VRP and WINDOW", "camera lookat look-at sensor"),
+    ("the field of view follows from WINDOW and the distance from OBS to VRP", "fov zoom"),
+    ("colours are three numbers from 0 to 1, such as kd = 1 0 0",
+     "color colour cor rgb red green blue white black yellow grey gray vermelho verde azul branco preto amarelo cinza"),
+    ("for a box: CUBE", "box block caixa bloco"),
+    ("for a ball: SPHERE", "ball bola globe"),
+    ("for a plane: CUBE, made flat by SCALE", "plane plano floor chao ground wall parede"),
+    ("a union is +, before its operands", "union uniao"),
+    ("a difference is -, before its operands", "difference diferenca subtract"),
+    ("an intersection is *, before its operands", "intersection intersecao intersect"),
+    ("rotations are ROTATE-X, ROTATE-Y and ROTATE-Z", "rotate rotacao rotation"),
+    ("for a move: TRANSLATE (x y z)", "move translation"),
+    ("lights stand in LIGHTS, as AREA or POINT", "light luz lamp lampada sun sol emitter"),
+)  # fmt: skip
+HINTS = {word: said for said, words in SAID for word in words.split()}
+
+
+def hint(word: str) -> str:
+    """``; `` and how the language says what a word means elsewhere, or nothing."""
+    text = HINTS.get(fold(word))
+    return f"; {text}" if text else ""
+
+
+def nearest(word: str, words: list[str], cutoff: float = 0.7) -> str:
+    """``; did you mean 'X'?`` for the known word nearest to ``word``, or nothing where none is near.
+
+    Near are words that have most letters in common, in order, and short ones that have the same letters.
+    """
+    given = fold(word)[:CLIP]
+    folded = {fold(w): w for w in words}
+    near = difflib.get_close_matches(given, folded, n=1, cutoff=cutoff)
+    near += [w for w in folded if len(w) == len(given) > 2 and sorted(w) == sorted(given)]
+    return f"; did you mean {folded[near[0]]!r}?" if near else ""
+
+
+def meant(word: str, fitting: set[str]) -> str:
+    """A hint, or else the nearest word of the language, of the roles that fit before all others."""
+    known = [spelling for row in WORDS if row.role in fitting for spelling in row.spellings]
+    every = [spelling for row in WORDS for spelling in row.spellings]
+    return hint(word) or nearest(word, known) or nearest(word, every)

@@ -1,0 +1,169 @@
+"""Text -> tokens and remarks.
+
+The lexer is our own, because of the language's rule for parentheses (an argument directly after SCALE, TRANSLATE and
+ROTATE, a remark elsewhere) and because a word is a keyword only where the grammar has a place for that keyword.
+"""
+
+import re
+import warnings
+from collections.abc import Callable, Collection, Iterator
+
+from lark import Token
+
+from .messages import Place, SceneError, Source
+from .words import OPERATORS, ROLES, ROWS, STATEMENT_OF, STATEMENTS, fold
+
+PIECE = re.compile(
+    r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>\))|(?P<string>"[^"\n]*"?)'
+    r'|(?P<equals>[:=])|(?P<operator>[*+-](?![\d.]|inf|nan))|(?P<word>[^\s()#":=]+)',
+    re.IGNORECASE,
+)
+PARENTHESIS = re.compile(r"[()]")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
+
+
+def lex(source: Source, accepted: Callable[[], Collection[str]]) -> Iterator[Token]:
+    """Tokens and remarks of a text in order, up to END and what follows it.
+
+    Tokens have the terminals of the grammar as types, remarks have REMARK, and what else follows END is one REST.
+    ``accepted()`` says which terminals have a place where the parser stands: each token has to be given to it before
+    the next one is asked for. Raises SceneError for marks that are not closed and the like.
+    """
+    return _Lexer(source, accepted).tokens()
+
+
+class _Lexer:
+    """A text, and how far it has been read."""
+
+    def __init__(self, source: Source, accepted: Callable[[], Collection[str]]) -> None:
+        self.source, self.accepted = source, accepted
+        self.position = 0
+        self.previous: Token | None = None
+        self.statement = ""  # the role of the last word that began one
+        self.open_argument: Token | None = None  # the parenthesis of SCALE, ROTATE or TRANSLATE
+
+    def tokens(self) -> Iterator[Token]:
+        """What :func:`lex` gives."""
+        while self.position < len(self.source.text):
+            token = self.next()
+            if token is None:
+                continue
+            ends = token.type == "END" and "END" in self.accepted()
+            yield token
+            if token.type != "REMARK":
+                self.previous = token
+            if ends:
+                break
+        if self.open_argument:
+            raise self.source.error(place(self.open_argument), "this '(' is not closed")
+        if self.previous is not None and self.previous.type == "END":
+            yield from _after_end(self.source, self.position)
+
+    def next(self) -> Token | None:
+        """The next token or remark; None for what only separates words."""
+        kind, start, self.position = _piece(self.source.text, self.position)
+        piece = self.source.text[start : self.position]
+        if kind == "space":
+            return None
+        if kind in ("open", "remark"):
+            return self.parenthesis(start) if kind == "open" else _token("REMARK", piece, start)
+        if kind == "close":
+            if not self.open_argument:
+                raise self.source.error(Place(start, self.position), "found ')' without its '('")
+            self.open_argument = None
+            return _token("RPAR", piece, start)
+        if kind == "equals":
+            if self.previous is None or self.previous.type not in ROLES:
+                raise self.source.error(
+                    Place(start, self.position), f"found {piece!r}, which may only follow a keyword"
+                )
+            return None
+        if kind == "string":
+            if len(piece) < 2 or piece[-1] != '"':
+                raise self.source.error(Place(start, self.position), "this quote is not closed on its line")
+            return _token("STRING", piece[1:-1], start, self.position)
+        return _token(OPERATORS[piece], piece, start) if kind == "operator" else self.word(piece, start)
+
+    def parenthesis(self, start: int) -> Token:
+        """An argument directly after SCALE, ROTATE or TRANSLATE, a remark elsewhere."""
+        if "LPAR" in self.accepted():
+            self.open_argument = _token("LPAR", "(", start)
+            return self.open_argument
+        self.position = _end_of_remark(self.source, start)
+        return _token("REMARK", self.source.text[start : self.position], start)
+
+    def word(self, word: str, start: int) -> Token:
+        """A word by what fits where it stands."""
+        token = _token(_type(word, self.accepted(), self.statement), word, start)
+        if token.type in STATEMENTS:
+            self.statement = token.type
+        return token
+
+
+def place(token: Token) -> Place:
+    """Where a token stands."""
+    assert token.start_pos is not None and token.end_pos is not None
+    return Place(token.start_pos, token.end_pos)
+
+
+def _token(kind: str, value: str, start: int, end: int | None = None) -> Token:
+    return Token(kind, value, start, end_pos=start + len(value) if end is None else end)
+
+
+def _piece(text: str, position: int) -> tuple[str, int, int]:
+    match = PIECE.match(text, position)
+    assert match is not None and match.lastgroup is not None  # the last alternatives leave out no character
+    return match.lastgroup, position, match.end()
+
+
+def _end_of_remark(source: Source, start: int) -> int:
+    depth = 0
+    for match in PARENTHESIS.finditer(source.text, start):
+        depth += 1 if match[0] == "(" else -1
+        if depth == 0:
+            return match.end()
+    raise source.error(Place(start, start + 1), "this remark is not closed; expected ')'")
+
+
+def _after_end(source: Source, position: int) -> Iterator[Token]:
+    """The remarks after END; from anything else on, the rest of the text."""
+    text = source.text
+    while position < len(text):
+        kind, start, position = _piece(text, position)
+        stop: int | None = position
+        if kind == "open":
+            try:
+                stop = _end_of_remark(source, start)
+            except SceneError:
+                stop = None
+        elif kind not in ("space", "remark"):
+            stop = None
+        if stop is None:
+            warnings.warn(source.warning(Place(start, position), "what follows END is ignored"), stacklevel=2)
+            yield _token("REST", text[start:], start)
+            return
+        if kind != "space":
+            yield _token("REMARK", text[start:stop], start)
+        position = stop
+
+
+def _type(word: str, accepted: Collection[str], statement: str) -> str:
+    """The terminal of a word: a number, the keyword that fits here, a name, or else whatever explains it best.
+
+    The parser's table may accept, at the end of a list of numbers, what has its place in another statement: a word of
+    the present one goes before.
+    """
+    if NUMBER.fullmatch(word):
+        return "NUMBER"
+    folded = fold(word)
+    roles = [row.role for row in ROWS.get(folded, ())]
+    fitting = [role for role in roles if role in accepted]
+    if fitting:
+        return next((role for role in fitting if STATEMENT_OF.get(role) == statement), fitting[0])
+    if folded.startswith("t-") and "TEXTURE_NAME" in accepted:
+        return "TEXTURE_NAME"
+    if "FILE" in accepted and "." in word and any(c.isalpha() for c in word):
+        return "FILE"
+    if "WORD" in accepted:
+        return "WORD"
+    return roles[0] if roles else "WORD"

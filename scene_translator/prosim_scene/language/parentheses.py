@@ -1,0 +1,39 @@
+"""Trees that are written with parentheses, as in other languages: here these are remarks."""
+
+import re
+import warnings
+
+from lark import Token, Tree
+
+from .lexer import place
+from .messages import Source
+from .words import STATEMENTS, of_role
+
+SOLID = "(?:" + "|".join(spelling for row in of_role("PRIMITIVE") for spelling in row.spellings) + r")\s+\d+"
+PREFIX = re.compile(SOLID, re.IGNORECASE)
+INFIX = re.compile(rf"{SOLID}[^()+*-]*\)*\s*[+*-]\s*\(*\s*{SOLID}", re.IGNORECASE)
+EXPLAINED = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are remarks"
+
+
+def judge(source: Source, pieces: list[Token], tree: Tree[Token]) -> None:
+    """Raises or warns where remarks in CSG-TREE hold what looks like the tree."""
+    remarks = in_tree(pieces)
+    empty = any(len(csg.children) == 1 for csg in tree.find_data("csg"))
+    for remark in remarks:
+        if empty and PREFIX.search(remark):
+            raise source.error(place(remark), f"the tree stands in a remark: {EXPLAINED}")
+        if INFIX.search(remark):
+            warnings.warn(
+                source.warning(place(remark), f"this remark reads like a part of the tree: {EXPLAINED}"), stacklevel=2
+            )
+
+
+def in_tree(pieces: list[Token]) -> list[Token]:
+    """The remarks in parentheses within CSG-TREE that name a primitive and its index."""
+    remarks, inside = [], False
+    for piece in pieces:
+        if piece.type in STATEMENTS:
+            inside = piece.type == "CSG_TREE"
+        elif inside and piece.type == "REMARK" and piece.startswith("(") and PREFIX.search(piece):
+            remarks.append(piece)
+    return remarks

@@ -1,0 +1,73 @@
+"""Tokens -> lark's tree, and what is said of a token that has no place where it stands.
+
+The parser is lark's LALR with grammar.lark. It keeps its own stack, so that no input can exhaust Python's.
+"""
+
+from functools import cache
+from pathlib import Path
+
+from lark import Lark, Token, Tree, UnexpectedToken
+
+from . import lexer
+from .hints import meant
+from .messages import Place, SceneError, Source, listing, quote
+from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, meanings
+
+#: The order in which a message lists what it expected.
+ORDER = ("NUMBER", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
+
+
+@cache
+def _parser() -> Lark:
+    grammar = Path(__file__).with_name("grammar.lark").read_text(encoding="utf-8")
+    return Lark(grammar, parser="lalr")
+
+
+def tokens_and_tree(source: Source) -> tuple[list[Token], Tree[Token]]:
+    """All pieces of the text in order (tokens and remarks), and lark's tree; raises SceneError."""
+    parser = _parser().parse_interactive()
+    pieces: list[Token] = []
+    try:
+        for piece in lexer.lex(source, parser.choices):
+            pieces.append(piece)
+            if piece.type not in ("REMARK", "REST"):
+                parser.feed_token(piece)
+        tree: Tree[Token] = parser.feed_eof()
+    except UnexpectedToken as error:
+        raise _syntax_error(source, error.token, parser.accepts(), pieces) from None
+    return pieces, tree
+
+
+def _syntax_error(source: Source, token: Token, expected: set[str], pieces: list[Token]) -> SceneError:
+    inner = [role for role in ORDER if role in expected and role not in STATEMENTS]
+    names = [name for role in inner for name in meanings(role)]
+    if expected & STATEMENTS:
+        names.append("the next statement" if inner else "END" if expected == {"END"} else "a statement")
+    if token.type == "$END":
+        tokens = [p for p in pieces if p.type != "REMARK"]
+        place = lexer.place(tokens[-1]) if tokens else Place(0, 0)
+        if "END" in expected:
+            return source.error(place, "the file ends here and END is missing; expected END as the last statement")
+        return source.error(place, f"the file ends after this; expected {listing(names)}")
+    place = lexer.place(token)
+    if token.type == "WORD" and "NUMBER" in expected:
+        if fold(token.lstrip("+-")) in ("nan", "inf", "infinity"):
+            return source.error(place, f"found {quote(token)}; expected a finite number")
+        if token[0] in "0123456789.+-":
+            return source.error(place, f"found {quote(token)}, which is not a number")
+    if token.type == "WORD":
+        return source.error(place, f"unknown word {quote(token)}; expected {listing(names)}{meant(token, expected)}")
+    owner = STATEMENT_OF.get(token.type)
+    if owner and owner != _statement(pieces):
+        owner = canonical(owner)
+        return source.error(
+            place, f"found {quote(token)}, a word of {owner}; expected it after {owner}, before any other statement"
+        )
+    if token.type in ROLES and token.type not in STATEMENTS and "NUMBER" not in expected:
+        return source.error(place, f"found {quote(token)}, which has no place here; expected {listing(names)}")
+    return source.error(place, f"found {quote(token)}; expected {listing(names)}")
+
+
+def _statement(pieces: list[Token]) -> str:
+    """The role of the last word that began a statement."""
+    return next((piece.type for piece in reversed(pieces) if piece.type in STATEMENTS), "")

@@ -1,0 +1,275 @@
+"""The words of the language: one table, in which each word has its row.
+
+A row says what the grammar takes the word for (its *role*, a terminal of ``grammar.lark``), how it may be spelled, what
+the model calls it, and which numbers follow it. Case and accents do not matter; both languages are accepted anywhere,
+also mixed. A word of several roles has a row for each, and the one counts that the grammar has a place for.
+"""
+
+import unicodedata
+from dataclasses import dataclass
+
+from lark import Token
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers that follow a word: how many, what they are called in messages, and where they lie."""
+
+    count: int = 1
+    what: str = ""
+    low: float = 0
+    high: float = 1
+    whole: bool = False
+    channels: bool = False  #: r g b, or one for all channels
+    direction: bool = False  #: a vector that may not have length 0
+    least: float = 0  #: smaller magnitudes are refused, but for 0
+    nonzero: bool = False  #: and 0 too
+    unit: str = ""
+
+    def bounds(self) -> str:
+        """What is allowed, in words."""
+        kind = ("a whole number" if self.whole else "") + (f" of {self.unit}" if self.unit else "")
+        magnitude = "a magnitude of " if self.low < 0 else ""
+        low = max(self.low, self.least)
+        least = f"{low:g} or more, " if low > 0 or not magnitude else ""
+        zero = "0, or " if self.least and not self.nonzero else ""
+        return f"{zero}{kind}{', ' * bool(kind)}{magnitude}{least}{self.high:.10g} at most"
+
+    def allow(self, value: float) -> bool:
+        """Whether a number is in the range."""
+        return (
+            self.low <= value <= self.high
+            and (abs(value) >= self.least or value == 0)
+            and (value != 0 or not self.nonzero)
+            and (value == int(value) or not self.whole)
+        )
+
+
+@dataclass(frozen=True)
+class Flags:
+    """The TRUE or FALSE that follow a word."""
+
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class Word:
+    """A row of the table.
+
+    ``name`` is the field of the model that the word sets, or the value that it stands for; ``of`` are the kinds of
+    lights, materials or patterns that know the word (empty: all).
+    """
+
+    role: str
+    spellings: tuple[str, ...]
+    name: str = ""
+    takes: Numbers | Flags | None = None
+    of: tuple[str, ...] = ()
+
+    @property
+    def canonical(self) -> str:
+        """The spelling that messages and the formatter use."""
+        return self.spellings[0]
+
+
+def _word(role: str, spellings: str, name: str = "", takes: Numbers | Flags | None = None, of: str = "") -> Word:
+    return Word(role, tuple(spellings.split()), name, takes, tuple(of.split()))
+
+
+#: Lengths go from 1 / LARGE to LARGE: their squares have to be numbers of single precision, which is Mitsuba's.
+LARGE = 1e15
+#: The most pixels that an image has.
+PIXELS = 2**28
+
+INDEX = Numbers(1, "its index", 0, 2**31 - 1, whole=True)
+POINT = Numbers(3, "x y z", -LARGE, LARGE)
+DIRECTION = Numbers(3, "x y z", -LARGE, LARGE, direction=True)
+DEGREES = Numbers(1, "degrees", -1e9, 1e9)
+INTENSITY = Numbers(3, "r g b", 0, 1e15)
+COLOR = Numbers(3, "r g b", 0, 1e6, channels=True)
+REFLECTANCE = Numbers(3, "r g b", 0, 1, channels=True)
+INDEX_OF_REFRACTION = (1e-3, 1e3)
+FRACTION = Numbers(1, "a fraction", 0, 1)
+LENGTH = Numbers(1, "a length", 1e-6, 1e6)
+
+ROUGH = "conductor dielectric composite phong"  # "phong": no material is given
+
+WORDS = (
+    # statements
+    _word("NAME", "NAME NOME", "name"),
+    _word("SETTING", "SAVE-RGB SALVA-RGB", "channels", Flags(3)),
+    _word("SETTING", "MAX-LEVEL NIVEL-MAX NIVEL-MAXIMO", "max_level", Numbers(1, "a level", 0, 24, whole=True)),
+    _word("SETTING", "NSAMPLES NAMOSTRAS", "samples", Numbers(1, "the number N", 1, 1000, whole=True)),
+    _word("SETTING", "DO-SHADOW SHADOW SOMBRA SOMBRAS", "shadows", Flags()),
+    _word("SETTING", "AIR-INDEX INDICE-AR", "air_index", Numbers(1, "the index of refraction", *INDEX_OF_REFRACTION)),
+    _word("SETTING", "AMBIENT AMBIENTE", "ambient", INTENSITY),
+    _word("LIGHTS", "LIGHTS LUZES FONTES", "lights"),
+    _word("BACKGROUND", "BACKGROUND FUNDO", "background", INTENSITY),
+    _word("VIEW", "VIEW VISTA", "view"),
+    _word("CSG_TREE", "CSG-TREE ARVORE-CSG CSG", "csg"),
+    _word("SURFACE", "SURFACE SUPERFICIE", "surfaces", INDEX),
+    _word("TRANSFORM", "TRANSFORM TRANSFORMACAO", "transforms", INDEX),
+    _word("TEXTURE", "TEXTURE TEXTURA", "patterns"),
+    _word("END", "END FIM"),
+    # lights
+    _word("LIGHT", "AREA EXTENSA", "area"),
+    _word("LIGHT", "POINT PONTO PONTUAL", "point"),
+    _word("LIGHT_PARAMETER", "position posicao", "position", POINT),
+    _word("LIGHT_PARAMETER", "Intensity intensidade", "intensity", INTENSITY),
+    _word("LIGHT_PARAMETER", "raio radius", "radius", Numbers(1, "the radius", 1 / LARGE, LARGE)),
+    _word("LIGHT_PARAMETER", "direction direcao", "direction", DIRECTION, "cone spot"),
+    _word("LIGHT_PARAMETER", "angle angulo", "angle", Numbers(1, "degrees", 0.05, 180), "cone spot"),
+    _word("LIGHT_PARAMETER", "exponent expoente", "exponent", Numbers(1, "n", 0, 1e6), "spot"),
+    _word("DISTRIBUTION", "UNIFORM UNIFORME", "uniform"),
+    _word("DISTRIBUTION", "CONE", "cone"),
+    _word("DISTRIBUTION", "SPOT", "spot"),
+    # view
+    _word(
+        "VIEW_PARAMETER",
+        "RESOLUTION RESOLUCAO",
+        "resolution",
+        Numbers(2, "width height", 1, 65536, whole=True, unit="pixels"),
+    ),
+    _word("VIEW_PARAMETER", "WINDOW JANELA", "window", Numbers(4, "umin vmin umax vmax", -LARGE, LARGE)),
+    _word("VIEW_PARAMETER", "OBS OBSERVER OBSERVADOR EYE OLHO", "eye", POINT),
+    _word("VIEW_PARAMETER", "VPN", "vpn", POINT),
+    _word("VRP", "VRP", "vrp", POINT),
+    _word("VIEW_PARAMETER", "VUP", "vup", POINT),
+    # the tree
+    _word("PRIMITIVE", "CUBE CUBO", "cube", INDEX),
+    _word("PRIMITIVE", "SPHERE ESFERA", "sphere", INDEX),
+    _word("PRIMITIVE", "CYLINDER CILINDRO", "cylinder", INDEX),
+    _word("PRIMITIVE", "CONE", "cone", INDEX),
+    # surfaces
+    _word("MATERIAL", "material", "material"),
+    _word("CONDUCTOR", "condutor conductor", "conductor"),
+    _word("MATERIAL_KIND", "dieletrico dielectric", "dielectric"),
+    _word("MATERIAL_KIND", "lambertiano lambertian", "lambertian"),
+    _word("MATERIAL_KIND", "composto composite", "composite"),
+    _word("METAL", "metal", "metal", of="conductor"),
+    _word("OPTIC", "ka", "ka", COLOR),
+    _word("OPTIC", "kd", "kd", REFLECTANCE, "lambertian composite phong"),
+    _word("OPTIC", "ks", "ks", REFLECTANCE, "composite phong"),
+    _word(
+        "OPTIC",
+        "n-refr n-refraction",
+        "eta",
+        Numbers(3, "r g b", *INDEX_OF_REFRACTION, channels=True),
+        "conductor dielectric composite",
+    ),
+    _word(
+        "OPTIC", "k-abs k-absorption", "k", Numbers(3, "r g b", 0, INDEX_OF_REFRACTION[1], channels=True), "conductor"
+    ),
+    _word("OPTIC", "n", "exponent", Numbers(1, "n", 0, 1e6), ROUGH),
+    _word("OPTIC", "rug rugosidade roughness", "exponent", Numbers(1, "a Phong exponent", 0, 1e6), ROUGH),
+    _word("OPTIC", "m", "slope", Numbers(1, "the RMS slope", 0, 1e3, least=1e-4), ROUGH),
+    # transforms
+    _word("STEP", "SCALE ESCALA", "scale", Numbers(3, "x y z", -LARGE, LARGE, least=1 / LARGE, nonzero=True)),
+    _word("STEP", "ROTATE-X ROTACAO-X GIRA-X", "rotate-x", DEGREES),
+    _word("STEP", "ROTATE-Y ROTACAO-Y GIRA-Y", "rotate-y", DEGREES),
+    _word("STEP", "ROTATE-Z ROTACAO-Z GIRA-Z", "rotate-z", DEGREES),
+    _word("STEP", "TRANSLATE TRANSLACAO TRANSLADA", "translate", POINT),
+    # textures
+    _word("KIND", "brick tijolo", "brick"),
+    _word("KIND", "stripes listra listras", "stripes"),
+    _word("KIND", "fractal", "fractal"),
+    _word("PARAMETER", "brick tijolo", "brick", COLOR, "brick"),
+    _word("PARAMETER", "mortar argamassa", "mortar", COLOR, "brick"),
+    _word("PARAMETER", "brick-width largura-tijolo", "brick_width", LENGTH, "brick"),
+    _word("PARAMETER", "brick-height altura-tijolo", "brick_height", LENGTH, "brick"),
+    _word("PARAMETER", "mortar-width largura-argamassa", "mortar_width", Numbers(1, "a length", 0, 1e6), "brick"),
+    _word("PARAMETER", "stagger defasagem", "stagger", FRACTION, "brick"),
+    _word("PARAMETER", "color0 cor0", "color0", COLOR, "stripes fractal"),
+    _word("PARAMETER", "color1 cor1", "color1", COLOR, "stripes fractal"),
+    _word("PARAMETER", "frequency frequencia", "frequency", Numbers(1, "pairs a unit", 1e-6, 1e6), "stripes"),
+    _word("PARAMETER", "duty razao", "duty", FRACTION, "stripes"),
+    _word("PARAMETER", "axis eixo", "axis", DIRECTION, "stripes"),
+    _word("PARAMETER", "scale escala", "scale", Numbers(1, "a frequency", 1e-6, 1e6), "fractal"),
+    _word("PARAMETER", "octaves oitavas", "octaves", Numbers(1, "a number", 1, 16, whole=True), "fractal"),
+    _word("PARAMETER", "gain ganho", "gain", Numbers(1, "a factor", 0, 1e6), "fractal"),
+    _word("PARAMETER", "lacunarity lacunaridade", "lacunarity", Numbers(1, "a factor", 1e-6, 1e6), "fractal"),
+    _word("PARAMETER", "seed semente", "seed", Numbers(1, "a number", 0, 2**31 - 1, whole=True), "fractal"),
+    # values
+    _word("BOOL", "TRUE VERDADEIRO SIM YES", "true"),
+    _word("BOOL", "FALSE FALSO NAO NO", "false"),
+    _word("NULL", "NULL NULO NENHUM NENHUMA NONE"),
+)
+
+#: What terminals that are no words are called in messages, and BOOL, whose words are too many.
+MEANINGS = {
+    "NUMBER": "a number",
+    "WORD": "a word",
+    "STRING": "a quoted string",
+    "FILE": "a file name",
+    "TEXTURE_NAME": "a texture's name (t-...)",
+    "PLUS": "+",
+    "MINUS": "-",
+    "TIMES": "*",
+    "LPAR": "(",
+    "RPAR": ")",
+    "BOOL": "TRUE or FALSE",
+}
+OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
+#: The roles that begin a statement.
+STATEMENTS = frozenset(
+    ("NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END")
+)
+#: The statement that the words of other roles belong to.
+STATEMENT_OF = {
+    "LIGHT": "LIGHTS",
+    "LIGHT_PARAMETER": "LIGHTS",
+    "DISTRIBUTION": "LIGHTS",
+    "VIEW_PARAMETER": "VIEW",
+    "VRP": "VIEW",
+    "PRIMITIVE": "CSG_TREE",
+    "MATERIAL": "SURFACE",
+    "CONDUCTOR": "SURFACE",
+    "MATERIAL_KIND": "SURFACE",
+    "METAL": "SURFACE",
+    "OPTIC": "SURFACE",
+    "STEP": "TRANSFORM",
+    "KIND": "TEXTURE",
+    "PARAMETER": "TEXTURE",
+}
+ROLES = tuple(dict.fromkeys(word.role for word in WORDS))
+
+
+def fold(word: str) -> str:
+    """Lower case without accents: the form in which words are compared."""
+    if word.isascii():
+        return word.lower()
+    return "".join(c for c in unicodedata.normalize("NFKD", word) if not unicodedata.combining(c)).lower()
+
+
+#: The rows of each folded spelling, in the order of the table.
+ROWS: dict[str, list[Word]] = {}
+for _row in WORDS:
+    for _spelling in _row.spellings:
+        ROWS.setdefault(fold(_spelling), []).append(_row)
+
+
+def row(token: Token) -> Word:
+    """The row of a keyword's token."""
+    return next(word for word in ROWS[fold(token)] if word.role == token.type)
+
+
+def of_role(role: str) -> list[Word]:
+    """The rows of a role."""
+    return [word for word in WORDS if word.role == role]
+
+
+def numbers(role: str, name: str) -> Numbers:
+    """The numbers that the model's ``name`` takes."""
+    takes = next(word.takes for word in WORDS if (word.role, word.name) == (role, name))
+    assert isinstance(takes, Numbers)
+    return takes
+
+
+def canonical(role: str, name: str = "") -> str:
+    """The canonical spelling of what the model calls ``name``; of the first word of the role, if no name is given."""
+    return next(word.canonical for word in WORDS if word.role == role and name in ("", word.name))
+
+
+def meanings(role: str) -> list[str]:
+    """What may stand where the grammar expects ``role``, in messages."""
+    return [MEANINGS[role]] if role in MEANINGS else [word.canonical for word in of_role(role)]

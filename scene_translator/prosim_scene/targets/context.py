@@ -1,0 +1,63 @@
+"""What the functions of a target know of the translation."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..language.document import Document
+from ..language.messages import quote
+from ..model import Scene
+
+
+@dataclass(frozen=True)
+class Context:
+    """A document on its way to Mitsuba: the options that the targets ask for, and what has been said so far.
+
+    ``folder`` is that of the scene, where its images are; ``image_path`` makes of such an image's path what stands in
+    the result.
+    """
+
+    document: Document
+    folder: Path
+    light_units: str
+    samples: int
+    allow_outside: bool
+    image_path: Callable[[Path], str]
+    said: set[str] = field(default_factory=set)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene itself."""
+        return self.document.scene
+
+    def approximate(self, reason: str, *path: str | int) -> None:
+        """Says once, by a SceneWarning, what could not be said exactly."""
+        if reason not in self.said:
+            self.said.add(reason)
+            warnings.warn(self.document.source.warning(self.document.place(*path), reason), stacklevel=2)
+
+    def image(self, name: str, *path: str | int) -> str:
+        """What stands in the result for an image file, which has to lie in the scene's folder or below."""
+        error = self.document.error
+        if not name:
+            raise error("this file name is empty; expected an image file", *path)
+        try:
+            full = (self.folder / name.replace("\\", "/")).resolve()
+            exists = full.is_file()
+        except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
+            raise error(
+                f"the image {quote(name)} cannot be a file: {getattr(reason, 'strerror', None) or reason}", *path
+            ) from None
+        if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
+            raise error(
+                f"the image {quote(name)} lies outside the scene's folder; expected a path in it, or the option that "
+                "allows others: --allow-outside, allow_outside=True in Python",
+                *path,
+            )
+        if not exists:
+            raise error(f"the image {quote(name)} does not exist in the scene's folder", *path)
+        try:
+            return self.image_path(full)
+        except ValueError as reason:
+            raise error(str(reason), *path) from None

@@ -1,0 +1,98 @@
+"""LIGHTS, AMBIENT and BACKGROUND: 65535 is 1.0.
+
+``light_units`` says what Intensity means; E is Intensity/65535, d the distance from the source to VRP, r its radius:
+
+``calibrated``
+    E is the irradiance on a surface that faces the source at the distance of VRP, on the axis of a cone or a spot:
+    I = E d^2 for a point, L = E d^2/(pi r^2) for a sphere that shines uniformly. Otherwise L is E over the integral of
+    the sphere's falloff times the cosine, over the solid angle in which the sphere is seen.
+``radiance``
+    E is the radiance itself; I = pi r^2 E for a point, whose radius is virtual (5.2).
+``unattenuated``
+    E is the irradiance at any distance.
+"""
+
+import math
+
+from ..model import Light, Vector
+from ..nodes import Node, Point, rgb
+from .context import Context
+
+FULL_SCALE = 65535
+UNITS = ("calibrated", "radiance", "unattenuated")
+
+
+def radiometric(color: Vector) -> tuple[float, ...]:
+    """Intensities of the language in units of 1.0."""
+    return tuple(c / FULL_SCALE for c in color)
+
+
+def quantity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
+    """Radiance of an area light, intensity of a point light."""
+    factor = 1.0
+    if units == "calibrated":
+        d = math.dist(light.position, context.scene.view.vrp)
+        if d <= (light.radius if light.kind == "area" else 0):
+            raise context.document.error(
+                "this light stands at VRP, where light units 'calibrated' measure its irradiance; "
+                "expected another place, or other light units",
+                "lights",
+                number,
+            )
+        factor = d * d if light.kind == "point" else 1 / facing_irradiance(light, d)
+    elif light.kind == "point" and units == "radiance":
+        factor = math.pi * light.radius * light.radius
+    return tuple(factor * c for c in radiometric(light.intensity))
+
+
+def facing_irradiance(light: Light, d: float) -> float:
+    """Irradiance on a surface that faces a sphere of radiance 1 at distance ``d`` from its centre, on its axis.
+
+    The ray to the surface that makes the angle t with the axis carries cos^n t, so that the irradiance is the integral
+    of 2 pi cos^(n+1) t sin t dt over the sphere, or where it is narrower over the cone of the light.
+    """
+    n = light.exponent if light.distribution == "spot" else 0.0
+    sine2 = (light.radius / d) ** 2
+    if light.angle is not None and light.angle < 90:
+        sine2 = min(sine2, math.sin(math.radians(light.angle)) ** 2)
+    return -2 * math.pi * math.expm1((n + 2) / 2 * math.log1p(-sine2)) / (n + 2)
+
+
+def warn_of_radius(context: Context, number: int, light: Light) -> None:
+    """Warns of the virtual radius of a point where it has no effect."""
+    if (
+        light.kind == "point"
+        and context.light_units != "radiance"
+        and context.document.given("lights", number, "radius")
+    ):
+        context.document.warn(
+            "has no effect on a POINT light, but with light units 'radiance'", "lights", number, "radius"
+        )
+
+
+def emitter(context: Context, number: int, light: Light, units: str) -> Node:
+    """An emitter of this project's, or for an area light the sphere that bears it."""
+    node: Node = {"type": "prosim_" + light.kind}
+    if light.kind == "point":
+        node["position"] = Point(light.position)
+    node["radiance" if light.kind == "area" else "intensity"] = rgb(quantity(context, number, light, units))
+    if light.distribution != "uniform":
+        node |= {"distribution": light.distribution, "direction": list(light.direction)}
+        if light.angle is not None:
+            node["angle"] = min(light.angle, 90.0) if light.distribution == "spot" else light.angle
+        if light.distribution == "spot":
+            node["exponent"] = light.exponent
+    if units == "unattenuated":
+        node["unattenuated"] = True
+    return sphere(light, node) if light.kind == "area" else node
+
+
+def sphere(light: Light, emitter: Node) -> Node:
+    """The body of an area light: it emits, and reflects nothing."""
+    return {
+        "type": "sphere",
+        "center": Point(light.position),
+        "radius": light.radius,
+        "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))},
+        "emitter": emitter,
+    }

@@ -1,0 +1,1 @@
+"""Files: scenes as XML, meshes as PLY."""

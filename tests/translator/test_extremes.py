@@ -1,0 +1,138 @@
+"""Numbers and names at the edge of what Mitsuba and its files can hold: errors that name the place, or sound files."""
+
+import os
+import sys
+import xml.etree.ElementTree as ET
+
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+import pytest
+from prosim_scene import SceneError
+
+SOLID = "CSG-TREE SPHERE 0 SURFACE 0 {surface} TRANSFORM 0 {transform}"
+
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning", "error::RuntimeWarning")
+
+
+def solid(surface="", transform="", rest=""):
+    return f"{rest}\n{SOLID.format(surface=surface, transform=transform)}\nEND\n"
+
+
+BEYOND = {
+    "a tiny light": "LIGHTS AREA position 0 0 5 raio 1e-170 END",
+    "a huge light": "LIGHTS AREA position 0 0 5 raio 1e200 END",
+    "a light that shines too much": "LIGHTS AREA position 0 0 5 Intensity 1e15 0 0 raio 1e-9 END",
+    "a narrow cone": "LIGHTS AREA position 0 0 5 CONE angle 1e-30 END",
+    "a light far away": "LIGHTS POINT position 0 1e200 0 END",
+    "a bright light": "LIGHTS POINT position 0 0 5 Intensity 1e308 0 0 END",
+    "a bright light a little away": "LIGHTS POINT position 0 0 5e9 Intensity 1e12 0 0 END",
+    "a long direction": "LIGHTS POINT position 0 0 5 CONE direction 0 1e200 0 END",
+    "a short direction": "LIGHTS POINT position 0 0 5 CONE direction 0 1e-200 0 END",
+    "a steep spot": "LIGHTS POINT position 0 0 5 SPOT exponent 1e300 END",
+    "a light around VRP": "LIGHTS AREA position 0 0 5 raio 6 END",
+    "background": "BACKGROUND 1e300 0 0 END",
+    "ambient": "AMBIENT 1e300 0 0 END",
+    "air": "AIR-INDEX 1e-300 END",
+    "a slope": solid("m = 1e-200"),
+    "an exponent": solid("n = 1e300"),
+    "an index": solid("material dieletrico n-refr = 1e300"),
+    "an absorption": solid("material condutor n-refr = 1 k-abs = 1e300"),
+    "ka": solid("ka = 1e300"),
+    "a window": "VIEW WINDOW -1 -1 1 1e308 END",
+    "an eye": "VIEW OBS 0 0 1e200 END",
+    "a tall window": "VIEW WINDOW -1e-3 -1 1e-3 1 RESOLUTION 60000 4000 OBS 0 0 1 END",
+    "a turn": solid(transform="ROTATE-X (1e300)"),
+    "a move": solid(transform="TRANSLATE (1e300 0 0)"),
+    "scales": solid(transform="SCALE (1e14 1e14 1e14) SCALE (1e14 1e14 1e14)"),
+    "scales of squares": solid(transform="SCALE (1e15 1e15 1e15) " * 20),
+    "small scales": solid(transform="SCALE (1e-15 1e-15 1e-15) " * 20),
+    "a small scale": solid(transform="SCALE (1e-160 1 1)"),
+    "a needle": solid(transform="SCALE (1e-7 1e-7 1e7)"),
+    "a texture": "TEXTURE t-x fractal scale = 1e300 END",
+    "an empty name": 'CSG-TREE SPHERE 0 "" SURFACE 0 TRANSFORM 0 END',
+    "an empty background": 'BACKGROUND 0 0 0 "" END',
+    "a long name": f"CSG-TREE SPHERE 0 {'a' * 300}.png SURFACE 0 TRANSFORM 0 END",
+    "a long path": f'BACKGROUND 0 0 0 "{"a/" * 5000}x.png" END',
+    "NUL in a name": 'CSG-TREE SPHERE 0 "a\0.png" SURFACE 0 TRANSFORM 0 END',
+}
+
+
+@pytest.mark.parametrize("target", ["prosim", "stock"])
+@pytest.mark.parametrize("name", BEYOND)
+def test_what_cannot_be_said_is_an_error_at_its_place(name, target, tmp_path):
+    path = tmp_path / "s.scn"
+    path.write_text(BEYOND[name])
+    if name == "a tall window" and target == "prosim":
+        prosim_scene.check(path)  # 60000 x 4000 pixels are not too many, but square ones are
+        return
+    with pytest.raises(SceneError) as error:
+        prosim_scene.translate(path, target=target, tolerance=1)
+    assert error.value.line >= 1 and len(str(error.value)) < 600
+    assert os.listdir(tmp_path) == ["s.scn"]
+
+
+WITHIN = {
+    "lights": "LIGHTS AREA position 0 0 5 raio 1e-6 POINT position 0 0 1e6 SPOT exponent 1e6 angle 179 END",
+    "surfaces": solid("n = 1e6", "SCALE (1e-5 1e-5 1e-5)", "LIGHTS VIEW OBS 0 0 1e-3 WINDOW -1e-4 -1e-4 1e-4 1e-4"),
+    "slopes": solid("m = 1e-4", rest="LIGHTS POINT position 0 0 1e3"),
+    "far": solid(
+        "material condutor ouro m = 1e3", "SCALE (1e9 1e9 1e9)", "LIGHTS VIEW OBS 0 0 1e10 WINDOW -1e9 -1e9 1e9 1e9"
+    ),
+    "angle": "LIGHTS AREA position 0 0 5 CONE angle .05 AREA position 0 0 5 SPOT exponent 1e6 angle .05 END",
+}
+
+
+@pytest.mark.parametrize("name", WITHIN)
+@pytest.mark.parametrize("target", ["prosim", "stock"])
+def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_rgb):
+    path = tmp_path / "s.scn"
+    path.write_text(
+        "VIEW RESOLUTION 9 9 " * ("VIEW" not in WITHIN[name]) + WITHIN[name].replace("VIEW ", "VIEW RESOLUTION 9 9 ")
+    )
+    scene = mi.load_file(str(prosim_scene.translate(path, target=target, tolerance=1)))
+    assert np.isfinite(np.array(mi.render(scene, spp=4))).all()
+
+
+NAMES = ["a$b", "$width", "a&b <c>", "a--b", "-", "a 'b'", "ação", "a\\$b", "a;b", "%20"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_any_printable_name_gives_xml_that_loads(name, tmp_path, variant_rgb):
+    folder = tmp_path / name
+    folder.mkdir()
+    image = name.replace("\\", "") + ".png"
+    mi.Bitmap(np.full((4, 4, 3), 128, np.uint8)).write(str(folder / image))
+    path = folder / f"{name}.scn"
+    path.write_text(
+        f'LIGHTS VIEW RESOLUTION 9 9 CSG-TREE SPHERE 0 "{image}" SURFACE 0 TRANSFORM 0 END', encoding="utf-8"
+    )
+    xml = prosim_scene.translate(path, tmp_path / "out", tolerance=1)
+    assert len(mi.load_file(str(xml)).shapes()) == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+@pytest.mark.parametrize("name", [b"a\xff", b"a\x01", b"a\nb"])
+def test_names_that_xml_cannot_hold_are_errors(name, tmp_path):
+    path = tmp_path / os.fsdecode(name + b".scn")
+    path.write_text("LIGHTS END")
+    with pytest.raises(SceneError, match="XML cannot hold"):
+        prosim_scene.translate(path)
+    prosim_scene.check(path)
+    image = tmp_path / os.fsdecode(name + b".png")
+    image.write_bytes(b"")
+    scene = tmp_path / "s.scn"
+    scene.write_text(
+        f'BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END', errors="surrogateescape"
+    ) if b"\n" not in name else 0
+    if b"\x01" in name:
+        with pytest.raises(SceneError, match=r"1:18: the path .* cannot stand in XML"):
+            prosim_scene.translate(scene)
+
+
+def test_comments_are_printable(tmp_path):
+    path = tmp_path / "s.scn"
+    path.write_text('NAME: "a--b & <c" LIGHTS END'.replace("<", ""))
+    root = ET.parse(prosim_scene.translate(path)).getroot()
+    assert root.tag == "scene"

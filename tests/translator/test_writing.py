@@ -1,0 +1,170 @@
+"""The files of a translation: what it overwrites and removes, and what it never touches."""
+
+import os
+import re
+import subprocess
+import sys
+
+import prosim_scene
+import pytest
+from prosim_scene import SceneError
+
+SCENE = """LIGHTS POINT position 0 5 5
+VIEW OBS 0 0 9 VRP 0 0 0
+CSG-TREE + CUBE 0 SPHERE 1
+SURFACE 0 material lambertiano
+SURFACE 1 kd = 0.2 0.3 0.4
+TRANSFORM 0
+TRANSFORM 1 SCALE ({} 1 1) TRANSLATE (6 0 0)
+END
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A scene file, alone in its folder."""
+    path = tmp_path / "s.scn"
+    path.write_text(SCENE.format(1))
+    return path
+
+
+def everything(folder):
+    """All files below a folder and their bytes."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def named(xml):
+    """The meshes that an XML file names, which have to exist."""
+    names = re.findall(r'value="(s-meshes/[^"]*\.ply)"', xml.read_text())
+    assert names and all((xml.parent / name).is_file() for name in names)
+    return names
+
+
+def run(code, *arguments, **options):
+    """A process of its own; returned before it ends."""
+    return subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", code, *map(str, arguments)], stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def test_files_of_the_users_in_the_folder_of_meshes_are_kept(scene):
+    meshes = scene.parent / "s-meshes"
+    meshes.mkdir()
+    mine = {
+        "madeira.png": b"x",
+        "surface_0.ply": b"mine",
+        "surface_0-0123456789abcdef.ply": b"mine too",
+        "notes.txt": b"",
+    }
+    for name, content in mine.items():
+        (meshes / name).write_bytes(content)
+    (meshes / "surface_0-0123456789abcde0.ply").mkdir()
+    scene.write_text(SCENE.format(1).replace("CUBE 0", "CUBE 0 s-meshes/madeira.png"))
+    for width in (1, 2):
+        prosim_scene.translate(scene, tolerance=1)
+        scene.write_text(SCENE.format(width))
+    assert {name: (meshes / name).read_bytes() for name in mine} == mine
+    assert (meshes / "surface_0-0123456789abcde0.ply").is_dir()
+
+
+def test_meshes_of_earlier_translations_are_removed_and_no_others(scene):
+    first = named(prosim_scene.translate(scene, tolerance=1))
+    scene.write_text(SCENE.format(2))
+    second = named(prosim_scene.translate(scene, tolerance=1))
+    assert len(set(first) - set(second)) == 1  # the ball; the cube is the same
+    assert sorted(everything(scene.parent)) == sorted(["s.scn", "s.xml", *second])
+    (scene.parent / second[0]).write_bytes(b"broken")
+    named(prosim_scene.translate(scene, tolerance=1))
+    assert len((scene.parent / second[0]).read_bytes()) > 6
+
+
+@pytest.mark.parametrize(
+    "obstacle, message",
+    [("s-meshes", "stands where the folder of the meshes goes"), ("s.xml", "is no translation and is not overwritten")],
+)
+def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle, message):
+    (scene.parent / obstacle).write_bytes(b"mine")
+    before = everything(scene.parent)
+    with pytest.raises(SceneError, match=message) as error:
+        prosim_scene.translate(scene, tolerance=1)
+    assert str(scene.parent / obstacle) in str(error.value)
+    assert everything(scene.parent) == before
+
+
+def test_a_folder_in_the_way_of_the_xml_leaves_the_old_meshes(scene):
+    xml = prosim_scene.translate(scene, tolerance=1)
+    xml.unlink()
+    (xml / "mine").mkdir(parents=True)
+    before = everything(scene.parent)
+    scene.write_text(SCENE.format(2))
+    with pytest.raises(SceneError, match="this folder stands where the translation goes"):
+        prosim_scene.translate(scene, tolerance=1)
+    assert everything(scene.parent) == before | {"s.scn": SCENE.format(2).encode()}
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_a_scene_is_not_overwritten_by_its_own_translation(scene, link):
+    path = scene.with_suffix(".xml")
+    path.symlink_to(scene) if link else scene.rename(path)
+    with pytest.raises(SceneError, match="would overwrite the scene itself"):
+        prosim_scene.translate(scene if link else path)
+    assert path.read_text() == SCENE.format(1)
+    assert not (scene.parent / "s-meshes").exists()
+    assert prosim_scene.translate(path, scene.parent / "other").is_file()
+
+
+KILLED = """
+import os, sys, prosim_scene
+replace, countdown = os.replace, [int(sys.argv[2])]
+def die(*arguments):
+    countdown[0] -= 1
+    if countdown[0] < 0:
+        os._exit(9)
+    replace(*arguments)
+os.replace = die
+prosim_scene.translate(sys.argv[1], tolerance=1)
+"""
+
+
+@pytest.mark.parametrize("after", range(4))
+def test_killed_at_any_step_the_xml_keeps_its_meshes(scene, after):
+    xml = prosim_scene.translate(scene, tolerance=1)
+    before = everything(scene.parent)
+    scene.write_text(SCENE.format(2).replace("TRANSFORM 0", "TRANSFORM 0 TRANSLATE (0 .5 0)"))
+    process = run(KILLED, scene, after)
+    process.communicate(timeout=60)
+    assert process.returncode == (9 if after < 3 else 0)  # two meshes and the XML
+    if after < 3:
+        assert {name: everything(scene.parent)[name] for name in [*named(xml), "s.xml"]} == {
+            name: before[name] for name in [*named(xml), "s.xml"]
+        }
+    named(prosim_scene.translate(scene, tolerance=1))
+    assert sorted(everything(scene.parent)) == sorted(["s.scn", "s.xml", *named(xml)])
+
+
+def test_translations_at_the_same_time_all_succeed(scene):
+    code = """
+import sys, prosim_scene
+for _ in range(15):
+    prosim_scene.translate(sys.argv[1], sys.argv[2], tolerance=float(sys.argv[3]))
+"""
+    out = scene.parent / "out"
+    processes = [run(code, scene, out, tolerance) for tolerance in (1, 1, 3)]
+    for process in processes:
+        assert process.communicate(timeout=120)[1] == "" and process.returncode == 0
+    assert sorted(everything(out)) == sorted(["s.xml", *named(out / "s.xml")])
+
+
+def test_a_full_disk_is_a_scene_error_and_leaves_nothing(scene, monkeypatch):
+    before = everything(scene.parent)
+    real = os.replace
+
+    def full(source, target):
+        if str(target).endswith(".xml"):
+            raise OSError(28, "No space left on device", str(target))
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(SceneError, match="No space left on device"):
+        prosim_scene.translate(scene, tolerance=1)
+    assert everything(scene.parent) == before and not (scene.parent / "s-meshes").exists()

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import prosim_scene
+import pytest
 from mitsuba_prosim import registry
 from mitsuba_prosim.rendering.policies import POLICIES
 
@@ -52,3 +53,18 @@ def test_policy(variant_rgb, monkeypatch):
     whole = counts()
     assert set(np.unique(whole)) == {3, 9} and 0.05 < np.mean(whole == 9) < 0.95
     assert np.array_equal(counts(band=700), whole)
+
+
+def test_primitive():
+    wedge = module("prosim_scene.solids.primitives", "WEDGE").Wedge()
+    mesh = wedge.mesh(wedge.segments(np.eye(4), None, 0.1), np.eye(4))
+    assert len(mesh.triangles) == wedge.count(4) == 8
+    edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    assert sorted(map(tuple, edges)) == sorted(map(tuple, edges[:, ::-1]))              # closed, all wound one way
+    corners = mesh.vertices[mesh.triangles]
+    assert np.linalg.det(corners).sum() / 6 == pytest.approx(0.5)                       # seen from outside
+    face = mesh.faces[mesh.facets]
+    p = np.append(corners, np.ones((8, 3, 1)), axis=2)
+    assert np.allclose(np.einsum("tki,tij,tkj->tk", p, wedge.quadrics[face], p), 0)     # on the surfaces that it names
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.all(np.einsum("ti,tki->tk", normals, wedge.corners(corners, face).normals) > 0)

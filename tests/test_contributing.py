@@ -42,6 +42,7 @@ def test_bsdf(variant_rgb, monkeypatch):
     assert dr.allclose(bsdf.eval(mi.BSDFContext(), si, wo).x / wo.z, there, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_policy(variant_rgb, monkeypatch):
     monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.rendering.policies", "All samples where").Contrast)
     scene = prosim_scene.load(ROOT / "examples" / "poste.scn", resolution=(60, 45), samples=3)

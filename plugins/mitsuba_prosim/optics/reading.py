@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
-from typing import Any
-from typing import overload
+from typing import Any, overload
 
 import mitsuba as mi
 

@@ -61,11 +61,11 @@ def test_primitive():
     mesh = wedge.mesh(wedge.segments(np.eye(4), None, 0.1), np.eye(4))
     assert len(mesh.triangles) == wedge.count(4) == 8
     edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    assert sorted(map(tuple, edges)) == sorted(map(tuple, edges[:, ::-1]))              # closed, all wound one way
+    assert sorted(map(tuple, edges)) == sorted(map(tuple, edges[:, ::-1]))  # closed, all wound one way
     corners = mesh.vertices[mesh.triangles]
-    assert np.linalg.det(corners).sum() / 6 == pytest.approx(0.5)                       # seen from outside
+    assert np.linalg.det(corners).sum() / 6 == pytest.approx(0.5)  # seen from outside
     face = mesh.faces[mesh.facets]
     p = np.append(corners, np.ones((8, 3, 1)), axis=2)
-    assert np.allclose(np.einsum("tki,tij,tkj->tk", p, wedge.quadrics[face], p), 0)     # on the surfaces that it names
+    assert np.allclose(np.einsum("tki,tij,tkj->tk", p, wedge.quadrics[face], p), 0)  # on the surfaces that it names
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.all(np.einsum("ti,tki->tk", normals, wedge.corners(corners, face).normals) > 0)

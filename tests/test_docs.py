@@ -17,9 +17,27 @@ pytestmark = pytest.mark.docs
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     out = tmp_path_factory.mktemp("site")
-    done = subprocess.run([sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(out),
-                           "-D", "notebooks=unrun", "-d", str(out / ".doctrees")],
-                          check=False, capture_output=True, text=True)
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            "-W",
+            "--keep-going",
+            "-q",
+            "-b",
+            "html",
+            str(DOCS),
+            str(out),
+            "-D",
+            "notebooks=unrun",
+            "-d",
+            str(out / ".doctrees"),
+        ],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     return out
 
@@ -52,7 +70,9 @@ def test_the_site_needs_no_network(site):
         fetched += re.findall(r'<link[^>]*\brel="(?:stylesheet|preload|icon)"[^>]*\bhref="([^"]*)"', text)
         assert fetched and not [link for link in fetched if re.match("(https?:)?//", link)], page.name
     assert "<math" in (site / "plugins" / "bsdfs.html").read_text("utf-8")
-    assert not [sheet for sheet in site.rglob("*.css") if re.search(r"url\([\"']?(?:https?:)?//", sheet.read_text("utf-8"))]
+    assert not [
+        sheet for sheet in site.rglob("*.css") if re.search(r"url\([\"']?(?:https?:)?//", sheet.read_text("utf-8"))
+    ]
 
 
 def test_every_notebook_has_a_page(site):

@@ -87,6 +87,7 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
         assert (loaded.integrator().ambient is None) == asked[0]
 
 
+@pytest.mark.slow
 def test_paths_are_rendered(palito):
     done = prosim("render", palito, "--resolution", "8x8", "--samples", 1, "--paths")
     assert done.exit_code == 0, done.output

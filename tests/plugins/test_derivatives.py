@@ -15,8 +15,9 @@ COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
 
 
 def derivatives(scene, change, seed=1, spp=16, integrator=None):
-    """``(forward, backward)``: the derivative of each value of the image, and that of the mean colour, by the ``mi.Float``
-    that ``change(params, e)`` puts into the scene."""
+    """``(forward, backward)``: the derivative of each value of the image, and that of the mean colour, by the
+    ``mi.Float`` that ``change(params, e)`` puts into the scene.
+    """
     params = mi.traverse(scene)
     results = []
     for forward in (True, False):
@@ -36,19 +37,36 @@ def derivatives(scene, change, seed=1, spp=16, integrator=None):
 
 # ------------------------------------------------------------------ of which samples
 
+
 @pytest.mark.slow
-@pytest.mark.parametrize("film", [
-    {"width": 8, "height": 8, "sample_border": True},
-    {"width": 24, "height": 24, "crop_offset_x": 9, "crop_offset_y": 5, "crop_width": 8, "crop_height": 8},
-])
+@pytest.mark.parametrize(
+    "film",
+    [
+        {"width": 8, "height": 8, "sample_border": True},
+        {"width": 24, "height": 24, "crop_offset_x": 9, "crop_offset_y": 5, "crop_width": 8, "crop_height": 8},
+    ],
+)
 def test_all_samples_of_the_image_take_part(variant_rgb, film):
     """A source that fills the view is seen as its radiance L, so that the derivative by L is 1 everywhere."""
-    film = {"type": "hdrfilm", "component_format": "float32", "rfilter": {"type": "gaussian"}, "pixel_format": "rgb", **film}
-    scene = mi.load_dict({
-        "type": "scene", "integrator": {"type": "prosim", "adaptive": "none"},
-        "sensor": {"type": "perspective", "film": film},
-        "wall": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(50),
-                 "emitter": {"type": "area", "radiance": 1.0}}})
+    film = {
+        "type": "hdrfilm",
+        "component_format": "float32",
+        "rfilter": {"type": "gaussian"},
+        "pixel_format": "rgb",
+        **film,
+    }
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prosim", "adaptive": "none"},
+            "sensor": {"type": "perspective", "film": film},
+            "wall": {
+                "type": "rectangle",
+                "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(50),
+                "emitter": {"type": "area", "radiance": 1.0},
+            },
+        }
+    )
 
     def change(params, e):
         params["wall.emitter.radiance.value"] = 1 + e
@@ -58,13 +76,15 @@ def test_all_samples_of_the_image_take_part(variant_rgb, film):
 
 
 def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb):
-    """By the radiance of the only source, with adaptive counts and a crop window of several bands in a corner of the film,
-    where its filter reaches pixels within the film and beyond it.
+    """By the radiance of the only source, with adaptive counts and a crop window of several bands in a corner of the
+    film, where its filter reaches pixels within the film and beyond it.
 
     What the integrator says of itself has no derivatives, and does not disturb those of the image.
     """
     dictionary = penumbra(None, 24, "gaussian", type="prosim", max_level=0, samples=3, band=100, aovs="samples,error")
-    dictionary["sensor"]["film"].update(crop_offset_x=12, crop_offset_y=12, crop_width=12, crop_height=12, sample_border=True)
+    dictionary["sensor"]["film"].update(
+        crop_offset_x=12, crop_offset_y=12, crop_width=12, crop_height=12, sample_border=True
+    )
     scene = mi.load_dict(dictionary)
     image = np.array(mi.render(scene, seed=2))
 
@@ -93,13 +113,18 @@ def lamp(kind):
     radiance = rgb(6, 5, 4)
     if kind in ("textured", "mirrored"):
         texels = np.random.default_rng(1).uniform(1, 9, (4, 4, 3)).astype(np.float32)
-        radiance = {"type": "bitmap", "raw": True, "filter_type": "bilinear" if kind == "mirrored" else "nearest",
-                    "wrap_mode": "clamp", "data": mi.TensorXf(texels)}
+        radiance = {
+            "type": "bitmap",
+            "raw": True,
+            "filter_type": "bilinear" if kind == "mirrored" else "nearest",
+            "wrap_mode": "clamp",
+            "data": mi.TensorXf(texels),
+        }
     to_world = {
-        "sphere": T().translate([.3, 1.5, .5]).scale(.5),
-        "low sphere": T().translate([.9, .35, .7]).scale(.5),  # the horizon cuts it
-        "mirrored": T().look_at([.1, 3, 4.2], [0, 0, 0], [0, 1, 0]).scale(3),
-    }.get(kind, T().translate([.3, 1.6, .4]).rotate([1, 0, 0], 110).scale([.5, .4, 1]))
+        "sphere": T().translate([0.3, 1.5, 0.5]).scale(0.5),
+        "low sphere": T().translate([0.9, 0.35, 0.7]).scale(0.5),  # the horizon cuts it
+        "mirrored": T().look_at([0.1, 3, 4.2], [0, 0, 0], [0, 1, 0]).scale(3),
+    }.get(kind, T().translate([0.3, 1.6, 0.4]).rotate([1, 0, 0], 110).scale([0.5, 0.4, 1]))
     emitter = {"type": "area", "radiance": radiance}
     if kind == "mesh":
         props = mi.Properties()
@@ -118,14 +143,27 @@ def lamp(kind):
 def spot(kind, floor, **settings):
     """A floor below a source, of which all pixels see one point; nothing is in the way of anything."""
     T = mi.ScalarTransform4f
-    return mi.load_dict({
-        "type": "scene",
-        "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0, "hide_emitters": True, **settings},
-        "sensor": {"type": "perspective", "fov": 1e-3, "to_world": T().look_at([0, 3, -4], [0, 0, 0], [0, 1, 0]),
-                   "film": {"type": "hdrfilm", "width": 32, "height": 32, "rfilter": {"type": "box"},
-                            "pixel_format": "rgb", "component_format": "float32"}},
-        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20), "bsdf": FLOORS[floor]},
-        "lamp": lamp(kind)})
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0, "hide_emitters": True, **settings},
+            "sensor": {
+                "type": "perspective",
+                "fov": 1e-3,
+                "to_world": T().look_at([0, 3, -4], [0, 0, 0], [0, 1, 0]),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": 32,
+                    "height": 32,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                    "component_format": "float32",
+                },
+            },
+            "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20), "bsdf": FLOORS[floor]},
+            "lamp": lamp(kind),
+        }
+    )
 
 
 def direct_light(scene, n=512):
@@ -136,7 +174,7 @@ def direct_light(scene, n=512):
     i = dr.arange(mi.UInt32, n * n)
     uv = mi.Point2f((i % n + 0.5) / n, (i // n + 0.5) / n)
     at = shape.eval_parameterization(uv)
-    area = dr.norm(dr.cross(at.dp_du, at.dp_dv)) / n ** 2
+    area = dr.norm(dr.cross(at.dp_du, at.dp_dv)) / n**2
     d = at.p - si.p
     d2 = dr.squared_norm(d)
     d *= dr.rsqrt(d2)
@@ -166,7 +204,7 @@ def times(key):
 
 
 CHANGES = {
-    "lamp moves": ("lamp.to_world", moved("lamp.to_world", [1, .5, -.7])),
+    "lamp moves": ("lamp.to_world", moved("lamp.to_world", [1, 0.5, -0.7])),
     "lamp grows": ("lamp.to_world", scaled("lamp.to_world")),
     "floor turns": ("floor.to_world", turned("floor.to_world")),
     "floor rises": ("floor.to_world", moved("floor.to_world", [0, 1, 0])),
@@ -175,6 +213,7 @@ CHANGES = {
     "k": ("floor.bsdf.k.value", times("floor.bsdf.k.value")),
     "reflectance": ("floor.bsdf.reflectance.value", times("floor.bsdf.reflectance.value")),
 }
+
 
 def change_of(scene, name):
     """What changes ``scene`` as the name in ``CHANGES`` says, by a ``mi.Float`` that is 0 where nothing changes."""
@@ -187,29 +226,36 @@ def change_of(scene, name):
 TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
 
 
-@pytest.mark.parametrize("kind, floor, change, settings", [
-    ("textured", "diffuse", "lamp moves", PATH),
-    *(pytest.param(*case, marks=pytest.mark.slow) for case in [
-        ("textured", "diffuse", "lamp moves", TREE),
-        ("textured", "diffuse", "floor turns", PATH),
-        ("textured", "metal", "lamp moves", TREE),
-        ("rectangle", "diffuse", "lamp moves", PATH),
-        ("rectangle", "diffuse", "lamp grows", BOTH),
-        ("rectangle", "metal", "lamp grows", PATH),
-        ("rectangle", "conductor", "floor rises", BOTH),
-        ("disk", "plastic", "lamp grows", PATH),
-        ("sphere", "metal", "lamp moves", TREE),
-        ("sphere", "diffuse", "lamp grows", TREE),
-        ("sphere", "diffuse", "lamp moves", PATH),
-        ("sphere", "metal", "lamp grows", PATH),
-        ("sphere", "conductor", "lamp moves", BOTH),
-        ("sphere", "conductor", "floor rises", PATH),
-        ("sphere", "conductor", "alpha", PATH),
-        ("sphere", "conductor", "eta", TREE),
-        ("low sphere", "diffuse", "lamp moves", TREE),
-        ("low sphere", "diffuse", "lamp grows", PATH),
-        ("low sphere", "plastic", "lamp moves", TREE),
-    ])])
+@pytest.mark.parametrize(
+    "kind, floor, change, settings",
+    [
+        ("textured", "diffuse", "lamp moves", PATH),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in [
+                ("textured", "diffuse", "lamp moves", TREE),
+                ("textured", "diffuse", "floor turns", PATH),
+                ("textured", "metal", "lamp moves", TREE),
+                ("rectangle", "diffuse", "lamp moves", PATH),
+                ("rectangle", "diffuse", "lamp grows", BOTH),
+                ("rectangle", "metal", "lamp grows", PATH),
+                ("rectangle", "conductor", "floor rises", BOTH),
+                ("disk", "plastic", "lamp grows", PATH),
+                ("sphere", "metal", "lamp moves", TREE),
+                ("sphere", "diffuse", "lamp grows", TREE),
+                ("sphere", "diffuse", "lamp moves", PATH),
+                ("sphere", "metal", "lamp grows", PATH),
+                ("sphere", "conductor", "lamp moves", BOTH),
+                ("sphere", "conductor", "floor rises", PATH),
+                ("sphere", "conductor", "alpha", PATH),
+                ("sphere", "conductor", "eta", TREE),
+                ("low sphere", "diffuse", "lamp moves", TREE),
+                ("low sphere", "diffuse", "lamp grows", PATH),
+                ("low sphere", "plastic", "lamp moves", TREE),
+            ]
+        ),
+    ],
+)
 def test_derivatives_match_quadrature(variant_rgb, kind, floor, change, settings):
     """Within 4 standard errors (of pixels, which are independent) and 0.1 % for the quadrature and its difference."""
     h = 0.01
@@ -230,8 +276,10 @@ def test_derivatives_match_quadrature(variant_rgb, kind, floor, change, settings
 @pytest.mark.slow
 @pytest.mark.parametrize("settings", [TREE, PATH])
 def test_a_mesh_that_is_stretched(variant_rgb, settings):
-    """A mesh shines as the rectangle does that it is; Mitsuba's samples of a mesh know nothing of its change of area."""
-    center = mi.ScalarPoint3f(.3, 1.6, .4)
+    """A mesh shines as the rectangle does that it is; Mitsuba's samples of a mesh know nothing of its change of
+    area.
+    """
+    center = mi.ScalarPoint3f(0.3, 1.6, 0.4)
 
     def stretch(params, e):
         v = dr.unravel(mi.Point3f, value)
@@ -278,6 +326,7 @@ def test_many_sources(variant_rgb, monkeypatch):
 
 # ------------------------------------------------------------------ of materials, with reflections and a sky
 
+
 def weighted_mean(image):
     """A loss that is linear in the image, uneven over it."""
     height, width, channels = image.shape
@@ -286,22 +335,28 @@ def weighted_mean(image):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key, ball, settings", [
-    ("ball.bsdf.reflectance.value", None, {"rfilter": "gaussian"}),
-    ("ball.bsdf.reflectance.value", None, {"diffuse_bounces": -1}),
-    ("ball.bsdf.eta.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
-    ("ball.bsdf.k.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0}, {}),
-    ("ball.bsdf.alpha.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
-    ("ball.bsdf.diffuse_reflectance.value",
-     {"type": "prosim_composite", "diffuse_reflectance": 0.4, "specular_reflectance": 0.4, "alpha": 0.2}, {}),
-])
+@pytest.mark.parametrize(
+    "key, ball, settings",
+    [
+        ("ball.bsdf.reflectance.value", None, {"rfilter": "gaussian"}),
+        ("ball.bsdf.reflectance.value", None, {"diffuse_bounces": -1}),
+        ("ball.bsdf.eta.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
+        ("ball.bsdf.k.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0}, {}),
+        ("ball.bsdf.alpha.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
+        (
+            "ball.bsdf.diffuse_reflectance.value",
+            {"type": "prosim_composite", "diffuse_reflectance": 0.4, "specular_reflectance": 0.4, "alpha": 0.2},
+            {},
+        ),
+    ],
+)
 def test_derivatives_match_finite_differences(variant_rgb, key, ball, settings):
     """Backward and forward, within 4 standard errors of 4 seeds and 2 % (differences see moving shadows as well)."""
     rfilter = settings.get("rfilter", "box")
     integrator = {"type": "prosim", "max_level": 1, **{k: v for k, v in settings.items() if k != "rfilter"}}
     dictionary = penumbra(ball, size=16, rfilter=rfilter, **integrator)
     dictionary["ball"] |= {"center": [0, 1, 0], "radius": 1.0}
-    dictionary["sky"] = {"type": "constant", "radiance": rgb(.2, .3, .4)}
+    dictionary["sky"] = {"type": "constant", "radiance": rgb(0.2, 0.3, 0.4)}
     del dictionary["pole"]
     scene = mi.load_dict(dictionary)
     params = mi.traverse(scene)
@@ -337,6 +392,7 @@ def test_derivatives_match_finite_differences(variant_rgb, key, ball, settings):
 
 
 # ------------------------------------------------------------------ the garbage collector
+
 
 @pytest.mark.slow
 def test_the_collector_does_not_run_while_a_kernel_is_traced():

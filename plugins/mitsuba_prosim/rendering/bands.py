@@ -68,6 +68,8 @@ def take(plan: Plan, policy: Any, estimator: Estimator, band: Rectangle) -> tupl
     estimate = estimator.take(x, y, 0, policy.first, policy.quiet)
     dr.eval(estimate)
     for where, begin, end in policy.waves(estimate, x, y, size, band):
+        if dr.width(where) == 0:
+            continue
         more = estimator.take(dr.gather(mi.Int32, x, where), dr.gather(mi.Int32, y, where), begin, end, policy.quiet)
         dr.eval(more)
         estimate.add(more, where)

@@ -53,9 +53,7 @@ def conserve(props: mi.Properties, **defaults: float | None) -> bool:
     return channels == 1 or not mi.is_spectral
 
 
-def roughness(
-    props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)
-) -> tuple[Distribution, Any]:
+def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
     """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
 
     The texture is None for an ideally smooth surface, i.e. if the roughness is absent or ``alpha`` is 0. An

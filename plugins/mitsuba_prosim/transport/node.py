@@ -230,11 +230,12 @@ class Nodes:
             drawn = but_not(active, ideal)
             moved, jacobian = carried_ray(self.scene, lights, si, viewer_side(si), d, drawn)
             f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(moved), drawn)
-            forced, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
-            d = dr.replace_grad(d, dr.select(ideal, si.to_world(forced.wo), moved))
-            weight = dr.select(ideal, ideal_weight,
-                               f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1)))
-            o, pdf = dr.replace_grad(o, si.p), dr.replace_grad(bs.pdf, pdf)
+            weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
+            if self.facts.ideal:
+                forced, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
+                moved = dr.select(ideal, si.to_world(forced.wo), moved)
+                weight = dr.select(ideal, ideal_weight, weight)
+            o, d, pdf = dr.replace_grad(o, si.p), dr.replace_grad(d, moved), dr.replace_grad(bs.pdf, pdf)
         throughput = ray.throughput * weight
         active = active & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
         if settings.max_level >= 0 and lights.can_foresee:

@@ -23,6 +23,8 @@ class SceneFacts:
     #: Whether any surface has a specular lobe of reflection, of transmission.
     reflects: bool
     refracts: bool
+    #: Whether any surface has a lobe of one direction: a mirror, ideal glass, what passes straight through.
+    ideal: bool
     #: Whether light from both of its sides reaches any surface's smooth lobes.
     both_sides: bool
     #: Whether every BSDF has the attribute ``ambient``.
@@ -52,7 +54,8 @@ class SceneFacts:
                 partners = (lobes.reflected(),) * reflects + (lobes.refracted(),) * refracts
             else:
                 partners = (lobes.specular(),)
-        return cls(lights, reflects, refracts, lobes.has_any(flags, *lobes.BOTH_SIDES),
+        return cls(lights, reflects, refracts, lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
+                   lobes.has_any(flags, *lobes.BOTH_SIDES),
                    all(dr.all(bsdf.has_attribute("ambient")) for bsdf in bsdfs), alone, partners)
 
 

@@ -288,17 +288,19 @@ class Nodes:
             drawn = but_not(active, ideal)
             moved, jacobian = carried_ray(self.scene, lights, si, viewer_side(si), d, drawn)
             f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(moved), drawn)
-            forced, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
             if self.facts.indivisible:
                 f_whole, pdf_whole = bsdf.eval_pdf(lobes.everything(), si, si.to_local(moved), but_not(whole, ideal))
-                forced_whole, ideal_whole = bsdf.sample(lobes.everything(), si, choice, sample, whole & ideal)
-                f, pdf, ideal_weight = dr.select(whole, (f_whole, pdf_whole, ideal_whole), (f, pdf, ideal_weight))
-                forced = dr.select(whole, forced_whole, forced)
-            d = dr.replace_grad(d, dr.select(ideal, si.to_world(forced.wo), moved))
-            weight = dr.select(
-                ideal, ideal_weight, f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
-            )
-            o, pdf = dr.replace_grad(o, si.p), dr.replace_grad(bs.pdf, pdf)
+                f, pdf = dr.select(whole, f_whole, f), dr.select(whole, pdf_whole, pdf)
+            weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
+            if self.facts.ideal:
+                forced, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
+                if self.facts.indivisible:
+                    forced, ideal_weight, _ = self.sample_whole(
+                        lobe, si, bsdf, choice, sample, whole & ideal, (forced, ideal_weight, belongs)
+                    )
+                moved = dr.select(ideal, si.to_world(forced.wo), moved)
+                weight = dr.select(ideal, ideal_weight, weight)
+            o, d, pdf = dr.replace_grad(o, si.p), dr.replace_grad(d, moved), dr.replace_grad(bs.pdf, pdf)
         throughput = ray.throughput * weight
         active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
         if settings.max_level >= 0 and lights.can_foresee:

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..sampling.nrook import NRook
-from ..transport.node import LENS, PIXEL, TIME_AND_WAVELENGTH
+from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
 from ..transport.transport import Transport
 from .error import error_between_passes, standard_error
 from .film import Channels

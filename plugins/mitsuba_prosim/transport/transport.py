@@ -6,9 +6,9 @@ import mitsuba as mi
 
 from ..sampling.nrook import NRook, SamplerPoints
 from . import path, tree
-from .node import Nodes
 from .scene_facts import SceneFacts
 from .settings import Settings
+from .stage import Stage
 
 
 class Transport:
@@ -19,7 +19,7 @@ class Transport:
     """
 
     def __init__(self, settings: Settings, scene: mi.Scene, attached: bool = False) -> None:
-        self._nodes = Nodes(scene, settings, SceneFacts.of(scene, settings), attached)
+        self._stage = Stage(scene, settings, SceneFacts.of(scene, settings), attached)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(
@@ -31,4 +31,4 @@ class Transport:
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
-        return self._radiance(self._nodes, ray, points, active, sampler)
+        return self._radiance(self._stage, ray, points, active, sampler)

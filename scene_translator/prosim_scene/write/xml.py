@@ -1,5 +1,6 @@
 """A scene as nested dictionaries -> XML, or those that ``mi.load_dict`` takes."""
 
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 from xml.etree import ElementTree
@@ -9,6 +10,7 @@ import numpy as np
 from ..nodes import Comment, Default, Node, Point
 
 INDENT = "    "
+UNSPEAKABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 #: The element of each plugin that the translator uses.
 TAGS = {
@@ -57,7 +59,7 @@ def write(scene: Node) -> str:
 
 def can_say(text: str) -> bool:
     """Whether a name can stand in XML: no control characters, nor bytes that were no UTF-8."""
-    return text.isprintable()
+    return not UNSPEAKABLE.search(text)
 
 
 def number(value: float) -> str:
@@ -77,7 +79,7 @@ def _entry(parent: ElementTree.Element, key: str, value: Any, depth: int) -> Non
     """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
     if isinstance(value, Comment):
         text = (
-            "".join(c if c.isprintable() else "?" for c in value)
+            UNSPEAKABLE.sub("?", value)
             .replace("&", "&amp;")
             .replace("<", "&lt;")
             .replace(">", "&gt;")

@@ -194,7 +194,7 @@ def translate(
     samples: int | None = None,
     allow_outside: bool = False,
 ) -> Path:
-    """Translates a scene file, or a :func:`document`, to ``<out_dir>/<stem>.xml`` and ``<stem>-meshes``; returns the XML.
+    """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
     ``out_dir``
         Folder of the result, made if need be; by default the scene's own.
@@ -231,7 +231,8 @@ def translate(
         )
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
-    if (folder / f"{stem}.xml").exists() and os.path.samefile(folder / f"{stem}.xml", source_path):
+    result = folder / f"{stem}.xml"
+    if result.exists() and source_path.exists() and result.samefile(source_path):
         raise SceneError(
             f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
             "such as .scn, or choose another folder",

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from . import geometry, view
+from . import geometry
 from .language import document_of
 from .language.document import Document
 from .language.files import read
@@ -21,7 +21,7 @@ from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .targets import TARGETS, Target, clip, lights, materials, sensor, single
+from .targets import TARGETS, Target, clip, lights, materials, sensor, single, view
 from .targets.context import Context
 from .write import output, xml
 from .write.ply import ply

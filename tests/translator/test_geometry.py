@@ -7,8 +7,9 @@ import warnings
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneWarning, csg, geometry, translator, view
+from prosim_scene import SceneWarning, csg, geometry, translator
 from prosim_scene.language import document_of
+from prosim_scene.targets import view
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .language.document import Document
+from ..language.document import Document
 
 PARALLEL = 1e-9  # sine of an angle below which two directions count as parallel
 NOTHING = 1e-15  # length below which a direction counts as none

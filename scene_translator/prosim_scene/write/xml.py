@@ -47,11 +47,18 @@ def write(scene: Node) -> str:
     root = ElementTree.Element("scene", version="3.0.0")
     for default in {d.name: d for d in _defaults(scene)}.values():
         ElementTree.SubElement(root, "default", name=default.name, value=number(default.value))
+    statements = []  # where they begin, each with a comment
     for key, value in scene.items():
+        if isinstance(value, Comment):
+            statements.append(len(root))
         if key != "type":
             _entry(root, key, value, 1)
     ElementTree.indent(root, INDENT)
-    _blank_lines(root)
+    for i in statements:  # a blank line before each
+        if i:
+            root[i - 1].tail = f"\n{root[i - 1].tail}"
+        else:
+            root.text = f"\n{root.text}"
     # ElementTree writes "<a />", and the line ends in a matrix as character references.
     text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>").replace("&#10;", "\n")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
@@ -130,15 +137,3 @@ def _scalar(value: Any) -> tuple[str, str]:
     if isinstance(value, int):
         return "integer", str(value)
     return ("float", number(value)) if isinstance(value, float) else ("string", value.replace("$", "\\$"))
-
-
-def _blank_lines(root: ElementTree.Element) -> None:
-    """A blank line before each comment of the scene, which begins a statement."""
-    before: ElementTree.Element | None = None
-    for element in root:
-        if not isinstance(element.tag, str):  # a comment
-            if before is None:
-                root.text = f"\n{root.text}"
-            else:
-                before.tail = f"\n{before.tail}"
-        before = element

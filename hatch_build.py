@@ -1,7 +1,9 @@
-"""Adds to the wheel the stand-ins by which Mitsuba's own command finds our plugins, where there is a C compiler."""
+"""Adds to the wheel what finds a good LLVM, and the stand-ins by which Mitsuba's own command finds our plugins."""
 
 import importlib.util
 import os
+import re
+import site
 import sys
 import sysconfig
 import tempfile
@@ -9,32 +11,61 @@ from pathlib import Path
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
+#: Python runs this line when it starts: it names to Dr.Jit the LLVM that this package installs, where that is there.
+STARTUP = (
+    "import os, sys, site; "
+    '[os.environ.setdefault("DRJIT_LIBLLVM_PATH", p) for p in (d + "/lib/libLLVM-{}.so" for d in '
+    '(sys.prefix, sys.prefix + "/local", site.getuserbase())) if os.path.exists(p)]\n'
+)
 
-class StandIns(BuildHookInterface):
+
+class BuildHook(BuildHookInterface):
+    """The start-up file always; the stand-ins on Linux, where there is a C compiler."""
+
     def initialize(self, version, build_data):
+        self.built = tempfile.TemporaryDirectory()
         files = build_data["force_include"]
-        files["plugins/mitsuba_prosim_llvm.pth"] = "mitsuba_prosim_llvm.pth"
-        package = Path(self.root, "plugins", "mitsuba_prosim")
+        files[self.startup_file()] = "mitsuba_prosim_llvm.pth"
         try:
-            if sys.platform != "linux":
-                raise RuntimeError("they exist for Linux only")
-            if elsewhere := mitsuba_elsewhere():
-                raise RuntimeError(f"Mitsuba is in {elsewhere}, where this package will not be")
-            stand_in = load(package / "command" / "stand_in.py")
-            self.built = tempfile.TemporaryDirectory()
-            file = os.path.join(self.built.name, "stand_in.so")
-            stand_in.compile_stand_in(file)
+            stand_ins = self.stand_ins()
         except RuntimeError as problem:
-            self.app.display_warning(f"Built without stand-ins for the mitsuba command: {problem}. "
-                                     "After installing, prosim doctor tells how to get them; prosim render needs none.")
+            self.app.display_warning(
+                f"Built without stand-ins for the mitsuba command: {problem}. "
+                "After installing, prosim doctor tells how to get them; prosim render needs none."
+            )
         else:
-            # One file has one place in the table, so each name needs a path of its own.
-            for name in (*stand_in.names_in_source(package), *stand_in.BUNDLED):
-                os.link(file, named := os.path.join(self.built.name, f"{name}.so"))
-                files[named] = f"mitsuba/plugins/{name}.so"
+            files |= {path: f"mitsuba/plugins/{Path(path).name}" for path in stand_ins}
             build_data["pure_python"] = False
             build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["force_include_editable"] = dict(files)
+
+    def finalize(self, version, build_data, artifact_path):
+        self.built.cleanup()
+
+    def startup_file(self):
+        """Path of the start-up file, written for the LLVM that pyproject.toml requires."""
+        requirement = next(d for d in self.metadata.core.dependencies if d.startswith("karellen-llvm-core"))
+        path = Path(self.built.name, "startup.pth")
+        path.write_text(STARTUP.format(re.search(r"==(\d+)", requirement)[1]), encoding="utf-8")
+        return str(path)
+
+    def stand_ins(self):
+        """Paths of the stand-ins, one for each plugin; raises RuntimeError where there can be none, with the reason."""
+        if sys.platform != "linux":
+            raise RuntimeError("they exist for Linux only")
+        if elsewhere := mitsuba_elsewhere():
+            raise RuntimeError(f"Mitsuba is in {elsewhere}, where this package will not be")
+        package = Path(self.root, "plugins", "mitsuba_prosim")
+        stand_in = load(package / "command" / "stand_in.py")
+        compiled = Path(self.built.name, "stand_in.so")
+        stand_in.compile_stand_in(str(compiled))
+        # One file has one place in the table, so each name needs a path of its own.
+        paths = [
+            Path(self.built.name, f"{name}.so") for name in (*stand_in.names_in_source(package), *stand_in.BUNDLED)
+        ]
+        for path in paths:
+            path.hardlink_to(compiled)
+        return [str(path) for path in paths]
 
 
 def load(path):
@@ -51,11 +82,7 @@ def mitsuba_elsewhere():
     pip installs beside this interpreter's other packages, and to the user's folder where it may not write there. Our
     files in a folder ``mitsuba`` of their own would hide Mitsuba's from its launcher.
     """
-    import site
     own = sysconfig.get_path("purelib")
     target = own if os.access(own, os.W_OK) else site.getusersitepackages()
     folders = {own, sysconfig.get_path("platlib"), *site.getsitepackages(), site.getusersitepackages()}
-    for folder in folders - {target}:
-        if os.path.isfile(os.path.join(folder, "mitsuba", "__init__.py")):
-            return folder
-    return None
+    return next((f for f in folders - {target} if Path(f, "mitsuba", "__init__.py").is_file()), None)

@@ -28,7 +28,7 @@ def scene(kind, count, seed=1):
     else:
         half = len(leaves) // 2
         operators = ["-"] * half + ["+-"[i % 2] for i in range(len(leaves) - half)]
-        tree = operators[::-1] + ["CUBE 0", *leaves]
+        tree = [*operators[::-1], "CUBE 0", *leaves]
     lines = ["NAME: bench", "LIGHTS POINT position 0 0 99 Intensity 60000 60000 60000",
              f"VIEW OBS 0 0 {2 * side} VRP 0 0 0 WINDOW {-side} {-side} {side} {side} RESOLUTION 500 500",
              "CSG-TREE", *tree]
@@ -45,21 +45,23 @@ def scene(kind, count, seed=1):
 
 
 def measure(kind, count, pairwise):
-    """Prints seconds of reading and of the whole, processor seconds of the whole, and mebibytes: at the peak, above those
-    of the imports, and of the meshes."""
+    """Prints seconds of reading and of the whole, processor seconds of the whole, and mebibytes.
+
+    The latter at the peak, above those of the imports, and of the meshes.
+    """
     import warnings
 
     import prosim_scene
-    from prosim_scene import csg
+    from prosim_scene.solids import csg, parts
     warnings.simplefilter("ignore")
     if pairwise:
-        def merge(parts):
-            result = parts[:1]
-            for part in parts[1:]:
-                result = csg._parts(part.manifold + result[0].manifold)
+        def union(operands):
+            result = []
+            for part in (p for operand in operands for p in operand):
+                result = parts.as_parts(part.manifold + result[0].manifold) if result else [part]
             return result
 
-        csg._merge, csg._components = merge, lambda parts: [parts]
+        csg.union = union
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.scn"
         path.write_text(scene(kind, count))
@@ -72,8 +74,9 @@ def measure(kind, count, pairwise):
         end, processor = time.perf_counter(), time.process_time() - processor
         size = sum(f.stat().st_size for f in Path(folder).rglob("*.ply"))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {(peak - before) / 1024:9.0f} "
-          f"{size / 2**20:9.1f}")
+    mebibytes = (peak - before) / 1024, size / 2**20
+    print(f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {mebibytes[0]:9.0f} "
+          f"{mebibytes[1]:9.1f}")
 
 
 def main():

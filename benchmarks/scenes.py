@@ -1,7 +1,9 @@
-"""The scenes of the benchmarks. Each is made from Mitsuba's own plugins where it can be, so that integrators and samplers
-are compared, not materials; most have a mean near a quarter of white."""
+"""The scenes of the benchmarks.
 
-import functools
+Each is made from Mitsuba's own plugins where it can be, so that integrators and samplers are compared, not materials;
+most have a mean near a quarter of white.
+"""
+
 import tempfile
 import warnings
 from dataclasses import dataclass, field
@@ -9,8 +11,8 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-from mitsuba_prosim.compare.runs import Contestant
-from mitsuba_prosim.compare.scenes import Scene, seen_by
+from mitsuba_prosim.compare.scenes import FileScene, Scene
+from mitsuba_prosim.scene_files.opening import SceneFile
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
 
@@ -32,26 +34,44 @@ def ball(center, radius, bsdf):
 
 
 def lamp(center, radius, radiance):
-    return {"type": "sphere", "center": center, "radius": radius,
-            "emitter": {"type": "area", "radiance": rgb(*[radiance] * 3)}}
+    return {
+        "type": "sphere",
+        "center": center,
+        "radius": radius,
+        "emitter": {"type": "area", "radiance": rgb(*[radiance] * 3)},
+    }
 
 
 def camera(origin, target, fov):
-    return {"type": "perspective", "fov": fov,
-            "to_world": mi.ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 1, 0])}
+    return {
+        "type": "perspective",
+        "fov": fov,
+        "to_world": mi.ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 1, 0]),
+    }
 
 
 def stage(**things):
     """A floor and a wall, seen from the front, and a lamp before them."""
-    return {"sensor": camera([0, 2.2, 6], [0, 0.9, 0], 40), "floor": floor(diffuse(0.6, 0.6, 0.5)),
-            "wall": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, -2]).scale(6),
-                     "bsdf": diffuse(0.6, 0.45, 0.4)},
-            "lamp": lamp([-3, 3.5, 3], 0.5, 75.0)} | things
+    return {
+        "sensor": camera([0, 2.2, 6], [0, 0.9, 0], 40),
+        "floor": floor(diffuse(0.6, 0.6, 0.5)),
+        "wall": {
+            "type": "rectangle",
+            "to_world": mi.ScalarTransform4f().translate([0, 0, -2]).scale(6),
+            "bsdf": diffuse(0.6, 0.45, 0.4),
+        },
+        "lamp": lamp([-3, 3.5, 3], 0.5, 75.0),
+    } | things
 
 
 def pole():
-    return {"type": "cylinder", "p0": [-1.2, 0, 0.3], "p1": [-1.2, 2.4, 0.3], "radius": 0.12,
-            "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)}}
+    return {
+        "type": "cylinder",
+        "p0": [-1.2, 0, 0.3],
+        "p1": [-1.2, 2.4, 0.3],
+        "radius": 0.12,
+        "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)},
+    }
 
 
 def copper(alpha):
@@ -70,12 +90,15 @@ def copper_ball():
 
 def rough_floor(alpha):
     """Balls above a metal floor (figures 5.3 to 5.5: the same floor at three roughnesses)."""
-    return {"sensor": camera([0, 2.0, 6], [0, 0.6, 0], 38), "floor": floor(copper(alpha), 10),
-            "lamp": lamp([-3, 4, 2], 0.6, 50.0),
-            "sky": {"type": "constant", "radiance": rgb(0.3, 0.36, 0.5)},
-            "red": ball([-1.1, 0.7, 0], 0.7, diffuse(0.8, 0.2, 0.15)),
-            "blue": ball([0.8, 0.9, -0.6], 0.9, diffuse(0.2, 0.3, 0.8)),
-            "green": ball([0.4, 0.35, 1.2], 0.35, diffuse(0.2, 0.7, 0.2))}
+    return {
+        "sensor": camera([0, 2.0, 6], [0, 0.6, 0], 38),
+        "floor": floor(copper(alpha), 10),
+        "lamp": lamp([-3, 4, 2], 0.6, 50.0),
+        "sky": {"type": "constant", "radiance": rgb(0.3, 0.36, 0.5)},
+        "red": ball([-1.1, 0.7, 0], 0.7, diffuse(0.8, 0.2, 0.15)),
+        "blue": ball([0.8, 0.9, -0.6], 0.9, diffuse(0.2, 0.3, 0.8)),
+        "green": ball([0.4, 0.35, 1.2], 0.35, diffuse(0.2, 0.7, 0.2)),
+    }
 
 
 def many_lights():
@@ -91,11 +114,13 @@ def glass():
     v, u = np.mgrid[0:128, 0:256] / np.array([128, 256]).reshape(2, 1, 1)
     sky = (0.08 + 0.25 * ((u * 16) % 1 < 0.5) * (v < 0.7) + 0.1 * v)[..., None] * np.array([0.9, 1.0, 1.1])
     glass = {"type": "dielectric", "int_ior": 1.5}
-    return {"sensor": camera([0, 0.6, 6], [0, 0, 0], 38),
-            "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky.astype(np.float32))},
-            "big": ball([-0.7, 0, 0], 1.2, glass), "hollow": ball([-0.7, 0, 0], 1.0, {"type": "dielectric",
-                                                                                    "int_ior": 1.0, "ext_ior": 1.5}),
-            "small": ball([1.3, -0.3, 0.6], 0.8, glass)}
+    return {
+        "sensor": camera([0, 0.6, 6], [0, 0, 0], 38),
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky.astype(np.float32))},
+        "big": ball([-0.7, 0, 0], 1.2, glass),
+        "hollow": ball([-0.7, 0, 0], 1.0, {"type": "dielectric", "int_ior": 1.0, "ext_ior": 1.5}),
+        "small": ball([1.3, -0.3, 0.6], 0.8, glass),
+    }
 
 
 def cornell_box():
@@ -104,35 +129,26 @@ def cornell_box():
     return {name: value for name, value in scene.items() if name not in ("type", "integrator")}
 
 
-class Built:
-    """A scene dictionary that contestants are made from."""
+class BuiltScene(Scene):
+    """A scene of a dictionary, ``size`` pixels wide and high; ``settings`` as for every :class:`Scene`."""
 
-    def __init__(self, make, size, ours, theirs):
-        self.make, self.size, self.parameters, self.scenes = make, size, {"prosim": ours, **theirs}, {}
+    def __init__(self, make, size, settings):
+        super().__init__(settings, f"{make()} {settings} {size} {mi.variant()} {mi.__version__}")
+        self.make, self.size = make, size
 
-    @functools.cached_property
-    def key(self):
-        return f"{self.make()} {self.parameters} {self.size} {mi.variant()} {mi.__version__}"
-
-    def scene(self, sampler):
-        if sampler not in self.scenes:
-            self.scenes[sampler] = self._load(sampler)
-        return self.scenes[sampler]
-
-    def _load(self, sampler):
+    def load(self, sampler):
         scene = self.make()
         scene["sensor"] = scene["sensor"] | {
-            "film": {"type": "hdrfilm", "width": self.size, "height": self.size, "pixel_format": "rgb",
-                     "rfilter": {"type": "box"}},
-            "sampler": {"type": sampler or "independent"}}
-        sensor = mi.load_dict(scene["sensor"])
-        shared = next(iter(self.scenes.values()), None)
-        return seen_by(sensor, shared) if shared else mi.load_dict({"type": "scene"} | scene | {"sensor": sensor})
-
-    def contestant(self, spec, _, spp=0, **overrides):
-        settings = {"type": spec.integrator} | self.parameters[spec.integrator] | overrides | spec.parameters
-        counting = mi.load_dict(settings | {"aovs": "samples"}) if spec.integrator == "prosim" else None
-        return Contestant(spec.text, self.scene(spec.sampler), mi.load_dict(settings), spp, counting)
+            "film": {
+                "type": "hdrfilm",
+                "width": self.size,
+                "height": self.size,
+                "pixel_format": "rgb",
+                "rfilter": {"type": "box"},
+            },
+            "sampler": {"type": sampler or "independent"},
+        }
+        return mi.load_dict({"type": "scene"} | scene)
 
 
 @dataclass
@@ -142,13 +158,13 @@ class Case:
     make: object
     ours: dict = field(default_factory=dict)
     theirs: dict = field(default_factory=lambda: {"direct": {}})
-    #: Transports of ours and of theirs, for a scene file.
-    transports: tuple = (None, None)
+    #: Transports of ours and of theirs.
+    transports: tuple = ("scene", "scene")
 
     def open(self, size, folder):
         if self.make is PALITO:
-            return Scene(flat_palito(folder), folder, resolution=(size, size))
-        return Built(self.make, size, self.ours, self.theirs)
+            return FileScene(SceneFile(flat_palito(folder), folder, resolution=(size, size)))
+        return BuiltScene(self.make, size, {"prosim": self.ours, **self.theirs})
 
     @property
     def same_light(self):
@@ -156,7 +172,7 @@ class Case:
 
 
 def flat_palito(folder):
-    """palito without its textures, as other renderers have been timed on it."""
+    """The scene palito without its textures, as other renderers have been timed on it."""
     text = PALITO.read_text()
     for texture in ("t-tijolo", "t-listra", "t-fractal"):
         text = text.replace(texture, "NULL")

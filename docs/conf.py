@@ -7,14 +7,18 @@ sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "mitsuba-prosim"
 author = "the authors of mitsuba-prosim"
+copyright = f"2026, {author}"
 html_title = project
 html_theme = "furo"
 html_static_path = ["style"]
 html_css_files = ["plugins.css"]
-extensions = ["myst_parser", "sphinx.ext.mathjax", "sphinx_tabs.tabs", "plugin_pages", "scene_lexer"]
-exclude_patterns = ["_build"]
+html_math_renderer = "mathml"
+extensions = ["myst_nb", "sphinx_tabs.tabs", "mathml", "notebook_pages", "plugin_pages", "scene_lexer"]
+exclude_patterns = ["_build", "jupyter_execute"]
+nitpicky = True
 myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath"]
+nb_execution_mode = "off"  # notebook_pages runs them
 
 # The words that Mitsuba's own plugin documentation uses, and so ours.
 rst_prolog = r"""

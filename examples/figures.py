@@ -12,29 +12,29 @@ from pathlib import Path
 import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
-from drawing import curves, patterns, scenes
+from drawing import optics, sampling, scenes
 
 #: Times the size of the scenes, which is 480 pixels wide.
 SIZES = {"tiny": 0.1, "small": 0.5, "medium": 1, "large": 2}
 
 #: Drawn with matplotlib, into the figure that the function is given: name -> (function, width and height in inches).
 DRAWN = {
-    "2.4-dieletrico": (curves.dielectric_outside, (4.8, 3.6)),
-    "2.5-reflexao-total": (curves.dielectric_inside, (4.8, 3.6)),
-    "2.6-cobre": (curves.copper, (4.8, 3.6)),
-    "3.3-beckmann": (curves.beckmann, (6.4, 2.8)),
-    "3.6-modelos-30": (partial(curves.lobes, incidence=30), (6.4, 2.8)),
-    "3.7-modelos-70": (partial(curves.lobes, incidence=70), (6.4, 2.8)),
-    "4.2-uniforme": (partial(patterns.strategy, name="random", n=100), (3.2, 3.2)),
-    "4.3-disco-de-poisson": (partial(patterns.strategy, name="poisson_disk", n=100), (3.2, 3.2)),
-    "4.4-jittering": (patterns.jittering, (3.2, 3.2)),
-    "4.5-importancia": (patterns.importance, (4.8, 2.8)),
-    "4.6-nao-correlacionado": (patterns.uncorrelated, (6.4, 3.2)),
-    "4.7-n-rook": (partial(patterns.strategy, name="nrook", n=16, strata=16), (3.2, 3.2)),
-    "4.9-estratos-da-fonte": (patterns.source_strata, (4.8, 2.8)),
-    "4.10-quatro-raios": (patterns.four_rays, (4.8, 3.2)),
-    "5.10-associacao": (patterns.association, (6.4, 3.2)),
-    "5.11-rotacao": (patterns.rotation, (6.4, 2.4)),
+    "2.4-dieletrico": (optics.dielectric_outside, (4.8, 3.6)),
+    "2.5-reflexao-total": (optics.dielectric_inside, (4.8, 3.6)),
+    "2.6-cobre": (optics.copper, (4.8, 3.6)),
+    "3.3-beckmann": (optics.beckmann, (6.4, 2.8)),
+    "3.6-modelos-30": (partial(optics.lobes, incidence=30), (6.4, 2.8)),
+    "3.7-modelos-70": (partial(optics.lobes, incidence=70), (6.4, 2.8)),
+    "4.2-uniforme": (partial(sampling.strategy, name="random", n=100), (3.2, 3.2)),
+    "4.3-disco-de-poisson": (partial(sampling.strategy, name="poisson_disk", n=100), (3.2, 3.2)),
+    "4.4-jittering": (sampling.jittering, (3.2, 3.2)),
+    "4.5-importancia": (sampling.importance, (4.8, 2.8)),
+    "4.6-nao-correlacionado": (sampling.uncorrelated, (6.4, 3.2)),
+    "4.7-n-rook": (partial(sampling.strategy, name="nrook", n=16, strata=16), (3.2, 3.2)),
+    "4.9-estratos-da-fonte": (sampling.source_strata, (4.8, 2.8)),
+    "4.10-quatro-raios": (sampling.four_rays, (4.8, 3.2)),
+    "5.10-associacao": (sampling.association, (6.4, 3.2)),
+    "5.11-rotacao": (sampling.rotation, (6.4, 2.4)),
 }
 
 #: Rendered, to an array (height, width, 3): name -> function of the factor of size.
@@ -68,6 +68,7 @@ def draw(name, path, factor):
         image.convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(str(path))
         return
     from matplotlib.figure import Figure
+
     function, inches = DRAWN[name]
     figure = Figure(figsize=inches, layout="constrained")
     function(figure)
@@ -81,8 +82,9 @@ def main(arguments=None):
     parser.add_argument("--only", nargs="+", default=[""], metavar="FIGURE", help="such as 5.1 or 5.18-path")
     parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba (default: %(default)s)")
     options = parser.parse_args(arguments)
-    names = [name for name in [*DRAWN, *RENDERED]
-             if any(only in ("", name, name.split("-")[0]) for only in options.only)]
+    names = [
+        name for name in [*DRAWN, *RENDERED] if any(only in ("", name, name.split("-")[0]) for only in options.only)
+    ]
     if not names:
         parser.error(f"there is no figure {' or '.join(options.only)}; there are {', '.join([*DRAWN, *RENDERED])}")
     mi.set_variant(options.variant)

@@ -11,12 +11,33 @@ from mitsuba_prosim.registry import FOLDERS
 
 DOCS = Path(__file__).parents[1] / "docs"
 
+pytestmark = pytest.mark.docs
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     out = tmp_path_factory.mktemp("site")
-    done = subprocess.run([sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(out),
-                           "-d", str(out / ".doctrees")], check=False, capture_output=True, text=True)
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            "-W",
+            "--keep-going",
+            "-q",
+            "-b",
+            "html",
+            str(DOCS),
+            str(out),
+            "-D",
+            "notebooks=unrun",
+            "-d",
+            str(out / ".doctrees"),
+        ],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     return out
 
@@ -39,3 +60,34 @@ def test_links_within_the_site_lead_somewhere(site):
     for page in site.rglob("*.html"):
         for link in re.findall(r'(?:href|src)="([^"#?:]+)[^":]*"', page.read_text("utf-8")):
             assert (page.parent / link).exists(), f"{page.name} -> {link}"
+
+
+def test_the_site_needs_no_network(site):
+    """A page fetches nothing from elsewhere, formulas included; links to other sites are for readers."""
+    for page in site.rglob("*.html"):
+        text = page.read_text("utf-8")
+        fetched = re.findall(r'<(?:script|img|source|iframe)[^>]*\bsrc="([^"]*)"', text)
+        fetched += re.findall(r'<link[^>]*\brel="(?:stylesheet|preload|icon)"[^>]*\bhref="([^"]*)"', text)
+        assert fetched and not [link for link in fetched if re.match("(https?:)?//", link)], page.name
+    assert "<math" in (site / "plugins" / "bsdfs.html").read_text("utf-8")
+    assert not [
+        sheet for sheet in site.rglob("*.css") if re.search(r"url\([\"']?(?:https?:)?//", sheet.read_text("utf-8"))
+    ]
+
+
+def test_every_notebook_has_a_page(site):
+    index = (site / "notebooks.html").read_text("utf-8")
+    for notebook in DOCS.parent.glob("examples/*.ipynb"):
+        assert f'href="notebooks/{notebook.stem}.html"' in index
+        assert 'download="" href="../_downloads' in (site / "notebooks" / f"{notebook.stem}.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_links_of_pages_outside_the_site_lead_somewhere(name):
+    text = (DOCS.parent / name).read_text("utf-8")
+    links = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text)
+    for link in links:
+        if not link.startswith("http"):
+            assert (DOCS.parent / link.partition("#")[0]).exists(), link
+    if name == "README.md":
+        assert links

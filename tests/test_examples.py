@@ -1,33 +1,20 @@
-"""Every example scene renders, and figures 5.12 to 5.15 show what the thesis says of them, in numbers."""
+"""The figures are drawn, and 5.12 to 5.15 show what the thesis says of them, in numbers."""
 
 import functools
-import runpy
-import sys
 from pathlib import Path
 
+import figures
 import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from drawing import scenes
 from scipy import ndimage
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 SCENES = sorted(EXAMPLES.glob("*.scn"))
-
-sys.path.insert(0, str(EXAMPLES))
-figures = runpy.run_path(str(EXAMPLES / "figures.py"))
-FIGURES = [*figures["DRAWN"], *figures["RENDERED"]]
-
-
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
-def test_scene_translates_and_renders(variant_rgb, tmp_path, path):
-    xml = prosim_scene.translate(path, tmp_path, resolution=(48, 36), samples=2)
-    image = np.array(mi.render(mi.load_file(str(xml))))
-    assert image.shape == (36, 48, 3)
-    assert np.all(np.isfinite(image)) and np.all(image >= 0)
-    assert 0.02 < image.mean() < 3
-    assert image.std() > 0.02                                       # something is seen
+FIGURES = [*figures.DRAWN, *figures.RENDERED]
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
@@ -36,13 +23,20 @@ def test_nothing_in_a_scene_is_doubtful(path, recwarn):
     assert not [w for w in recwarn if issubclass(w.category, prosim_scene.SceneWarning)]
 
 
-@pytest.mark.parametrize("name", [*figures["DRAWN"], "5.14-samples", "5.18-path"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *figures.DRAWN,
+        pytest.param("5.14-samples", marks=pytest.mark.slow),
+        pytest.param("5.18-path", marks=pytest.mark.slow),
+    ],
+)
 def test_figure_is_drawn(variant_rgb, tmp_path, name):
     path = tmp_path / f"{name}.png"
-    if name == "5.18-path":                                         # 16 samples instead of its many
-        image = figures["scenes"].render_path("caustica", 0.1, 16)
+    if name == "5.18-path":  # 16 samples instead of its many
+        image = scenes.render_path("caustica", 0.1, 16)
     else:
-        figures["draw"](name, path, 0.1)
+        figures.draw(name, path, 0.1)
         image = np.array(mi.Bitmap(str(path)))
     assert image.ndim == 3 and image.shape[0] >= 24
     assert np.all(np.isfinite(image)) and image.std() > 0
@@ -58,10 +52,15 @@ def test_gallery_shows_every_figure(name):
 # ---- 5.12 to 5.15 ----------------------------------------------------------------------------------------------------
 
 
-@functools.cache
 def pole(name, samples, **integrator):
     """Luminance of the pole, (180, 240), and the further channels."""
-    scene = mi.load_dict(figures["scenes"].load(name, 0.5, samples, **integrator))
+    return rendered_pole(mi.variant(), name, samples, **integrator)
+
+
+@functools.cache
+def rendered_pole(variant, name, samples, **integrator):
+    """The same, rendered once in each variant."""
+    scene = mi.load_dict(scenes.load(name, 0.5, samples, **integrator))
     image = np.array(mi.render(scene))
     return (image[..., :3] @ [0.2126, 0.7152, 0.0722], *np.moveaxis(image[..., 3:], 2, 0))
 
@@ -87,9 +86,10 @@ def regions(converged):
 
 
 def rmse(image, reference, where):
-    return np.sqrt(np.mean((image - reference)[where]**2))
+    return np.sqrt(np.mean((image - reference)[where] ** 2))
 
 
+@pytest.mark.slow
 def test_one_sample_from_a_point_source_has_stairs_but_no_noise(converged, regions):
     """Figure 5.12: hard steps along the outlines, clean surfaces and shadows."""
     outline, _, flat = regions
@@ -98,6 +98,7 @@ def test_one_sample_from_a_point_source_has_stairs_but_no_noise(converged, regio
     assert rmse(image, converged[0], flat) < 0.01
 
 
+@pytest.mark.slow
 def test_extended_source_is_noisy_in_the_shadow_at_one_sample(converged, regions):
     """Figure 5.13: the penumbra is many times noisier than what is flat, and than in the light of the point source."""
     _, penumbra, flat = regions
@@ -107,6 +108,7 @@ def test_extended_source_is_noisy_in_the_shadow_at_one_sample(converged, regions
     assert rmse(pole("poste-pontual", 1)[0], converged[0], penumbra) < 0.5 * rmse(image, converged[1], penumbra)
 
 
+@pytest.mark.slow
 def test_more_samples_mean_less_of_both(converged, regions):
     """Figures 5.14 and 5.15: stairs and noise shrink from 1 sample to at most 9, and to at most 25."""
     for region in regions[:2]:
@@ -114,6 +116,7 @@ def test_more_samples_mean_less_of_both(converged, regions):
         assert error[1] < 0.5 * error[0] and error[2] < 0.8 * error[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, 5])
 def test_samples_go_where_they_are_needed(regions, n):
     """N on what is flat, up to N² on outlines and in the penumbra (section 5.3.2)."""

@@ -2,7 +2,7 @@
 
 ``.. plugins:: FOLDER`` shows every plugin in ``plugins/mitsuba_prosim/FOLDER``, each with its picture from
 ``docs/pictures``; ``.. pluginparameters::`` is the table of parameters; references to Mitsuba's plugins lead to
-Mitsuba's site, and links of Markdown pages to folders of the repository, which serve its readers, to nothing. The sources are read, not run: a site can be built without Mitsuba.
+Mitsuba's site. The sources are read, not run.
 """
 
 import ast
@@ -11,15 +11,22 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst.directives.tables import ListTable
-from sphinx import addnodes
 from sphinx.util.docutils import SphinxDirective
 
 SOURCES = Path(__file__).parents[2] / "plugins" / "mitsuba_prosim"
 
 #: Where a reference such as ``bsdf-conductor`` is found on Mitsuba's site, by what stands before the hyphen.
 MITSUBA = "https://mitsuba.readthedocs.io/en/stable/src/generated/plugins_{}.html#{}"
-MITSUBA_PAGES = {"bsdf": "bsdfs", "emitter": "emitters", "texture": "textures", "sensor": "sensors",
-                 "sampler": "samplers", "integrator": "integrators", "shape": "shapes", "film": "films"}
+MITSUBA_PAGES = {
+    "bsdf": "bsdfs",
+    "emitter": "emitters",
+    "texture": "textures",
+    "sensor": "sensors",
+    "sampler": "samplers",
+    "integrator": "integrators",
+    "shape": "shapes",
+    "film": "films",
+}
 
 
 def plugins(folder):
@@ -75,14 +82,6 @@ class PluginParameters(ListTable):
         return [table]
 
 
-def unlink_outside(app, doctree):
-    """Leaves the text alone of a Markdown page's link to a folder of the repository, which is no page."""
-    here = Path(app.env.doc2path(app.env.docname)).parent
-    for node in list(doctree.findall(addnodes.pending_xref)):
-        if node["reftype"] == "myst" and (here / node["reftarget"]).is_dir():
-            node.replace_self(node.children)
-
-
 def mitsuba_reference(app, env, node, content):
     """A link to Mitsuba's site for a label of one of its plugins."""
     kind, _, name = node["reftarget"].partition("-")
@@ -96,5 +95,4 @@ def setup(app):
     app.add_directive("plugins", Plugins)
     app.add_directive("pluginparameters", PluginParameters)
     app.connect("missing-reference", mitsuba_reference)
-    app.connect("doctree-read", unlink_outside)
     return {"parallel_read_safe": True}

@@ -1,87 +1,79 @@
-"""Figures of chapters 2 and 3, from the plugins themselves."""
+"""What a material does, as curves: the figures of chapters 2 and 3 are drawn with these, from the plugins themselves.
+
+Angles are in degrees from the normal. Below the surface is beyond 90, and the mirror direction of an incidence of
++30 is +30: both are measured in the plane of incidence, each to its own side of the normal.
+"""
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-from mitsuba_prosim.optics import curves, distribution
-
-RGB = ("#c33", "#393", "#33c")
 
 
-def fresnel_axes(figure, title):
-    axes = figure.add_subplot(xlim=(0, 90), ylim=(0, 1), title=title, xticks=range(0, 91, 15),
-                              xlabel="angle of incidence (degrees)", ylabel="reflectance")
-    axes.grid(alpha=0.3)
-    return axes
+def direction(angles, side=1):
+    """Unit vectors in the plane of incidence, on the positive (``side`` 1) or negative side of the normal."""
+    sin, cos = dr.sincos(mi.Float(angles) * (dr.pi / 180))
+    return mi.Vector3f(side * sin, 0, cos)
 
 
-def dielectric_outside(figure):
-    axes = fresnel_axes(figure, "From air into a dielectric")
-    angles = np.linspace(0, 89.99, 200)
-    for n in (1.3, 1.5, 2.0, 2.5):
-        bsdf = mi.load_dict({"type": "prosim_dielectric", "int_ior": n, "ext_ior": 1.0})
-        axes.plot(angles, np.array(curves.reflectance(bsdf, angles))[0], label=f"n = {n}")
-    axes.legend()
+def interaction(wi):
+    """A point on a surface seen from ``wi`` (local)."""
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(wi))
+    si.wi = wi
+    if mi.is_spectral:
+        si.wavelengths = mi.Spectrum(450, 510, 570, 630)
+    return si
 
 
-def dielectric_inside(figure):
-    axes = fresnel_axes(figure, "From a dielectric into air")
-    angles = np.linspace(0, 89.99, 500)
-    for n in (1.3, 1.5, 2.0, 2.5):
-        bsdf = mi.load_dict({"type": "prosim_dielectric", "int_ior": n, "ext_ior": 1.0})
-        axes.plot(angles, np.array(curves.reflectance(bsdf, 180 - angles))[0],
-                  label=f"n = {n}: total\nfrom {np.degrees(np.arcsin(1 / n)):.1f}°")
-    axes.legend(loc="center right")
+def reflectance(bsdf, angles):
+    """Spectrum reflected by an ideally smooth surface, by angle of incidence (figures 2.4, 2.5, 2.6)."""
+    context = mi.BSDFContext()
+    context.component = 0
+    si = interaction(direction(angles))
+    return mi.unpolarized_spectrum(bsdf.sample(context, si, mi.Float(0), mi.Point2f(0.5))[1])
 
 
-def copper(figure):
-    axes = fresnel_axes(figure, "Copper in air")
-    angles = np.linspace(0, 89.99, 200)
-    for fresnel, style in (("exact", "-"), ("thesis", ":")):
-        bsdf = mi.load_dict({"type": "prosim_conductor", "material": "Cu_palik", "fresnel": fresnel})
-        for values, color, name in zip(np.array(curves.reflectance(bsdf, angles)), RGB, ("red", "green", "blue")):
-            axes.plot(angles, values, style, color=color, label=name if style == "-" else None)
-    axes.plot([], [], "k:", label="n² + k² >> 1")
-    axes.set_ylim(0.4, 1)
-    axes.legend(loc=(0.05, 0.45))
+def radiance(bsdf, incidence, angles):
+    """Spectrum that a surface sends to ``angles`` per unit of irradiance: the BRDF itself (figures 3.6, 3.7)."""
+    wi, wo = direction(incidence), direction(angles, -1)
+    value = bsdf.eval(mi.BSDFContext(), interaction(wi), wo)
+    return mi.unpolarized_spectrum(value) / wo.z
 
 
-def half_circle(figure, place, title):
-    """Polar axes over a surface: 0 is the normal, positive angles are to the right."""
-    axes = figure.add_subplot(place, projection="polar")
-    axes.set(theta_zero_location="N", theta_direction=-1, thetamin=-90, thetamax=90, yticklabels=[])
-    axes.grid(alpha=0.3)
-    axes.text(0.5, 0.1, title, transform=axes.transAxes, ha="center")
-    return axes
+def facets(alpha, n=256):
+    """A grid of n² facets m with the solid angle of each: fine where a distribution of width ``alpha`` is high.
+
+    Midpoints of a grid in the azimuth and in x, where 1 - cos is distributed as exp(-2 (1 - cos) / alpha²).
+    """
+    i = dr.arange(mi.UInt32, n * n)
+    x, phi = (mi.Float(i % n) + 0.5) / n, (mi.Float(i // n) + 0.5) * (2 * dr.pi / n)
+    width = 0.5 * alpha * alpha
+    full = 1 - dr.exp(-1 / width)
+    c = -width * dr.log(1 - x * full)
+    sin = dr.sqrt(c * (2 - c))
+    area = width * full / (1 - x * full) * (2 * dr.pi / (n * n))
+    return mi.Normal3f(sin * dr.cos(phi), sin * dr.sin(phi), 1 - c), area
 
 
-def beckmann(figure):
-    angles = np.radians(np.linspace(-89.9, 89.9, 601))
-    m = mi.Vector3f(np.sin(angles), 0, np.cos(angles))
-    for place, alpha in ((121, 0.2), (122, 0.6)):
-        axes = half_circle(figure, place, f"m = {alpha}")
-        axes.plot(angles, np.array(distribution.beckmann(m, mi.Float(alpha))))
+def albedo(bsdf, incidence, alpha, eta=None, n=256):
+    """Share of the light from ``incidence`` that a rough specular surface sends back, and on (scalars).
 
+    By quadrature over its facets, for a lobe of width about ``alpha``. ``eta``: interior over exterior index of a
+    dielectric; None: nothing is transmitted. Energy is counted, not radiance.
+    """
+    m, area = facets(alpha, n)
+    si = interaction(direction(incidence))
+    context = mi.BSDFContext(mi.TransportMode.Importance)
+    i_m = dr.dot(si.wi, m)
 
-def lobes(figure, incidence):
-    """Torrance-Sparrow's model and Phong's, of like widths, each over the same diffuse component."""
-    angles = np.linspace(-89.5, 89.5, 719)
-    slope, diffuse = 0.2, 0.75
-    specular = 1 - diffuse
-    models = {
-        "Torrance-Sparrow": {"type": "prosim_conductor", "material": "none", "alpha": slope},
-        # About the mirror direction a lobe is twice as wide as about the bisector: a quarter of the exponent.
-        "Phong": {"type": "prosim_phong", "diffuse_reflectance": 0.0, "specular_reflectance": 1.0,
-                  "exponent": (2 / slope**2 - 2) / 4},
-    }
-    for place, (name, description) in zip((121, 122), models.items()):
-        bsdf = mi.load_dict(description)
-        values = specular * np.array(curves.radiance(bsdf, dr.full(mi.Float, incidence, len(angles)), angles))[0]
-        values += diffuse / np.pi
-        peak = angles[values.argmax()]
-        axes = half_circle(figure, place, f"{name}: peak at {peak:.0f}°")
-        axes.plot(np.radians(angles), values)
-        top = 1.1 * values.max()
-        axes.plot(np.radians([-incidence] * 2), [0, top], "k-", lw=0.8)
-        axes.plot(np.radians([incidence] * 2), [0, top], "k--", lw=0.8)
-        axes.set_ylim(0, top)
+    def total(wo, jacobian, side):
+        lit = (i_m * si.wi.z > 0) & (wo.z * si.wi.z * side > 0)
+        value = dr.mean(mi.unpolarized_spectrum(bsdf.eval(context, si, wo, lit)))
+        return dr.sum(dr.select(lit, value * jacobian * area, 0))
+
+    back = total(mi.reflect(si.wi, m), 4 * dr.abs(i_m), 1)
+    if eta is None:
+        return back, mi.Float(0)
+    f, cos_t, eta_it, eta_ti = mi.fresnel(i_m, mi.Float(eta))
+    wo = mi.refract(si.wi, m, cos_t, eta_ti)
+    o_m = dr.dot(wo, m)
+    on = total(wo, dr.select(f < 1, dr.square(i_m / eta_it + o_m) / dr.abs(o_m), 0), -1)
+    return back, on

@@ -3,8 +3,11 @@
 Dr.Jit chooses its LLVM when it is imported: the file that ``DRJIT_LIBLLVM_PATH`` names, else the newest one in the
 system's library folders. So that a good one is found whatever a program imports first, the installation adds the
 start-up file ``mitsuba_prosim_llvm.pth``, which sets that variable if it is unset and the library that came with this
-package is there.
+package is there. Which version comes with it is said in ``pyproject.toml``; the start-up file, which is read before any
+package can be, names it as well, and a test holds the two together.
 """
+
+from __future__ import annotations
 
 import os
 import platform
@@ -15,12 +18,17 @@ import drjit as dr
 OLDEST_ON_X86 = 17
 
 
-def version():
-    """Version of the LLVM that Dr.Jit has loaded, as a tuple, or None."""
+def packaged() -> str:
+    """File name of the library in the LLVM that this package installs on x86-64 Linux."""
+    return f"libLLVM-{requirement().partition('==')[2].partition('.')[0]}.so"
+
+
+def version() -> tuple[int, ...] | None:
+    """Version of the LLVM that Dr.Jit has loaded, or None."""
     return dr.detail.llvm_version() if dr.has_backend(dr.JitBackend.LLVM) else None
 
 
-def library():
+def library() -> str | None:
     """Path of the LLVM that Dr.Jit has loaded, as far as it can be told (on Linux, or from the variable), or None."""
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
@@ -29,16 +37,32 @@ def library():
         return os.environ.get("DRJIT_LIBLLVM_PATH")
 
 
-def problem():
+def requirement() -> str:
+    """What this package asks pip for to have an LLVM, as ``pyproject.toml`` states it: a name and a version."""
+    from importlib.metadata import PackageNotFoundError, requires  # slow to import, and seldom needed
+
+    try:
+        wanted = requires("mitsuba-prosim") or []
+    except PackageNotFoundError:  # run from its sources alone
+        wanted = []
+    stated = (line.partition(";")[0].strip() for line in wanted if line.startswith("karellen-llvm-core"))
+    return next(stated, "karellen-llvm-core")
+
+
+def problem() -> str | None:
     """Says what is wrong if the LLVM variants would abort the process or can't be had; None if all is well."""
-    advice = ("Install LLVM 17 or later (on x86-64 Linux: pip install 'karellen-llvm-core==23.1.*'; elsewhere: "
-              "apt install libllvm19, brew install llvm or the like), see that DRJIT_LIBLLVM_PATH is unset or names its "
-              "libLLVM, and start again. The variant scalar_rgb needs none.")
     found = version()
+    if found is not None and (found[0] >= OLDEST_ON_X86 or platform.machine() not in ("x86_64", "AMD64")):
+        return None
+    advice = (
+        f"Install LLVM {OLDEST_ON_X86} or later (on x86-64 Linux: pip install '{requirement()}'; elsewhere: "
+        "apt install libllvm19, brew install llvm or the like), see that DRJIT_LIBLLVM_PATH is unset or names "
+        "its libLLVM, and start again. The variant scalar_rgb needs none."
+    )
     if found is None:
         path = os.environ.get("DRJIT_LIBLLVM_PATH")
         return f"Dr.Jit found no usable LLVM{f' (DRJIT_LIBLLVM_PATH is {path})' if path else ''}. {advice}"
-    if platform.machine() in ("x86_64", "AMD64") and found[0] < OLDEST_ON_X86:
-        return (f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on this "
-                f"processor, it would abort the process. {advice}")
-    return None
+    return (
+        f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on "
+        f"this processor, it would abort the process. {advice}"
+    )

@@ -1,11 +1,108 @@
-"""What plugins say of a wrong parameter."""
+"""How plugins read their parameters, show them to ``mi.traverse`` and ``str``, and what they say of a wrong one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, isfinite
+from typing import Any
+
+import mitsuba as mi
 
 
-def reject(props, name, value, allowed):
+class _Missing:
+    """Stands for a parameter that must be given and is not, in the message of `reject`."""
+
+    def __repr__(self) -> str:
+        return "missing"
+
+
+MISSING = _Missing()
+
+
+def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
     """Returns the error for a parameter outside what is allowed; the caller raises it.
 
-    ``props`` are the plugin's ``mi.Properties``, ``name`` the parameter, ``value`` what was found, ``allowed`` a
-    phrase such as ``"a number >= 0"``.
+    ``props`` are the plugin's ``mi.Properties``, ``name`` the parameter, ``value`` what was found (`MISSING` if nothing
+    was), ``allowed`` a phrase such as ``"a number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
     return ValueError(f'{where}: parameter "{name}" is {value!r}; allowed: {allowed}.')
+
+
+def number(
+    props: mi.Properties, name: str, default: float | None, low: float, high: float = inf, open_below: bool = False
+) -> float:
+    """A finite number from ``low`` to ``high``, without ``low`` itself if ``open_below``.
+
+    Without a ``default`` (None) the parameter must be given. Raises ValueError for anything else.
+    """
+    value = props.get(name, default)
+    if not _is_number(value) or not low <= value <= high or not isfinite(value) or (open_below and value == low):
+        raise reject(props, name, MISSING if value is None else value, "a number" + _bounds(low, high, open_below))
+    return float(value)
+
+
+def whole(props: mi.Properties, name: str, default: int | None, low: int, high: int | None = None) -> int:
+    """A whole number from ``low`` to ``high``, be it written as an integer or as a float such as 10.0.
+
+    Without a ``default`` (None) the parameter must be given. Raises ValueError for anything else, 2.7 for instance.
+    """
+    value = props.get(name, default)
+    top = inf if high is None else high
+    if not _is_number(value) or not low <= value <= top or not isfinite(value) or value != int(value):
+        raise reject(props, name, MISSING if value is None else value, "a whole number" + _bounds(low, top, False))
+    return int(value)
+
+
+def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str | None = None) -> str:
+    """One of the words ``allowed``; the first is the ``default``, if no other is named. Else raises ValueError."""
+    value = props.get(name, allowed[0] if default is None else default)
+    if value not in allowed:
+        raise reject(props, name, value, "one of " + ", ".join(allowed) if len(allowed) > 2 else " or ".join(allowed))
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _bounds(low: float, high: float, open_below: bool) -> str:
+    parts = [f">{'' if open_below else '='} {low}"] * (low > -inf) + [f"<= {high}"] * (high < inf)
+    return " " + " and ".join(parts) if parts else ""
+
+
+def constant(props: mi.Properties, name: str) -> list[float]:
+    """The numbers of a parameter that is a number, a colour or a spectrum; empty for a texture or nothing.
+
+    To be asked before the parameter is turned into a texture.
+    """
+    value = props.get(name)
+    if value is None or isinstance(value, mi.Object):
+        return []
+    if isinstance(value, (str, bool)):
+        raise reject(props, name, value, "a number, a colour or a texture")
+    return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
+
+
+def shown(values: list[float]) -> float | list[float]:
+    """The numbers of `constant` as an error shows them: one as such, several as a list."""
+    values = [round(v, 6) for v in values]
+    return values[0] if len(set(values)) == 1 else values
+
+
+def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /, **parameters: Any) -> None:
+    """Shows textures and Dr.Jit values to ``mi.traverse`` under their names, as differentiable or with other ``flags``.
+
+    Passes over those that are None, and over the plain numbers of scalar variants, which cannot be changed in place. A
+    texture of a BSDF that is shown as ``ambient`` thereby is the BSDF's attribute of that name.
+    """
+    flags = mi.ParamFlags.Differentiable if flags is None else flags
+    for name, parameter in parameters.items():
+        if parameter is not None and not isinstance(parameter, float):
+            callback.put(name, parameter, flags)
+
+
+def describe(plugin: mi.Object, **values: Any) -> str:
+    """The text of ``to_string``: the class and a line for each value that is not None."""
+    lines = [f"  {name} = {value}".replace("\n", "\n  ") for name, value in values.items() if value is not None]
+    return f"{type(plugin).__name__}[\n" + ",\n".join(lines) + "\n]"

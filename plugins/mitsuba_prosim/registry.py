@@ -5,49 +5,57 @@ defines one has to run again when the variant changes: Mitsuba does the same wit
 that hold pure functions look ``mi`` up when they are called and need no second run.
 """
 
+from __future__ import annotations
+
 import importlib
 import pkgutil
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import mitsuba as mi
 
 from . import llvm
 
-#: The folders whose modules depend on the variant: one plugin a module, or a base class that its neighbours share
-#: (``common``, which stands before them in the alphabet and so runs first). In the order of the thesis: 5.1 materials,
-#: 5.2 sources, textures, views, 5.3 sampling, 5.4 rendering.
+#: Modules of base classes that several plugins share; they depend on the variant as well, and run first.
+BASES = ("optics.pigmented", "procedural.mixture")
+
+#: The folders of plugins, one a module. In the order of the thesis: 5.1 materials, 5.2 sources, textures, views, 5.3
+#: sampling, 5.4 rendering.
 FOLDERS = ("bsdfs", "emitters", "textures", "sensors", "samplers", "integrators")
 
 #: Plugin name -> class, filled by the decorator below for the active variant.
-PLUGINS = {}
+PLUGINS: dict[str, type] = {}
 
-_registered_for = None
+_registered_for: str | None = None
 
 
-def plugin(kind, name):
+def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
     Mitsuba 3.9 asks for the type of a plugin under ``scalar_rgb``, whatever variant is active (``load_dict`` would
     merge two equal emitters, and writing XML would fail, if the name were unknown there); so the name is made known
     to that variant too. Only its type is asked for: the real class takes over when ``scalar_rgb`` becomes active.
     """
-    def register(cls):
+
+    def register(cls: type) -> type:
         for variant in {mi.variant(), "scalar_rgb"}:
             getattr(getattr(mi, variant), "register_" + kind)(name, cls)
         PLUGINS[name] = cls
         return cls
+
     return register
 
 
-def modules():
-    """Full names of the modules that run anew for every variant."""
+def modules() -> Iterator[str]:
+    """Full names of the modules that run anew for every variant, base classes first."""
+    yield from (f"{__package__}.{module}" for module in BASES)
     for folder in FOLDERS:
         path = Path(__file__).with_name(folder)
         yield from (f"{__package__}.{folder}.{module.name}" for module in pkgutil.iter_modules([str(path)]))
 
 
-def register_plugins(*_):
+def register_plugins(*_: object) -> None:
     """Registers all plugins for the active variant; does nothing while none is set, or when that is done already.
 
     Serves as Mitsuba's variant callback, hence the ignored arguments (old variant, new variant). Raises RuntimeError

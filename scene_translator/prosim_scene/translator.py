@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from . import geometry
+from . import view
 from .language import document_of
 from .language.document import Document
 from .language.files import read
@@ -21,7 +21,8 @@ from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .targets import TARGETS, Target, clip, lights, materials, sensor, single, view
+from .solids import TOLERANCE, tessellate
+from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
 from .write.ply import ply
@@ -94,10 +95,10 @@ def assemble(
     )
     camera = view.camera(document, options.resolution)
     single.check_transforms(document)
-    triangles = geometry.triangles(
+    triangles = tessellate(
         document,
         camera,
-        options.tolerance or geometry.TOLERANCE,
+        options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
     )

@@ -11,9 +11,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.command.main import main
 from mitsuba_prosim.compare import measures, runs
-from mitsuba_prosim.compare.scenes import Scene, Spec, typed
+from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
+from mitsuba_prosim.scene_files.opening import SceneFile
+from prosim_start.group import prosim
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
@@ -51,12 +52,34 @@ def report(tmp_path_factory):
     """(page, facts, folder) of a comparison at tiny size."""
     folder = tmp_path_factory.mktemp("compare")
     (folder / "little.xml").write_text(SCENE)
-    result = CliRunner().invoke(main, [
-        "compare", str(folder / "little.xml"), "prosim", "path:multijitter", "--rounds", "2", "--levels", "2,3", "--exposure", "-1",
-        "--reference-seconds", "0", "--cache", str(folder / "cache"), "-m", "llvm_ad_rgb"])
+    result = CliRunner().invoke(
+        prosim,
+        [
+            "compare",
+            str(folder / "little.xml"),
+            "prosim",
+            "path:multijitter",
+            "--rounds",
+            "2",
+            "--levels",
+            "2,3",
+            "--exposure",
+            "-1",
+            "--reference-seconds",
+            "0",
+            "--cache",
+            str(folder / "cache"),
+            "-m",
+            "llvm_ad_rgb",
+        ],
+    )
     assert result.exit_code == 0, result.output
     stem = folder / "little-compare"
-    return stem.with_suffix(".html").read_text(encoding="utf-8"), json.loads(stem.with_suffix(".json").read_text()), folder
+    return (
+        stem.with_suffix(".html").read_text(encoding="utf-8"),
+        json.loads(stem.with_suffix(".json").read_text()),
+        folder,
+    )
 
 
 class Page(html.parser.HTMLParser):
@@ -102,7 +125,7 @@ def test_measures_of_a_known_error():
     assert measures.rmse(image, reference) == pytest.approx(0.11 / np.sqrt(2))
     assert measures.tone_mapped_rmse(image, reference) == pytest.approx(0.1 / np.sqrt(2))
     assert measures.percentile99(image, reference) == pytest.approx(0.1)
-    assert measures.relative_mse(image, reference) == pytest.approx(0.11 ** 2 / 2 / (0.25 ** 2 + 0.01))
+    assert measures.relative_mse(image, reference) == pytest.approx(0.11**2 / 2 / (0.25**2 + 0.01))
 
 
 def test_measures_of_equal_images_and_order_of_unequal_ones():
@@ -147,10 +170,11 @@ def test_contestants_in_words():
             Spec(wrong)
 
 
+@pytest.mark.slow
 def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     path = tmp_path / "little.xml"
     path.write_text(SCENE)
-    scene = Scene(path, tmp_path)
+    scene = FileScene(SceneFile(path, tmp_path))
     mi.set_log_level(mi.LogLevel.Error)
     assert scene.contestant(Spec("path:ldsampler"), "paths", spp=25).counts().mean() == 64
     assert scene.contestant(Spec("path:orthogonal"), "paths", spp=64).counts().mean() == 121
@@ -159,8 +183,10 @@ def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     assert set(np.unique(counts)) == {3, 9}
     for transport in ("paths", "direct"):
         integrator = {"paths": "path", "direct": "direct"}[transport]
-        pair = [scene.contestant(Spec("prosim,adaptive=none,samples=10"), transport),
-                scene.contestant(Spec(integrator + ":multijitter"), transport, spp=100)]
+        pair = [
+            scene.contestant(Spec("prosim,adaptive=none,samples=10"), transport),
+            scene.contestant(Spec(integrator + ":multijitter"), transport, spp=100),
+        ]
         reference = runs.reference(tmp_path, transport, pair, 0)
         assert 0.6 < reference.disagreement < 1.5
         assert abs(reference.mean_difference) < 10  # Student's t, two degrees of freedom: 1 %
@@ -187,6 +213,7 @@ def test_references_are_kept_and_continued(tmp_path, variant_rgb):
 # ---- the page
 
 
+@pytest.mark.slow
 def test_page_holds_what_it_must(report):
     page, facts, _ = report
     same, own = facts["sections"]
@@ -194,15 +221,30 @@ def test_page_holds_what_it_must(report):
     assert own["transport"] == "scene"
     assert [row["role"] for row in same["rows"]] == ["a", "b at equal samples", "b at equal time"]
     assert same["rows"][1]["samples"] == pytest.approx(same["rows"][0]["samples"], abs=2)
-    for heading in ("RMSE", "relMSE", "SSIM", "ꟻLIP", "Error against samples and time", "equal samples", "equal time",
-                    "Caustics", "Diffuse interreflection", "slope"):
+    for heading in (
+        "RMSE",
+        "relMSE",
+        "SSIM",
+        "ꟻLIP",
+        "Error against samples and time",
+        "equal samples",
+        "equal time",
+        "Caustics",
+        "Diffuse interreflection",
+        "slope",
+    ):
         assert heading in page
     assert page.count("<figure") == page.count("data:image/png") == (1 + 3 * 4) + (1 + 4) + 5
-    assert facts["difference"]["effects"] == {"interreflection": True, "caustics": True, "light of the background": True,
-                                              "ambient": True}
+    assert facts["difference"]["effects"] == {
+        "interreflection": True,
+        "caustics": True,
+        "light of the background": True,
+        "ambient": True,
+    }
     assert facts["difference"]["ambient_mean"] > 0
 
 
+@pytest.mark.slow
 def test_every_number_on_the_page_is_in_the_json(report):
     page, facts, _ = report
     known = {repr(leaf) for leaf in leaves(facts)}
@@ -212,12 +254,20 @@ def test_every_number_on_the_page_is_in_the_json(report):
     # Digits elsewhere belong to texts of the JSON (names, versions) or to names of parameters and measures.
     text = " ".join(parsed.words)
     known_texts = {v for v in leaves(facts) if isinstance(v, str) and re.search(r"\d", v)}
-    for words in (*sorted(known_texts, key=len, reverse=True), "max_level = 0", "diffuse_bounces = -1",
-                  "99th percentile", "plus 0.01", "1 is equal", "0 is none"):
+    for words in (
+        *sorted(known_texts, key=len, reverse=True),
+        "max_level = 0",
+        "diffuse_bounces = -1",
+        "99th percentile",
+        "plus 0.01",
+        "1 is equal",
+        "0 is none",
+    ):
         text = text.replace(words, "")
     assert re.findall(r".{0,20}\d.{0,20}", text) == []
 
 
+@pytest.mark.slow
 def test_page_needs_no_network(report):
     references = Page(report[0]).references
     assert references
@@ -226,6 +276,7 @@ def test_page_needs_no_network(report):
     assert "@import" not in report[0]
 
 
+@pytest.mark.slow
 def test_csv_agrees_with_the_json(report):
     _, facts, folder = report
     with (folder / "little-compare.csv").open(encoding="utf-8") as file:
@@ -235,7 +286,56 @@ def test_csv_agrees_with_the_json(report):
     assert {line["transport"] for line in lines} == {"paths", "scene"}
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")
+def seen_in_a_browser(page, folder):
+    """What the script in ``page`` has put into its title, as JSON."""
+    (folder / "probe.html").write_text(page, encoding="utf-8")
+    run = subprocess.run(
+        [
+            BROWSER,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--window-size=1240,1000",
+            f"--user-data-dir={folder / 'browser'}",
+            "--virtual-time-budget=5000",
+            "--dump-dom",
+            (folder / "probe.html").as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    return json.loads(html.unescape(re.search(r"<title>(.*?)</title>", run.stdout)[1]))
+
+
+browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")
+
+
+@pytest.mark.browser
+@browser
+def test_page_on_a_phone(report):
+    """In a frame 390 pixels wide nothing is wider than it, and no two pictures with their captions overlap."""
+    page, _, folder = report
+    probe = """<!DOCTYPE html><html><head><title>-</title></head><body>
+        <iframe width="390" height="800" srcdoc="PAGE"></iframe><script>addEventListener("load", () => {
+        const inside = document.querySelector("iframe").contentDocument;
+        const boxes = [...inside.querySelectorAll("figure, .grid p")].map(f => f.getBoundingClientRect());
+        const overlap = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 &&
+            a.top < b.bottom - 1 && b.top < a.bottom - 1;
+        document.title = JSON.stringify({wide: inside.documentElement.scrollWidth, figures: boxes.length,
+            overlaps: boxes.filter((a, i) => boxes.some((b, k) => k < i && overlap(a, b))).length,
+            captions: [...inside.querySelectorAll("figcaption")].filter(c => c.scrollWidth > c.clientWidth).length});
+        });</script></body></html>""".replace("PAGE", html.escape(page))
+    seen = seen_in_a_browser(probe, folder)
+    assert seen["figures"] > 20
+    assert seen["wide"] <= 390 and seen["overlaps"] == seen["captions"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+@pytest.mark.browser
+@browser
 def test_page_in_a_browser(report):
     page, _, folder = report
     # A click on the first figure has to enlarge it; the title tells what the browser saw.
@@ -246,26 +346,25 @@ def test_page_in_a_browser(report):
             large: document.querySelectorAll("figure.large").length, numbers: document.querySelectorAll("data").length,
             wide: document.documentElement.scrollWidth > innerWidth});
     });</script></body>"""
-    (folder / "probe.html").write_text(page.replace("</body>", probe), encoding="utf-8")
-    run = subprocess.run([BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1240,1000",
-                          f"--user-data-dir={folder / 'browser'}", "--virtual-time-budget=5000", "--dump-dom",
-                          (folder / "probe.html").as_uri()], capture_output=True, text=True, timeout=120, check=True)
-    seen = json.loads(html.unescape(re.search(r"<title>(.*?)</title>", run.stdout)[1]))
+    seen = seen_in_a_browser(page.replace("</body>", probe), folder)
     assert seen["images"] == seen["drawn"] == page.count("<img")
     assert seen["large"] == 1
     assert seen["numbers"] == page.count("<data ")
     assert not seen["wide"]
 
 
-@pytest.mark.parametrize("arguments, message", [
-    (["nosuchintegrator"], "nosuchintegrator"),
-    (["prosim,samples=-1"], "samples"),
-    (["prosim,samples"], "PARAMETER=VALUE"),
-    (["prosim", "path", "--resolution", "5x5"], "too few"),
-])
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["nosuchintegrator"], "nosuchintegrator"),
+        (["prosim,samples=-1"], "samples"),
+        (["prosim,samples"], "PARAMETER=VALUE"),
+        (["prosim", "path", "--resolution", "5x5"], "too few"),
+    ],
+)
 def test_wrong_input_writes_nothing(tmp_path, arguments, message):
     (tmp_path / "little.xml").write_text(SCENE)
-    result = CliRunner().invoke(main, ["compare", str(tmp_path / "little.xml"), *arguments, "-m", "llvm_ad_rgb"])
+    result = CliRunner().invoke(prosim, ["compare", str(tmp_path / "little.xml"), *arguments, "-m", "llvm_ad_rgb"])
     assert result.exit_code == 2
     assert message in result.output
     assert [p.name for p in tmp_path.iterdir()] == ["little.xml"]

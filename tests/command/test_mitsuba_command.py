@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import registry
-from mitsuba_prosim.command import hosted, session, stand_in
+from mitsuba_prosim.command import hosted, stand_in
 
 SCENE = """<scene version="3.0.0">
     <default name="spp" value="4"/>
@@ -41,18 +41,27 @@ def write(folder, name, sampler="nrook", bsdf="prosim_lambertian", inside=""):
     return path
 
 
+COMMAND = shutil.which("mitsuba", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+
+
 def mitsuba(folder, *arguments, **env):
-    command = shutil.which("mitsuba", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    return subprocess.run([command, *map(str, arguments)], check=False, cwd=folder, capture_output=True, text=True,
-                          timeout=120, env=os.environ | env)
+    return subprocess.run(
+        [COMMAND, *map(str, arguments)],
+        check=False,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=os.environ | env,
+    )
 
 
-linked = pytest.mark.skipif(not session.stand_ins(), reason="installed without a C compiler")
+linked = pytest.mark.skipif(not stand_in.stand_ins(), reason="installed without a C compiler")
 
 
 @linked
 def test_every_plugin_has_its_stand_in(variant_rgb):
-    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(session.stand_ins())
+    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(stand_in.stand_ins())
 
 
 def test_names_by_text_alone(variant_rgb):
@@ -71,7 +80,8 @@ def test_bundled_names_are_mitsubas(variant_rgb):
 def test_image_equals_render(tmp_path, variant_rgb):
     """Two of our plugins and a bitmap in a folder of their own: the same pixels as mi.render, to the half."""
     mi.Bitmap(np.tile(np.linspace(0, 1, 8, dtype=np.float32)[:, None, None], (1, 8, 3))).convert(
-        component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(str(tmp_path / "wood.png"))
+        component_format=mi.Struct.Type.UInt8, srgb_gamma=True
+    ).write(str(tmp_path / "wood.png"))
     scene = write(tmp_path, "wood.xml", inside=BITMAP)
     done = mitsuba("/", "-m", "llvm_ad_rgb", "-D", "spp=9", scene)
     assert done.returncode == 0, done.stderr
@@ -81,13 +91,16 @@ def test_image_equals_render(tmp_path, variant_rgb):
     assert np.array_equal(image, reference.astype(np.float16))
 
 
+@pytest.mark.slow
 @linked
 def test_search_path(tmp_path, variant_rgb):
     """As in the native command: the current folder, then those of -a in their order, then the scene's."""
     for folder in "scene", "a", "b", "here":
         (tmp_path / folder).mkdir()
-    texture = ('<texture name="reflectance" type="bitmap"><string name="filename" value="grey.exr"/>'
-               '<boolean name="raw" value="true"/></texture>')
+    texture = (
+        '<texture name="reflectance" type="bitmap"><string name="filename" value="grey.exr"/>'
+        '<boolean name="raw" value="true"/></texture>'
+    )
     scene = write(tmp_path / "scene", "scene.xml", inside=texture)
     arguments = ["-a", f"{tmp_path / 'a'};{tmp_path / 'b'}", "-o", tmp_path / "out.exr", scene]
     for folders, expected in (("scene", "b", "a"), 0.4), (("here",), 0.8):
@@ -99,6 +112,7 @@ def test_search_path(tmp_path, variant_rgb):
         assert image[8, 12].mean() == pytest.approx(expected, rel=0.2)  # few samples, but a factor of two apart
 
 
+@pytest.mark.slow
 @linked
 def test_several_scenes_none_twice(tmp_path):
     """A stock scene that the native command has rendered before it met ours is not rendered again."""
@@ -111,6 +125,7 @@ def test_several_scenes_none_twice(tmp_path):
         assert tuple(mi.Bitmap(str(tmp_path / f"{name}.exr")).size()) == (8, 8)
 
 
+@pytest.mark.slow
 @linked
 def test_one_thread_and_output(tmp_path):
     """Mitsuba 3.9.1 alone hangs when it writes an EXR with -t 1."""
@@ -122,8 +137,7 @@ def test_one_thread_and_output(tmp_path):
 
 @linked
 def test_wrong_parameter(tmp_path):
-    scene = write(tmp_path, "scene.xml", bsdf="prosim_conductor",
-                  inside='<string name="distribution" value="ggx"/>')
+    scene = write(tmp_path, "scene.xml", bsdf="prosim_conductor", inside='<string name="distribution" value="ggx"/>')
     done = mitsuba(tmp_path, scene)
     assert done.returncode == 255
     assert "Caught a critical exception" in done.stderr and "scene.xml (line 15, col 10)" in done.stderr
@@ -152,13 +166,16 @@ def test_modules_beside_the_scene_are_not_imported(tmp_path):
 @linked
 def test_stand_ins_do_nothing_in_python(tmp_path):
     """Loading one of them by Mitsuba's plugin manager, in a Python without our package, is an error like any other."""
-    code = ("import mitsuba as mi; mi.set_variant('scalar_rgb')\n"
-            "try: mi.load_dict({'type': 'prosim_conductor'})\n"
-            "except RuntimeError as error: print(error)")
+    code = (
+        "import mitsuba as mi; mi.set_variant('scalar_rgb')\n"
+        "try: mi.load_dict({'type': 'prosim_conductor'})\n"
+        "except RuntimeError as error: print(error)"
+    )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert "could not be found" in done.stdout
 
 
+@pytest.mark.slow
 @linked
 def test_plugins_of_another_package(tmp_path):
     """Any package with an entry point in the group ``mitsuba`` is hosted by the same stand-in, here in ./plugins."""
@@ -166,10 +183,11 @@ def test_plugins_of_another_package(tmp_path):
     (site / "other-1.dist-info").mkdir(parents=True)
     (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
     (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
-    (site / "other.py").write_text("import mitsuba as mi\n"
-                                   "mi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n")
+    (site / "other.py").write_text(
+        "import mitsuba as mi\nmi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n"
+    )
     (tmp_path / "plugins").mkdir()
-    shutil.copy(session.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
+    shutil.copy(stand_in.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
     scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
     assert mitsuba(tmp_path, scene).returncode == 255
     done = mitsuba(tmp_path, scene, PYTHONPATH=str(site))
@@ -192,11 +210,56 @@ def test_ctrl_c_ends_at_once(tmp_path):
     assert not (tmp_path / "scene.exr").exists()
 
 
+@pytest.fixture
+def own_stand_in(tmp_path):
+    """A stand-in of this source, which begins to render only with the plugin that the scene names."""
+    (tmp_path / "plugins").mkdir()
+    stand_in.compile_stand_in(tmp_path / "plugins" / "stood_in_for.so", sys.executable)
+    site = tmp_path / "site"
+    (site / "other-1.dist-info").mkdir(parents=True)
+    (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
+    (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
+    (site / "other.py").write_text("""if True:
+        import os, time
+        import mitsuba as mi
+        def plugin(props):
+            print("process", os.getpid(), flush=True)
+            time.sleep(40)  # renders on
+        mi.register_bsdf("stood_in_for", plugin)
+        """)
+    return os.environ | {"PYTHONPATH": f"{site}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux" or not stand_in.compiler(), reason="needs a C compiler, on Linux")
+def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, own_stand_in):
+    """A signal for the process that was started reaches the one that renders, its grandchild."""
+    scene = write(tmp_path, "scene.xml", "independent", "stood_in_for")
+    with subprocess.Popen(
+        [COMMAND, "-m", "scalar_rgb", scene.name], cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=own_stand_in
+    ) as launcher:
+        renderer = next(int(line.split()[1]) for line in launcher.stdout if line.startswith("process"))
+        assert renderer != launcher.pid
+        launcher.terminate()
+        begun = time.monotonic()
+        launcher.stdout.read()  # ends when both have
+        assert time.monotonic() - begun < 20
+        assert launcher.wait() == -signal.SIGTERM
+
+
+@pytest.mark.slow
 @linked
 def test_hang_up_writes_the_image_so_far(tmp_path):
     scene = write(tmp_path, "scene.xml")
-    scene.write_text(scene.read_text().replace('"direct"/>', '"prosim"><integer name="samples" value="12"/>'
-                     '<string name="adaptive" value="none"/></integrator>').replace('"24"', '"512"').replace('"16"', '"2048"'))
+    scene.write_text(
+        scene.read_text()
+        .replace(
+            '"direct"/>',
+            '"prosim"><integer name="samples" value="12"/><string name="adaptive" value="none"/></integrator>',
+        )
+        .replace('"24"', '"512"')
+        .replace('"16"', '"2048"')
+    )
     program = Path(mi.__file__).with_name("mitsuba")
     with subprocess.Popen([program, "-m", "llvm_ad_rgb", scene], stdout=subprocess.PIPE) as process:
         for line in process.stdout:
@@ -215,27 +278,37 @@ def test_hang_up_writes_the_image_so_far(tmp_path):
     assert image[0].max() > 0 and image[-1].max() == 0
 
 
-@pytest.mark.parametrize("words, options, scenes", [
-    (["-vvt4", "a.xml"], {"-v": [None, None], "-t": ["4"]}, ["a.xml"]),
-    (["--mode", "x", "-Da=1", "-D", "b=2", "a.xml", "b.xml"], {"-m": ["x"], "-D": ["a=1", "b=2"]}, ["a.xml", "b.xml"]),
-    (["-WW", "-O0", "-o", "y.exr", "-ap;q"], {"-W": [None] * 2, "-O": ["0"], "-o": ["y.exr"], "-a": ["p;q"]}, []),
-    (["--append", "p", "--verbose", "--define", "k=v"], {"-a": ["p"], "-v": [None], "-D": ["k=v"]}, []),
-])
+@pytest.mark.parametrize(
+    "words, options, scenes",
+    [
+        (["-vvt4", "a.xml"], {"-v": [None, None], "-t": ["4"]}, ["a.xml"]),
+        (
+            ["--mode", "x", "-Da=1", "-D", "b=2", "a.xml", "b.xml"],
+            {"-m": ["x"], "-D": ["a=1", "b=2"]},
+            ["a.xml", "b.xml"],
+        ),
+        (["-WW", "-O0", "-o", "y.exr", "-ap;q"], {"-W": [None] * 2, "-O": ["0"], "-o": ["y.exr"], "-a": ["p;q"]}, []),
+        (["--append", "p", "--verbose", "--define", "k=v"], {"-a": ["p"], "-v": [None], "-D": ["k=v"]}, []),
+    ],
+)
 def test_arguments(words, options, scenes):
     assert hosted.parse_arguments(words) == (options, scenes)
 
 
-@pytest.mark.parametrize("words, message", [
-    (["-x"], 'Argument "-x" was not recognized!'),
-    (["--wrong"], 'Argument "--wrong" was not recognized!'),
-    (["-t"], 'Missing/invalid argument for argument "-t"'),
-    (["--sensor", "-1"], 'Missing/invalid argument for argument "--sensor"'),
-    (["-t", "many"], 'Argument "-t": value "many" is not an integer!'),
-    (["-V", "8"], "-V: the vector width can't be set"),
-    (["-D", "key"], "-D/--define: expect key=value pair!"),
-    (["-m", "scalar_rgb", "-W"], "only makes sense in a JIT"),
-    (["-m", "llvm_wrong"], "unsupported variant"),
-])
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (["-x"], 'Argument "-x" was not recognized!'),
+        (["--wrong"], 'Argument "--wrong" was not recognized!'),
+        (["-t"], 'Missing/invalid argument for argument "-t"'),
+        (["--sensor", "-1"], 'Missing/invalid argument for argument "--sensor"'),
+        (["-t", "many"], 'Argument "-t": value "many" is not an integer!'),
+        (["-V", "8"], "-V: the vector width can't be set"),
+        (["-D", "key"], "-D/--define: expect key=value pair!"),
+        (["-m", "scalar_rgb", "-W"], "only makes sense in a JIT"),
+        (["-m", "llvm_wrong"], "unsupported variant"),
+    ],
+)
 def test_wrong_use(words, message, capsys, monkeypatch):
     monkeypatch.setattr(mi, "set_log_level", lambda _: None)
     assert hosted.main("nrook", *words) == 255

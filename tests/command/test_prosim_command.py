@@ -1,67 +1,27 @@
 """The ``prosim`` command: what it writes, says and exits with."""
 
+import errno
 import os
-import signal
 import sys
 from importlib.metadata import distribution
-from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from mitsuba_prosim import llvm
-from mitsuba_prosim.command import link, session, stand_in
-from mitsuba_prosim.command.main import main
-from tqdm.auto import tqdm
-
-PALITO = Path(__file__).parents[2] / "examples" / "palito.scn"
-
-XML = """<scene version="3.0.0">
-    <default name="radiance" value="0.5"/>
-    <integrator type="path"/>
-    <sensor type="perspective">
-        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>
-        <sampler type="nrook"><integer name="sample_count" value="4"/></sampler>
-    </sensor>
-    <emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>
-</scene>
-"""
-
-
-def prosim(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
-
-
-def pixels(path):
-    return np.array(mi.Bitmap(str(path)))
-
-
-@pytest.fixture
-def scene(tmp_path):
-    path = tmp_path / "scene.xml"
-    path.write_text(XML)
-    return path
-
-
-@pytest.fixture
-def palito(tmp_path):
-    path = tmp_path / "listing.scn"
-    path.write_bytes(PALITO.read_bytes())
-    return path
-
-
-def names(folder):
-    return sorted(path.name for path in folder.iterdir())
+from mitsuba_prosim.command import compare, link, stand_in
+from mitsuba_prosim.scene_files import session, writing
+from prosim_start import group
+from running import PALITO, XML, names, pixels, prosim
 
 
 def test_renders_the_thesis_scene(palito):
-    """By default the images bear the name that the scene gives itself; nothing else is left behind."""
+    """By default the images bear the name of the scene's file; nothing else is left behind."""
     done = prosim("render", palito, "--resolution", "40x40", "--samples", 2)
     assert done.exit_code == 0, done.output
-    assert "palito.exr and " in done.stdout and "40 x 40 pixels" in done.stdout and done.stdout.count("\n") == 1
-    assert names(palito.parent) == ["listing.scn", "palito.exr", "palito.png"]
-    assert pixels(palito.with_name("palito.exr")).shape == (40, 40, 3)
+    assert "listing.exr and " in done.stdout and "40 x 40 pixels" in done.stdout and done.stdout.count("\n") == 1
+    assert names(palito.parent) == ["listing.exr", "listing.png", "listing.scn"]
+    assert pixels(palito.with_suffix(".exr")).shape == (40, 40, 3)
 
 
 def test_translation_renders_alike(palito):
@@ -82,6 +42,7 @@ def test_images_agree(scene):
     assert exr.metadata()["prosim.seed"] == "3" and exr.metadata()["prosim.scene"] == str(scene)
 
 
+@pytest.mark.slow
 def test_crop_is_part_of_the_whole(palito):
     for name, crop in ("whole", []), ("part", ["--crop", "10,4,8,6"]):
         done = prosim("render", palito, "-o", palito.with_name(name), "--resolution", "32x32", "--samples", 2, *crop)
@@ -89,20 +50,16 @@ def test_crop_is_part_of_the_whole(palito):
     assert np.array_equal(pixels(palito.with_name("part.exr")), pixels(palito.with_name("whole.exr"))[4:10, 10:18])
 
 
-@pytest.mark.parametrize("suffix", ["", ".exr", ".png"])
-def test_output_names(scene, suffix):
-    done = prosim("render", scene, "-o", scene.with_name("new") / f"a.b{suffix}")
-    assert done.exit_code == 0, done.output
-    assert names(scene.with_name("new")) == ["a.b.exr", "a.b.png"]
-
-
-@pytest.mark.parametrize("text, says", [
-    ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
-    (XML.replace("$radiance", "$missing"), "missing"),
-    (XML.replace("path", "prosim_missing"), "not found"),
-    (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),
-    ("<scene version='3.0.0'/>", "No sensor specified"),
-])
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
+        (XML.replace("$radiance", "$missing"), "missing"),
+        (XML.replace("path", "prosim_missing"), "not found"),
+        (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),
+        ("<scene version='3.0.0'/>", "No sensor specified"),
+    ],
+)
 def test_wrong_scene(scene, text, says):
     scene.write_text(text)
     done = prosim("render", scene)
@@ -120,45 +77,12 @@ def test_wrong_scene_in_the_language(palito):
     assert names(palito.parent) == ["listing.scn"]
 
 
-@pytest.mark.parametrize("arguments", [
-    ["--resolution", "40"], ["--resolution", "0x4"], ["--crop", "1,2,3"], ["-D", "key"], ["-m", "no_such_variant"],
-    ["--spp", "0"], ["-s", "7"], ["--crop", "0,0,100,100"],
-])
-def test_wrong_use(scene, arguments):
-    done = prosim("render", scene, *arguments)
-    assert done.exit_code == 2, done.output
-    assert names(scene.parent) == ["scene.xml"]
-
-
 def test_an_image_survives_a_failed_render(scene):
     assert prosim("render", scene).exit_code == 0
     before = scene.with_suffix(".exr").read_bytes()
     scene.write_text(XML.replace("path", "prosim_missing"))
     assert prosim("render", scene).exit_code == 2
     assert scene.with_suffix(".exr").read_bytes() == before
-
-
-def test_an_image_that_cannot_be_written(scene):
-    done = prosim("render", scene, "-o", "/proc/image")
-    assert done.exit_code == 1 and "/proc" in done.output
-
-
-def test_ctrl_c_keeps_the_image_so_far(scene, monkeypatch):
-    """Pressed when the first band is done."""
-    class Bar(tqdm):
-        def update(self, done):
-            os.kill(os.getpid(), signal.SIGINT)
-            return super().update(done)
-
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
-    scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/>'
-                                 '<integer name="band" value="48"/></integrator>'))
-    before = signal.getsignal(signal.SIGINT)
-    done = prosim("render", scene)
-    assert done.exit_code == 1 and "interrupted" in done.stdout
-    assert signal.getsignal(signal.SIGINT) is before
-    image = pixels(scene.with_suffix(".exr"))
-    assert image[0].min() > 0 and image[-1].max() == 0
 
 
 def test_translate_writes_all_or_nothing(palito):
@@ -171,11 +95,11 @@ def test_translate_writes_all_or_nothing(palito):
 
 
 def test_translate_says_once_that_stand_ins_are_missing(palito, monkeypatch):
-    monkeypatch.setattr(session, "stand_ins", dict)
+    monkeypatch.setattr(stand_in, "stand_ins", dict)
     assert "prosim doctor" in prosim("translate", palito).stderr or sys.platform != "linux"
     monkeypatch.setattr(llvm, "problem", lambda: None)
     done = prosim("doctor")
-    assert sys.platform != "linux" or done.exit_code == 1 and "prosim link" in done.stdout
+    assert sys.platform != "linux" or (done.exit_code == 1 and "prosim link" in done.stdout)
 
 
 @pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])
@@ -194,14 +118,51 @@ def test_format(palito):
     assert names(palito.parent) == ["listing.scn"]
 
 
+def test_format_keeps_the_link_and_the_mode(palito):
+    palito.chmod(0o600)
+    link = palito.with_name("link.scn")
+    link.symlink_to(palito)
+    assert prosim("format", link).exit_code == 0
+    assert link.is_symlink() and palito.stat().st_mode & 0o777 == 0o600
+    assert prosim("format", "--check", palito).exit_code == 0
+
+
+def test_format_says_what_it_could_not_write(palito, monkeypatch):
+    """And not that it has."""
+
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(palito.parent))
+
+    monkeypatch.setattr(writing, "write", full)
+    done = prosim("format", palito)
+    assert (
+        done.exit_code == 1 and done.stdout == "" and "stays as it is" in done.stderr and "No space left" in done.stderr
+    )
+
+
 def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):
     done = prosim("doctor")
-    assert f"mitsuba         {len(session.stand_ins())} stand-ins" in done.stdout or sys.platform != "linux"
+    assert f"mitsuba         {len(stand_in.stand_ins())} stand-ins" in done.stdout or sys.platform != "linux"
     assert mi.__version__ in done.stdout and "llvm_ad_rgb" in done.stdout
     monkeypatch.setattr(llvm, "version", lambda: (15, 0, 6))
     monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
     done = prosim("doctor")
     assert done.exit_code == 1 and "abort the process" in done.stdout
+
+
+def test_doctor_says_what_an_installation_lacks(monkeypatch, tmp_path):
+    """No compiler when it was installed, no GPU, and not the packages of prosim compare."""
+    monkeypatch.setattr(stand_in, "plugin_folder", lambda: tmp_path)
+    monkeypatch.setattr(stand_in, "compiler", lambda: None)
+    monkeypatch.setattr(session, "has_backend", lambda variant: variant.startswith("scalar"))
+    monkeypatch.setattr(compare, "NEEDED", {"no_such_module": "no-such-package"})
+    done = prosim("doctor")
+    said = " ".join(done.stdout.split())
+    assert "not cuda_ad_rgb" in said and "which need an NVIDIA GPU with its driver" in said and "need LLVM" in said
+    assert "lacks no-such-package; to get them: pip install 'mitsuba-prosim[compare]'" in said
+    if sys.platform == "linux":
+        assert done.exit_code == 1 and "can't run nrook, prosim," in said and "prosim link" in said
+        assert "C compiler none" in said and "apt install gcc" in said
 
 
 compiled = pytest.mark.skipif(sys.platform != "linux" or not stand_in.compiler(), reason="needs a C compiler, on Linux")
@@ -212,12 +173,12 @@ def test_link_and_unlink(own, tmp_path, monkeypatch):
     folder, listed = tmp_path / "plugins", []
     folder.mkdir()
     (folder / "path.so").write_bytes(b"Mitsuba's own")
-    monkeypatch.setattr(session, "plugin_folder", lambda: folder)
+    monkeypatch.setattr(stand_in, "plugin_folder", lambda: folder)
     monkeypatch.setattr(link, "plugin_folder", lambda: folder)
     monkeypatch.setattr(link, "record", listed.extend)
     done = prosim("link")
     assert done.exit_code == 0, done.output
-    assert {"prosim_conductor", "nrook", "prb"} <= set(session.stand_ins())
+    assert {"prosim_conductor", "nrook", "prb"} <= set(stand_in.stand_ins())
     assert {path.name for path in listed} | {"path.so"} == set(names(folder))
     assert prosim("link", "--remove").exit_code == 0
     assert names(folder) == ["path.so"]
@@ -250,13 +211,13 @@ def test_misplaced_stand_ins_are_moved(own, monkeypatch):
     true.mkdir(parents=True)
     misplaced.mkdir(parents=True)
     (misplaced / "nrook.so").write_bytes(stand_in.MARK)
-    monkeypatch.setattr(session, "plugin_folder", lambda: true)
+    monkeypatch.setattr(stand_in, "plugin_folder", lambda: true)
     monkeypatch.setattr(link, "plugin_folder", lambda: true)
     (misplaced / "other.so").write_bytes(b"not ours")
     assert prosim("link").exit_code == 1 and (misplaced / "other.so").exists()
     (misplaced / "other.so").unlink()
     assert prosim("link").exit_code == 0
-    assert not misplaced.parent.exists() and "nrook" in session.stand_ins()
+    assert not misplaced.parent.exists() and "nrook" in stand_in.stand_ins()
 
 
 def test_mitsuba_itself_is_never_misplaced(own):
@@ -265,7 +226,8 @@ def test_mitsuba_itself_is_never_misplaced(own):
     assert link.misplaced_folder() is None
 
 
-@pytest.mark.parametrize("command", ["render", "translate", "format", "doctor", "link"])
+@pytest.mark.parametrize("command", group.COMMANDS)
 def test_help(command):
-    assert prosim(command, "-h").exit_code == 0
+    done = prosim(command, "-h")
+    assert done.exit_code == 0 and f"Usage: prosim {command}" in done.output
     assert command in prosim("-h").output

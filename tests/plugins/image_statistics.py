@@ -2,6 +2,7 @@
 
 import mitsuba as mi
 import numpy as np
+from evidence import leave
 from scipy import stats
 
 
@@ -19,17 +20,45 @@ def blocks(images, size=8):
     return images.reshape(n, h // size, size, w // size, size, c).mean((2, 4))
 
 
-def same_expectation(a, b, significance=0.01, relative=1e-5):
-    """Whether two sets of independent images may have the same expectation.
+def p_values(a, b, relative=1e-5):
+    """How probable differences as large as those between two sets of images are by chance, block by block.
 
-    Welch's t-test on the means of blocks of pixels, at the given significance for the whole image (Šidák's correction
-    for the number of blocks); differences below ``relative`` are rounding.
+    Welch's t-test on the means of blocks of pixels: (rows, columns, channels). Differences below ``relative`` times the
+    mean of the image are rounding, and no difference.
     """
     a, b = blocks(a), blocks(b)
     difference = a.mean(0) - b.mean(0)
     va, vb = a.var(0, ddof=1) / len(a), b.var(0, ddof=1) / len(b)
     rounding = relative * np.abs(a).mean()
     z = np.maximum(np.abs(difference) - rounding, 0) / np.sqrt(va + vb + 1e-30)
-    freedom = (va + vb) ** 2 / (va ** 2 / (len(a) - 1) + vb ** 2 / (len(b) - 1) + 1e-60)
-    p = 2 * stats.t.sf(z, np.maximum(freedom, 1))
-    return p.min() > 1 - (1 - significance) ** (1 / p.size)
+    freedom = (va + vb) ** 2 / (va**2 / (len(a) - 1) + vb**2 / (len(b) - 1) + 1e-60)
+    return 2 * stats.t.sf(z, np.maximum(freedom, 1))
+
+
+def same_expectation(reference, images, significance=0.01, relative=1e-5):
+    """True if two sets of independent images may have the same expectation.
+
+    ``significance``: that of the whole image (Šidák's correction for the number of blocks). Raises AssertionError if
+    they may not; it names a folder with both means, their difference, and the probabilities (see :func:`p_values`).
+    """
+    p = p_values(reference, images, relative)
+    least = 1 - (1 - significance) ** (1 / p.size)
+    if p.min() > least:
+        return True
+    row, column, channel = np.unravel_index(p.argmin(), p.shape)
+    pair = [
+        x[..., channel].mean(0).reshape(p.shape[0], 8, p.shape[1], 8).mean((1, 3))[row, column]
+        for x in (images, reference)
+    ]
+    note = (
+        f"p = {p.min():.2g} in the block of pixels {8 * column}..{8 * column + 7}, {8 * row}..{8 * row + 7}, channel "
+        f"{channel}: {pair[0]:.6g}, the reference {pair[1]:.6g}. By chance one image in {1 / significance:.0f} has a "
+        f"p below {least:.2g}; here {np.sum(p <= least)} of {p.size} blocks have. Means of the images: "
+        f"{images.mean():.6g}, {reference.mean():.6g}"
+    )
+    image, expected = images.mean(0), reference.mean(0)
+    table = np.array2string(p.min(axis=2), precision=1, max_line_width=10**6, threshold=10**6)
+    folder = leave(
+        f"{note}\n\np, block by block:\n{table}", image=image, reference=expected, difference=image - expected
+    )
+    raise AssertionError(f"the two have different expectations: {note}. See {folder}")

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import mitsuba as mi
@@ -27,12 +28,16 @@ def python(code, **env):
     return subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize("code", [
-    "import mitsuba as mi; import mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
-    "import mitsuba_prosim; import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
-    "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitsuba_prosim",
-    "import drjit; import mitsuba as mi; mi.set_variant('scalar_rgb'); import mitsuba_prosim",
-], ids=["before", "first", "after", "scalar"])
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import mitsuba as mi; import mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
+        "import mitsuba_prosim; import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
+        "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitsuba_prosim",
+        "import drjit; import mitsuba as mi; mi.set_variant('scalar_rgb'); import mitsuba_prosim",
+    ],
+    ids=["before", "first", "after", "scalar"],
+)
 def test_any_order_of_imports_renders(code):
     done = python(f"{code}\n{RENDER}")
     assert done.returncode == 0, done.stderr
@@ -63,12 +68,19 @@ def test_registering_again_changes_nothing(variant_rgb):
 
 def test_entry_point_names_this_package():
     from importlib.metadata import entry_points
+
     assert any(e.load() is mitsuba_prosim for e in entry_points(group="mitsuba"))
+
+
+def test_the_version_is_the_distributions():
+    from importlib.metadata import version
+
+    assert mitsuba_prosim.__version__ == version("mitsuba-prosim")
 
 
 def startup_file():
     """What the start-up file would set DRJIT_LIBLLVM_PATH to, if it were unset: the path, or None."""
-    line = (Path(__file__).parents[2] / "plugins/mitsuba_prosim_llvm.pth").read_text()
+    line = Path(sysconfig.get_path("purelib"), "mitsuba_prosim_llvm.pth").read_text()
     code = f"import os; os.environ.pop('DRJIT_LIBLLVM_PATH', None)\n{line}\nprint(os.environ.get('DRJIT_LIBLLVM_PATH'))"
     done = python(code)
     assert done.stderr == ""
@@ -78,8 +90,10 @@ def startup_file():
 @pytest.mark.skipif(sys.platform != "linux" or os.uname().machine != "x86_64", reason="no LLVM is installed there")
 def test_the_installed_llvm_is_the_one_in_use():
     assert Path(startup_file()).is_file()
-    done = python("import mitsuba; from mitsuba_prosim import llvm; print(llvm.problem(), llvm.version()[0])")
-    assert done.stdout == "None 23\n", done.stderr
+    done = python("import mitsuba; from mitsuba_prosim import llvm; print(llvm.problem(), llvm.library())")
+    problem, library = done.stdout.split()
+    assert problem == "None" and Path(library).samefile(startup_file())
+    assert Path(startup_file()).name == llvm.packaged()
     assert python("import os; print(os.environ['DRJIT_LIBLLVM_PATH'])").stdout.strip() == startup_file()
 
 

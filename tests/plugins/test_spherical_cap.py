@@ -4,10 +4,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.sampling.spherical_cap import pdf_projected_cap, projected_cap_area, sample_projected_cap
+from mitsuba_prosim.light.spherical_cap import pdf_projected_cap, projected_cap_area, sample_projected_cap
 from scipy import integrate, stats
 
 SIGNIFICANCE = 0.01
+
+
+def draw(cos_n, sin2_theta_max, sample):
+    return sample_projected_cap(cos_n, dr.safe_sqrt(1 - dr.square(cos_n)), sin2_theta_max, sample)
+
+
 SINES = (1e-5, 1e-3, 0.05, 0.5, 0.9, 0.9999)  # of the angle that the radius subtends
 
 
@@ -21,6 +27,7 @@ def quadrature(c, s):
 
     On the circle at angle t from the axis, the height is a + b cos(phi), of which the positive part is integrated.
     """
+
     def ring(t):
         a, b = np.cos(t) * c, np.sin(t) * np.sqrt(1 - c * c)
         if a >= b:
@@ -29,6 +36,7 @@ def quadrature(c, s):
             return 0.0
         cut = np.arccos(-a / b)
         return 2 * (a * cut + b * np.sin(cut)) * np.sin(t)
+
     top = np.arcsin(s)
     kink = abs(np.arcsin(c))  # where a circle begins to be cut
     points = [0, kink, top] if 0 < kink < top else [0, top]
@@ -47,18 +55,20 @@ def test_area_against_quadrature(variant, s):
 def test_area_in_closed_form(variant_rgb):
     assert projected_cap_area(mi.Float(0.6), mi.Float(0.01))[0] == pytest.approx(np.pi * 0.01 * 0.6, rel=1e-6)
     assert projected_cap_area(mi.Float(-0.5), mi.Float(0.2))[0] == 0
-    # With its centre on the horizon, the upper half of the boundary circle turned into a segment: phi - sin phi cos phi.
+    # With its centre on the horizon, the upper half of the boundary circle turned into a segment: phi - sin phi cos
+    # phi.
     phi = np.arcsin(0.8)
     assert projected_cap_area(mi.Float(0), mi.Float(0.64))[0] == pytest.approx(phi - 0.8 * 0.6, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_no_variance_on_a_diffuse_surface(variant_rgb):
     """cos(theta) / pdf is the same for every direction: the projected solid angle."""
     sample = mi.PCG32(10_000)
     sample = mi.Point2f(sample.next_float32(), sample.next_float32())
     for s in SINES:
         for c in heights(s):
-            d, pdf = sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, sample)
+            d, pdf = draw(mi.Float(c), mi.Float(s) ** 2, sample)
             area = projected_cap_area(mi.Float(c), mi.Float(s) ** 2)[0]
             seen = pdf > 0
             assert dr.all(dr.isfinite(d.x + d.y + d.z)), (c, s)
@@ -69,6 +79,7 @@ def test_no_variance_on_a_diffuse_surface(variant_rgb):
             assert dr.allclose(pdf, expected, rtol=1e-5, atol=0), (c, s)
 
 
+@pytest.mark.slow
 def test_directions_lie_in_the_clipped_cap(variant_rgb):
     rng = mi.PCG32(10_000)
     sample = mi.Point2f(rng.next_float32(), rng.next_float32())
@@ -76,7 +87,7 @@ def test_directions_lie_in_the_clipped_cap(variant_rgb):
         for c in heights(s):
             if projected_cap_area(mi.Float(c), mi.Float(s) ** 2)[0] == 0:
                 continue
-            d = np.array(sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, sample)[0], dtype=np.float64)
+            d = np.array(draw(mi.Float(c), mi.Float(s) ** 2, sample)[0], dtype=np.float64)
             assert d[2].min() >= 0
             assert np.abs(np.linalg.norm(d, axis=0) - 1).max() < 1e-6
             centre = np.array([np.sqrt(1 - c * c), 0, c])
@@ -107,13 +118,14 @@ def parameters_of_area(x, y, c, s):
     return np.interp(y, grid, below / below[-1]), (x - left) / np.maximum(right - left, 1e-300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", (0.05, 0.5, 0.9, 0.9999))
 @pytest.mark.parametrize("height", (-0.8, -0.3, 0.0, 0.02, 0.3, 0.8, 1.0))
 def test_uniform_over_the_projected_region(variant_rgb, s, height):
     """chi² of a 20 x 20 histogram, over coordinates found without the functions under test."""
     c, n = height * s, 400_000
     rng = mi.PCG32(n)
-    d, _ = sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, mi.Point2f(rng.next_float32(), rng.next_float32()))
+    d, _ = draw(mi.Float(c), mi.Float(s) ** 2, mi.Point2f(rng.next_float32(), rng.next_float32()))
     x, y, _ = np.array(d, dtype=np.float64)
     a, b = parameters_of_area(x, y, c, s)
     counts, _, _ = np.histogram2d(a, np.clip(b, 0, 1), bins=20, range=((0, 1), (0, 1)))
@@ -125,7 +137,7 @@ def test_tiny_caps_fill_their_ellipse(variant_rgb):
     """A source of 0.06 degrees: radial and angular shares in the cap's own frame, chi² with 20 x 20 cells."""
     s, c, n = 1e-3, 0.7, 400_000
     rng = mi.PCG32(n)
-    d, _ = sample_projected_cap(mi.Float(c), mi.Float(s) ** 2, mi.Point2f(rng.next_float32(), rng.next_float32()))
+    d, _ = draw(mi.Float(c), mi.Float(s) ** 2, mi.Point2f(rng.next_float32(), rng.next_float32()))
     _, y, z = np.array(d, dtype=np.float64)
     up = (z - np.sqrt(1 - s * s) * c) / (s * np.sqrt(1 - c * c))  # to first order in s
     radius2, angle = up**2 + (y / s) ** 2, np.arctan2(y / s, up)
@@ -136,7 +148,7 @@ def test_tiny_caps_fill_their_ellipse(variant_rgb):
 def test_receiver_inside_the_sphere_is_flagged(variant):
     for sin2 in (1.0, 1.5):
         assert np.all(np.array(projected_cap_area(mi.Float(0.5), mi.Float(sin2))) == 0)
-        d, pdf = sample_projected_cap(mi.Float(0.5), mi.Float(sin2), mi.Point2f(0.3, 0.6))
+        d, pdf = draw(mi.Float(0.5), mi.Float(sin2), mi.Point2f(0.3, 0.6))
         assert np.all(np.array(pdf) == 0) and np.all(np.isfinite(np.array(d)))
 
 
@@ -144,10 +156,10 @@ def test_scalar_agrees_with_vectorised():
     rng = np.random.default_rng(1)
     cases = np.c_[rng.uniform(-1, 1, 50), rng.uniform(0.01, 0.99, 50), rng.random((50, 2))]
     mi.set_variant("llvm_ad_rgb")
-    d, pdf = sample_projected_cap(mi.Float(cases[:, 0]), mi.Float(cases[:, 1]), mi.Point2f(cases[:, 2:].T))
+    d, pdf = draw(mi.Float(cases[:, 0]), mi.Float(cases[:, 1]), mi.Point2f(cases[:, 2:].T))
     expected = np.c_[np.array(d).T, np.array(pdf)]
     mi.set_variant("scalar_rgb")
     for (c, s2, u, v), row in zip(cases.tolist(), expected):
-        d, pdf = sample_projected_cap(c, s2, mi.Point2f(u, v))
+        d, pdf = draw(c, s2, mi.Point2f(u, v))
         if pdf > 0:  # below the horizon a direction has no meaning
             assert np.allclose([*d, pdf], row, rtol=2e-3, atol=1e-3)  # double against single precision

@@ -83,6 +83,7 @@ WITHIN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITHIN)
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_rgb):

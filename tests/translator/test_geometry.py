@@ -7,9 +7,13 @@ import warnings
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneWarning, csg, geometry, translator
+from prosim_scene import SceneWarning, translator, view
 from prosim_scene.language import document_of
-from prosim_scene.targets import view
+from prosim_scene.model import Leaf, Operator
+from prosim_scene.solids import csg, media, parts, tessellate
+from prosim_scene.solids.coincidence import Planes
+from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
+from prosim_scene.solids.transforms import matrix
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 
@@ -27,8 +31,8 @@ def solids(text, tolerance=0.05):
     """{index of the first leaf with that look: Triangles} of a scene."""
     document = document_of(text, "test.scn")
     scene = document.scene
-    found = geometry.triangles(document, view.camera(document), tolerance, lambda leaf: translator.medium(scene, leaf),
-                               lambda leaf: translator.look(scene, leaf))
+    found = tessellate(document, view.camera(document), tolerance, lambda leaf: translator.medium(scene, leaf),
+                       lambda leaf: translator.look(scene, leaf))
     keys = {}
     for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
@@ -63,6 +67,7 @@ PRIMITIVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", PRIMITIVES)
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (2, 0.5, -1)])
 def test_canonical_solids(shape, scale):
@@ -96,6 +101,7 @@ def test_cylinder_through_a_cube():
     assert np.all(np.einsum("tci,tci->tc", mesh.normals, mesh.positions * [1, 1, 0]) < 0)
 
 
+@pytest.mark.slow
 def test_union_of_two_spheres():
     meshes = list(solids(scene("+ SPHERE 0 SPHERE 1", ["", "TRANSLATE (1 0 0)"]), tolerance=0.002).values())
     assert_closed(meshes)
@@ -113,7 +119,7 @@ def test_normals_are_those_of_the_quadric_after_cuts():
     assert set(meshes) == {0, 1, 2, 3}
     assert_closed(list(meshes.values()))
     for index, mesh in meshes.items():
-        to_local = np.linalg.inv(geometry.matrix(parsed.transforms[index]))
+        to_local = np.linalg.inv(matrix(parsed.transforms[index]))
         p = mesh.positions @ to_local[:3, :3].T + to_local[:3, 3]
         if index == 3:
             center = p.mean(axis=1)
@@ -147,7 +153,7 @@ def test_chord_error_is_below_the_tolerance():
         p = solids(text, tolerance)[0].positions / [3, 1, 1]
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         distance = np.abs(np.einsum("ti,ti->t", n / np.linalg.norm(n, axis=1, keepdims=True), p[:, 0]))
-        assert 3 * (1 - distance.min()) <= tolerance * camera.footprint([0, 0, 0], 3) * 1.02
+        assert 3 * (1 - distance.min()) <= tolerance * camera.footprint(20 - 1) * 1.02
 
 
 @pytest.mark.parametrize("tree, owner", [("+ CUBE 0 CUBE 1", 0), ("+ CUBE 1 CUBE 0", 1)])
@@ -180,6 +186,7 @@ def test_coincident_faces_in_a_large_union():
             assert face[i] == pytest.approx(1.5 - lost)
 
 
+@pytest.mark.slow
 def test_coincident_caps():
     # Discs of a cylinder and a cone in the plane z = 1 on a box whose face lies there too: the cylinder owns its disc,
     # the cone what sticks out of that, the box the rest.
@@ -216,11 +223,12 @@ def inside(text, points):
             a, b = stack.pop(), stack.pop()
             stack.append({"+": a | b, "-": a & ~b, "*": a & b}[node.symbol])
         else:
-            m = np.linalg.inv(geometry.matrix(parsed.transforms[node.index]))
+            m = np.linalg.inv(matrix(parsed.transforms[node.index]))
             stack.append(tests[node.shape](points @ m[:3, :3].T + m[:3, 3]))
     return stack.pop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_trees_contain_the_right_points(seed):
     rng = random.Random(seed)
@@ -267,6 +275,7 @@ def test_random_trees_contain_the_right_points(seed):
     assert np.mean((winding > 0.5) != expected) < 0.01  # only points closer to a face than the chords may differ
 
 
+@pytest.mark.slow
 def test_long_alternating_chains_give_what_the_definition_gives():
     rng = random.Random(7)
     count = 60
@@ -319,11 +328,13 @@ def test_what_vanishes_is_reported():
         assert solids(scene("- CUBE 0 CUBE 0", [""])) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", ["+ " * 3000 + "CUBE 0 " * 3001, "+ CUBE 0 " * 3000 + "CUBE 0",
                                   "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"])
 def test_depth_of_nesting_needs_no_recursion(tree):
-    nodes = ["+" if node == "+" else "*" if node == "*" else 0 for node in tree.replace("CUBE 0", "0").split()]
-    vertices, faces = geometry.unit_mesh("cube", 4)
-    cube = csg.solid(vertices, faces, csg.reserve_ids(1))
-    (part,) = csg.evaluate(nodes, lambda leaf: {csg.OPAQUE: cube})[csg.OPAQUE]
+    nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
+    mesh = SHAPES["cube"].mesh(4, np.eye(4))
+    planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
+    cube = parts.solid(mesh.vertices, mesh.triangles, mesh.facets, parts.reserve_ids(1), planes)
+    (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
     assert part.manifold.volume() == pytest.approx(1)

@@ -84,6 +84,7 @@ def load_silently(load, *arguments, **options):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target, units", [("prosim", "calibrated"), ("prosim", "unattenuated"), ("stock", "radiance")])
 def test_mitsuba_loads_the_xml_without_a_warning(everything, target, units, tmp_path):
@@ -210,6 +211,7 @@ def test_alike_surfaces_share_a_mesh(tmp_path):
     assert sorted(p.name.split("-")[0] for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0", "surface_2"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "light, irradiance",
     [
@@ -270,6 +272,7 @@ def test_light_units(units, tmp_path, variant_rgb):
     assert np.array(image).mean() == pytest.approx(expected / math.pi, rel=0.02)
 
 
+@pytest.mark.slow
 def test_both_targets_are_comparably_bright(tmp_path, variant_rgb):
     means = []
     for target in ("prosim", "stock"):

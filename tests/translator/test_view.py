@@ -9,7 +9,7 @@ import prosim_scene
 import pytest
 from prosim_scene.language import document_of
 from prosim_scene.targets import clip
-from prosim_scene.targets.view import camera
+from prosim_scene.view import camera
 
 VIEWS = {
     "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",

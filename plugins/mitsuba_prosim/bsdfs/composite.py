@@ -1,16 +1,19 @@
 """Painted and enamelled surfaces: prosim_composite."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, fresnel, visible
+from ..optics import fresnel, torrance_sparrow
+from ..optics.pigmented import Pigmented
+from ..optics.reading import ambient, conserve, index, reflectance, roughness
+from ..parameters import describe, expose
 from ..registry import plugin
-from . import pigment
-from .common import ambient, conserve, describe, expose, index, reflectance, roughness
 
 
 @plugin("bsdf", "prosim_composite")
-class Composite(mi.BSDF):
+class Composite(Pigmented):
     r"""
     .. _bsdf-prosim_composite:
 
@@ -26,8 +29,10 @@ class Composite(mi.BSDF):
 
      * - specular_reflectance
        - |spectrum| or |texture|
-       - Weight of the specular lobe, :math:`k_s`; the sum of the two is at most 1. (Default:
-         ``1 - diffuse_reflectance``)
+       - Weight of the specular lobe, :math:`k_s`. The sum of the two is at most 1: numbers and colours that exceed it
+       are
+         an error, also if :math:`k_d` is left at its default, and where textures or spectra do, :math:`k_s` is
+         :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
        - |exposed|, |differentiable|
 
      * - int_ior, ext_ior
@@ -88,50 +93,58 @@ class Composite(mi.BSDF):
             'exponent': 50.0
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        conserve(props, "diffuse_reflectance", "specular_reflectance")
+        self.conserves = conserve(props, diffuse_reflectance=0.5, specular_reflectance=None)
         self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.ambient = ambient(props, self.diffuse_reflectance)
         self.eta = mi.Float(index(props, "int_ior", "polypropylene") / index(props, "ext_ior", "air"))
         dr.make_opaque(self.eta)
         self.distribution, self.roughness = roughness(props)
-        self.specular_type = mi.BSDFFlags.GlossyReflection if self.roughness else mi.BSDFFlags.DeltaReflection
-        pigment.set_components(self)
+        self.set_components(glossy=self.roughness is not None)
 
-    def traverse(self, callback):
-        expose(callback, diffuse_reflectance=self.diffuse_reflectance, specular_reflectance=self.specular_reflectance,
-               ambient=self.ambient, eta=self.eta, **{self.distribution.parameter: self.roughness})
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        expose(
+            callback,
+            diffuse_reflectance=self.diffuse_reflectance,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            eta=self.eta,
+            **{self.distribution.parameter: self.roughness},
+        )
 
-    def reflected(self, si, cos, active):
-        """Fresnel's reflectance times ks."""
+    def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+        """Fresnel's reflectance times ks, which is at most 1 - kd at every point and wavelength."""
         if self.specular_reflectance is None:
-            ks = 1 - self.diffuse_reflectance.eval(si, active)
+            ks = dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0)
         else:
             ks = self.specular_reflectance.eval(si, active)
+            if not self.conserves:
+                ks = dr.minimum(ks, dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0))
         return ks * fresnel.dielectric(cos, self.eta)
 
-    def specular_weight(self, si, active):
+    def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.reflected(si, si.wi.z, active)
 
-    def specular_sample(self, si, sample2, active):
-        m = visible.sample(si.wi, sample2, self.distribution.polar, self.roughness.eval_1(si, active))
-        return mi.reflect(si.wi, mi.Normal3f(m))
+    def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
+        m = torrance_sparrow.sample(si.wi, sample2, self.distribution, self.roughness.eval_1(si, active))
+        return mi.reflect(si.wi, m)
 
-    def specular_eval_pdf(self, si, wo, active):
-        m = dr.normalize(si.wi + wo)
-        i_m = dr.dot(si.wi, m)
-        density = self.distribution.D(m, self.roughness.eval_1(si, active)) / (4 * si.wi.z)
-        value = self.reflected(si, i_m, active) * (density * attenuation.g(si.wi.z, wo.z, m.z, i_m))
-        return value, density * attenuation.g1(si.wi.z, m.z, i_m)
+    def specular_eval_pdf(
+        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+        width = self.roughness.eval_1(si, active)
+        i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
+        return self.reflected(si, i_m, active) * value, pdf
 
-    sample, eval, pdf, eval_pdf = pigment.sample, pigment.evaluate, pigment.pdf, pigment.eval_pdf
-
-    def eval_diffuse_reflectance(self, si, active=True):
-        return mi.depolarizer(self.diffuse_reflectance.eval(si, active))
-
-    def to_string(self):
-        return describe(self, diffuse_reflectance=self.diffuse_reflectance,
-                        specular_reflectance=self.specular_reflectance, ambient=self.ambient, eta=self.eta,
-                        distribution=self.distribution.name, **{self.distribution.parameter: self.roughness})
+    def to_string(self) -> str:
+        return describe(
+            self,
+            diffuse_reflectance=self.diffuse_reflectance,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            eta=self.eta,
+            distribution=self.distribution.name,
+            **{self.distribution.parameter: self.roughness},
+        )

@@ -1,12 +1,15 @@
 """Metals: prosim_conductor."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, fresnel, visible
-from ..parameters import reject
+from ..optics import attenuation, fresnel, torrance_sparrow
+from ..optics.half_vectors import GRAZING
+from ..optics.reading import ambient, index, metal, reflectance, roughness
+from ..parameters import choice, describe, expose
 from ..registry import plugin
-from .common import ambient, describe, expose, index, metal, reflectance, roughness
 
 #: Values of the parameter ``fresnel``.
 FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
@@ -88,33 +91,44 @@ class Conductor(mi.BSDF):
             'alpha': 0.2
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.eta, self.k = metal(props)
         self.ext_ior = index(props, "ext_ior", 1.0)
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.ambient = ambient(props)
         self.distribution, self.roughness = roughness(props)
-        self.fresnel = props.get("fresnel", "exact")
-        if self.fresnel not in FRESNEL:
-            raise reject(props, "fresnel", self.fresnel, "one of " + ", ".join(FRESNEL))
+        self.fresnel = choice(props, "fresnel", tuple(FRESNEL))
         self.specular_type = mi.BSDFFlags.GlossyReflection if self.roughness else mi.BSDFFlags.DeltaReflection
         self.m_components = [self.specular_type | mi.BSDFFlags.FrontSide]
         self.m_flags = self.m_components[0]
 
-    def traverse(self, callback):
-        expose(callback, eta=self.eta, k=self.k, specular_reflectance=self.specular_reflectance,
-               ambient=self.ambient, **{self.distribution.parameter: self.roughness})
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        expose(
+            callback,
+            eta=self.eta,
+            k=self.k,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            **{self.distribution.parameter: self.roughness},
+        )
 
-    def reflected(self, si, cos, active):
+    def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times the user's factor."""
         scale = 1 / self.ext_ior
         f = FRESNEL[self.fresnel](cos, self.eta.eval(si, active) * scale, self.k.eval(si, active) * scale)
         return f if self.specular_reflectance is None else f * self.specular_reflectance.eval(si, active)
 
-    def sample(self, ctx, si, sample1, sample2, active=True):
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
-        active &= si.wi.z > 0
+        active &= si.wi.z > GRAZING
         if active is False or not ctx.is_enabled(self.specular_type, 0):
             return bs, mi.Spectrum(0)
         bs.eta = 1
@@ -122,38 +136,50 @@ class Conductor(mi.BSDF):
         bs.sampled_component = 0
         if self.roughness is None:
             bs.wo = mi.reflect(si.wi)
-            bs.pdf = 1
+            bs.pdf = dr.select(active, mi.Float(1), 0)
             return bs, mi.depolarizer(self.reflected(si, si.wi.z, active)) & active
         width = self.roughness.eval_1(si, active)
-        m = visible.sample(si.wi, sample2, self.distribution.polar, width)
+        m = torrance_sparrow.sample(si.wi, sample2, self.distribution, width)
         i_m = dr.dot(si.wi, m)
-        bs.wo = mi.reflect(si.wi, mi.Normal3f(m))
+        bs.wo = mi.reflect(si.wi, m)
         g1 = attenuation.g1(si.wi.z, m.z, i_m)
-        bs.pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
-        active &= (i_m > 0) & (bs.wo.z > 0) & (bs.pdf > 0)
+        pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
+        active &= (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
+        bs.pdf = dr.select(active, pdf, 0)
         if active is False:
             return bs, mi.Spectrum(0)
-        weight = attenuation.g(si.wi.z, bs.wo.z, m.z, i_m) / g1
+        weight = attenuation.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
         return bs, mi.depolarizer(self.reflected(si, i_m, active) * weight) & active
 
-    def eval(self, ctx, si, wo, active=True):
+    def eval(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx, si, wo, active=True):
+    def pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Float:
         return self.eval_pdf(ctx, si, wo, active)[1]
 
-    def eval_pdf(self, ctx, si, wo, active=True):
-        active &= (si.wi.z > 0) & (wo.z > 0)
+    def eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> tuple[mi.Spectrum, mi.Float]:
+        active &= (si.wi.z > GRAZING) & (wo.z > 0)
         if active is False or self.roughness is None or not ctx.is_enabled(self.specular_type, 0):
             return mi.Spectrum(0), mi.Float(0)
-        m = dr.normalize(si.wi + wo)
-        i_m = dr.dot(si.wi, m)
-        density = self.distribution.D(m, self.roughness.eval_1(si, active)) / (4 * si.wi.z)
-        value = self.reflected(si, i_m, active) * (density * attenuation.g(si.wi.z, wo.z, m.z, i_m))
-        pdf = density * attenuation.g1(si.wi.z, m.z, i_m)
-        return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
+        width = self.roughness.eval_1(si, active)
+        i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
+        return mi.depolarizer(self.reflected(si, i_m, active) * value) & active, dr.select(active, pdf, 0)
 
-    def to_string(self):
-        return describe(self, eta=self.eta, k=self.k, ext_ior=self.ext_ior, fresnel=self.fresnel,
-                        distribution=self.distribution.name, specular_reflectance=self.specular_reflectance,
-                        ambient=self.ambient, **{self.distribution.parameter: self.roughness})
+    def to_string(self) -> str:
+        return describe(
+            self,
+            eta=self.eta,
+            k=self.k,
+            ext_ior=self.ext_ior,
+            fresnel=self.fresnel,
+            distribution=self.distribution.name,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            **{self.distribution.parameter: self.roughness},
+        )

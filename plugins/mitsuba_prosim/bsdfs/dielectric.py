@@ -1,12 +1,15 @@
 """Glass and water: prosim_dielectric."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, visible
-from ..parameters import reject
+from ..optics import attenuation, fresnel, half_vectors, visible
+from ..optics.half_vectors import GRAZING
+from ..optics.reading import ambient, index, reflectance, roughness
+from ..parameters import describe, expose, reject
 from ..registry import plugin
-from .common import ambient, describe, expose, index, reflectance, roughness
 
 
 @plugin("bsdf", "prosim_dielectric")
@@ -75,7 +78,7 @@ class Dielectric(mi.BSDF):
             'alpha': 0.1
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         int_ior, ext_ior = index(props, "int_ior", "bk7"), index(props, "ext_ior", "air")
         self.eta = mi.Float(int_ior / ext_ior)
@@ -95,34 +98,57 @@ class Dielectric(mi.BSDF):
         self.m_components = [self.types[0] | sides, self.types[1] | sides | flags.NonSymmetric]
         self.m_flags = self.m_components[0] | self.m_components[1]
 
-    def traverse(self, callback):
-        expose(callback, eta=self.eta, specular_reflectance=self.specular_reflectance,
-               specular_transmittance=self.specular_transmittance, ambient=self.ambient,
-               **{self.distribution.parameter: self.roughness})
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        expose(
+            callback,
+            eta=self.eta,
+            specular_reflectance=self.specular_reflectance,
+            specular_transmittance=self.specular_transmittance,
+            ambient=self.ambient,
+            **{self.distribution.parameter: self.roughness},
+        )
 
-    def enabled(self, ctx):
+    def enabled(self, ctx: mi.BSDFContext) -> tuple[bool, bool]:
+        """Whether ``ctx`` asks for the reflected, and for the transmitted component."""
         return ctx.is_enabled(self.types[0], 0), ctx.is_enabled(self.types[1], 1)
 
-    def share(self, ctx, reflected, f):
+    def share(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
         """Probability of the component that was chosen, given Fresnel's reflectance ``f``."""
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
-    def energy(self, ctx, si, reflected, f, eta, active):
+    def energy(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        reflected: mi.Bool,
+        f: mi.Float,
+        eta: mi.Float,
+        active: mi.Bool,
+    ) -> mi.UnpolarizedSpectrum:
         """Share of the light that a facet reflects or transmits, as a spectrum.
 
         ``eta`` is the index on wo's side over that on wi's: radiance that crosses is divided by its square, for it
         fills another solid angle; importance is not.
         """
-        r, t = (1 if texture is None else texture.eval(si, active)
-                for texture in (self.specular_reflectance, self.specular_transmittance))
+        r, t = (
+            1 if texture is None else texture.eval(si, active)
+            for texture in (self.specular_reflectance, self.specular_transmittance)
+        )
         if ctx.mode == mi.TransportMode.Radiance:
             t = t * dr.square(dr.rcp(eta))
         return mi.UnpolarizedSpectrum(dr.select(reflected, f * r, (1 - f) * t))
 
-    def sample(self, ctx, si, sample1, sample2, active=True):
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
-        active &= si.wi.z != 0
+        active &= dr.abs(si.wi.z) > GRAZING
         if active is False or not (reflection or transmission):
             return bs, mi.Spectrum(0)
         if self.roughness is None:
@@ -130,7 +156,8 @@ class Dielectric(mi.BSDF):
         else:
             width = self.roughness.eval_1(si, active)
             m = mi.Normal3f(visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width))
-        f, cos_t, eta_it, eta_ti = mi.fresnel(dr.dot(si.wi, m), self.eta)
+        i_m = dr.dot(si.wi, m)
+        f, cos_t, eta_it, eta_ti = fresnel.interface(i_m, self.eta)
         reflected = sample1 <= f if reflection and transmission else mi.Mask(reflection)
         bs.wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, cos_t, eta_ti))
         bs.eta = dr.select(reflected, 1, eta_it)
@@ -139,56 +166,78 @@ class Dielectric(mi.BSDF):
         share = dr.detach(self.share(ctx, reflected, f))
         value = self.energy(ctx, si, reflected, f, eta_it, active)
         if self.roughness is None:
-            bs.pdf = share
-            active &= share > 0
+            pdf = share
         else:
-            density, g, g1 = self.facets(si, bs.wo, m, reflected, eta_it, width)
-            bs.pdf = density * g1 * share
-            active &= (bs.pdf > 0) & ((si.wi.z * bs.wo.z > 0) == reflected)
-            value *= g / dr.select(active, g1, 1)
+            o_m = dr.select(reflected, i_m, cos_t)
+            lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width)
+            pdf = density * share
+            active &= (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
+            value *= lit / dr.select(density > 0, density, 1)
+        active &= pdf > 0
+        bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, share, 1)) & active
 
-    def facets(self, si, wo, m, reflected, eta, width):
-        """(density, G, G1): the facets ``m`` that send light from ``wo`` to ``wi``, and the shares lit and seen.
+    def facets(
+        self,
+        si: mi.SurfaceInteraction3f,
+        wo: mi.Vector3f,
+        m: mi.Vector3f,
+        i_m: mi.Float,
+        o_m: mi.Float,
+        reflected: mi.Bool,
+        width: mi.Float,
+    ) -> tuple[mi.Float, mi.Float]:
+        """``(value, pdf)`` of the facets ``m`` that send light from ``wo`` to ``wi``, without Fresnel's share.
 
-        ``density`` is D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations
-        14 and 17); ``eta`` is the index on wo's side over that on wi's, for transmission.
+        Both are D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations 14 and
+        17), the one times G, the other times G1 of wi. ``i_m`` and ``o_m`` are the facet's cosines; by Snell's law
+        (i_m + eta o_m) (i_m - eta o_m) is 1 - eta², eta the index on wo's side over that on wi's.
         """
         cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
-        i_m, o_m = dr.dot(si.wi, m), dr.dot(wo, m)
-        a, b = dr.abs(i_m), dr.abs(o_m)
-        jacobian = dr.select(reflected, 0.25 / b, dr.square(eta / (i_m + eta * o_m)) * b)
-        g1 = attenuation.g1(cos_i, m.z, a)
-        g1_o = attenuation.g1(cos_o, m.z, b)
-        g = dr.select(reflected, dr.minimum(g1, g1_o), g1 * g1_o)
-        return self.distribution.D(m, width) * a / cos_i * jacobian, g, g1
+        a, b = dr.abs(i_m), dr.maximum(dr.abs(o_m), 1e-30)
+        seen = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
+        eta = dr.select(si.wi.z > 0, self.eta, dr.rcp(self.eta))
+        spread = (a + eta * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, self.eta)), 1e-7)
+        jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta * spread) * b)
+        density = self.distribution.D(m, width) * jacobian
+        lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * attenuation.g1(cos_o, m.z, b))
+        return density * lit, density * seen
 
-    def eval(self, ctx, si, wo, active=True):
+    def eval(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx, si, wo, active=True):
+    def pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Float:
         return self.eval_pdf(ctx, si, wo, active)[1]
 
-    def eval_pdf(self, ctx, si, wo, active=True):
-        reflected = si.wi.z * wo.z > 0
+    def eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> tuple[mi.Spectrum, mi.Float]:
+        reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)
-        active &= (si.wi.z * wo.z != 0) & dr.select(reflected, reflection, transmission)
+        active &= (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
         if active is False or self.roughness is None or not (reflection or transmission):
             return mi.Spectrum(0), mi.Float(0)
-        eta = dr.select(si.wi.z > 0, self.eta, dr.rcp(self.eta))
-        m = dr.normalize(si.wi + wo * dr.select(reflected, 1, eta))
-        m = dr.mulsign(m, m.z)
-        i_m = dr.dot(si.wi, m)
+        m, i_m, o_m = half_vectors.between(si.wi, wo, self.eta)
         # A facet's front is seen from the front of the surface, its back from the back.
-        active &= (i_m * si.wi.z > 0) & (dr.dot(wo, m) * wo.z > 0)
+        active &= (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
         if active is False:
             return mi.Spectrum(0), mi.Float(0)
-        density, g, g1 = self.facets(si, wo, m, reflected, eta, self.roughness.eval_1(si, active))
-        f = mi.fresnel(i_m, self.eta)[0]
-        value = self.energy(ctx, si, reflected, f, eta, active) * (density * g)
-        return mi.depolarizer(value) & active, dr.select(active, density * g1 * self.share(ctx, reflected, f), 0)
+        lit, density = self.facets(si, wo, m, i_m, o_m, reflected, self.roughness.eval_1(si, active))
+        f, _, eta_it, _ = fresnel.interface(i_m, self.eta)
+        value = self.energy(ctx, si, reflected, f, eta_it, active) * lit
+        return mi.depolarizer(value) & active, dr.select(active, density * self.share(ctx, reflected, f), 0)
 
-    def to_string(self):
-        return describe(self, eta=self.eta, specular_reflectance=self.specular_reflectance,
-                        specular_transmittance=self.specular_transmittance, ambient=self.ambient,
-                        distribution=self.distribution.name, **{self.distribution.parameter: self.roughness})
+    def to_string(self) -> str:
+        return describe(
+            self,
+            eta=self.eta,
+            specular_reflectance=self.specular_reflectance,
+            specular_transmittance=self.specular_transmittance,
+            ambient=self.ambient,
+            distribution=self.distribution.name,
+            **{self.distribution.parameter: self.roughness},
+        )

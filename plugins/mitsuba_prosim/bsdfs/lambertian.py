@@ -1,10 +1,13 @@
 """Lambertian material: prosim_lambertian."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
+from ..optics.reading import ambient, reflectance
+from ..parameters import describe, expose
 from ..registry import plugin
-from .common import ambient, describe, expose, reflectance
 
 
 @plugin("bsdf", "prosim_lambertian")
@@ -47,38 +50,52 @@ class Lambertian(mi.BSDF):
             }
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.reflectance = reflectance(props, "reflectance", 0.5)
         self.ambient = ambient(props, self.reflectance)
         self.m_components = [mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide]
         self.m_flags = self.m_components[0]
 
-    def traverse(self, callback):
+    def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, reflectance=self.reflectance, ambient=self.ambient)
 
-    def sample(self, ctx, si, sample1, sample2, active=True):
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return bs, mi.Spectrum(0)
         bs.wo = mi.warp.square_to_cosine_hemisphere(sample2)
-        bs.pdf = mi.warp.square_to_cosine_hemisphere_pdf(bs.wo)
+        pdf = mi.warp.square_to_cosine_hemisphere_pdf(bs.wo)
         bs.eta = 1
         bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
         bs.sampled_component = 0
-        active &= (si.wi.z > 0) & (bs.pdf > 0)
+        active &= (si.wi.z > 0) & (pdf > 0)
+        bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active
 
-    def eval(self, ctx, si, wo, active=True):
+    def eval(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx, si, wo, active=True):
+    def pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Float:
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return mi.Float(0)
         active &= (si.wi.z > 0) & (wo.z > 0)
         return dr.select(active, mi.warp.square_to_cosine_hemisphere_pdf(wo), 0)
 
-    def eval_pdf(self, ctx, si, wo, active=True):
+    def eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> tuple[mi.Spectrum, mi.Float]:
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return mi.Spectrum(0), mi.Float(0)
         active &= (si.wi.z > 0) & (wo.z > 0)
@@ -86,8 +103,8 @@ class Lambertian(mi.BSDF):
         value = self.reflectance.eval(si, active) * pdf
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
 
-    def eval_diffuse_reflectance(self, si, active=True):
+    def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.depolarizer(self.reflectance.eval(si, active))
 
-    def to_string(self):
+    def to_string(self) -> str:
         return describe(self, reflectance=self.reflectance, ambient=self.ambient)

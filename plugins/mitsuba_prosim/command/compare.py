@@ -1,18 +1,20 @@
 """``prosim compare``: a scene under two integrators or samplers, as a page with every measure."""
 
 import importlib.util
-import os
-import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
-import prosim_scene
 from tqdm.auto import tqdm
 
-from . import session
-from .options import SCENE, Definition, translation
-from .render import InputError, log
+from ..scene_files import opening, writing
+from . import output as files
+from .log import log
+from .options import SCENE, STOPS, Definition, Finite, InputError, choose_variant, translation, wrong_input
+
+SUFFIXES = (".html", ".json", ".csv")
 
 
 class Levels(click.ParamType):
@@ -20,7 +22,8 @@ class Levels(click.ParamType):
 
     name = "N,N,..."
 
-    def convert(self, value, param, ctx):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
+        """The numbers, in ascending order."""
         try:
             levels = tuple(int(word) for word in value.split(",")) if isinstance(value, str) else value
         except ValueError:
@@ -30,28 +33,80 @@ class Levels(click.ParamType):
         return tuple(sorted(set(levels)))
 
 
+#: Module -> package, of what this command alone needs.
+NEEDED = {"matplotlib": "matplotlib", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator", "jinja2": "jinja2"}
+
+
+def missing_packages() -> list[str]:
+    """Those of the packages that ``prosim compare`` needs which are not installed."""
+    return [package for module, package in NEEDED.items() if importlib.util.find_spec(module) is None]
+
+
 @click.command()
 @click.argument("scene", type=SCENE)
 @click.argument("a", default="prosim")
 @click.argument("b", default="path:multijitter")
-@click.option("-o", "--output", type=click.Path(path_type=Path), show_default=False,
-              help="Page to write; the numbers go beside it, with the suffixes .json and .csv. "
-                   "[default: SCENE-compare.html beside the scene]")
-@click.option("-m", "--mode", metavar="VARIANT", show_default=False,
-              help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]")
-@click.option("-D", "--define", "definitions", type=Definition(), multiple=True,
-              help="Constant that replaces $key in the XML scene. May be repeated.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="PATH",
+    show_default=False,
+    help="Page to write; the numbers go beside it, with the suffixes .json and .csv; or a folder. "
+    "[default: SCENE-compare.html beside the scene]",
+)
+@click.option(
+    "-m",
+    "--mode",
+    metavar="VARIANT",
+    show_default=False,
+    help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]",
+)
+@click.option(
+    "-D",
+    "--define",
+    "definitions",
+    type=Definition(),
+    multiple=True,
+    help="Constant that replaces $key in the XML scene. May be repeated.",
+)
 @click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
-@click.option("--reference-seconds", type=click.FloatRange(min=0), default=60,
-              help="Time for each reference; one that is kept already is continued.")
-@click.option("--exposure", type=float, default=0.0, metavar="STOPS",
-              help="Makes everything that is measured and shown brighter by so many factors of two; negative: darker.")
-@click.option("--cache", type=click.Path(file_okay=False, path_type=Path), show_default=False,
-              help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]")
+@click.option(
+    "--reference-seconds",
+    type=Finite(min=0),
+    default=60,
+    help="Time for each reference; one that is kept already is continued.",
+)
+@click.option(
+    "--exposure",
+    type=Finite(-STOPS, STOPS),
+    default=0.0,
+    metavar="STOPS",
+    help="Makes everything that is measured and shown brighter by so many factors of two; negative: darker.",
+)
+@click.option(
+    "--cache",
+    type=click.Path(file_okay=False, path_type=Path),
+    show_default=False,
+    help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]",
+)
 @translation
-def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_seconds, exposure, cache, resolution,
-            samples, **language):
+def compare(
+    scene: Path,
+    a: str,
+    b: str,
+    output: str | None,
+    mode: str | None,
+    definitions: tuple[tuple[str, str], ...],
+    rounds: int,
+    levels: tuple[int, ...],
+    reference_seconds: float,
+    exposure: float,
+    cache: Path | None,
+    resolution: tuple[int, int] | None,
+    samples: int | None,
+    **language: Any,
+) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time, samples, and light left out.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
@@ -59,69 +114,62 @@ def compare(scene, a, b, output, mode, definitions, rounds, levels, reference_se
     converged reference. Where A is prosim and B is not, A renders both in B's transport of light and in the scene's.
     Without SAMPLER, it is the scene's.
     """
-    needed = {"matplotlib": "matplotlib", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator", "jinja2": "jinja2"}
-    if missing := [package for module, package in needed.items() if importlib.util.find_spec(module) is None]:
-        raise click.ClickException(f"prosim compare needs {', '.join(missing)}. "
-                                   "Run: pip install 'mitsuba-prosim[compare]'")
-    if mode and mode not in mi.variants():
-        raise click.BadParameter(f"{mode!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
-    try:
-        session.set_variant(mode)
-    except (ImportError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from None
-    if mi.variant().startswith("scalar_") or not mi.variant().endswith("_rgb"):
-        raise click.ClickException(f"prosim compare can't use {mi.variant()}: it needs a variant that ends in _rgb and "
-                                   "does not begin with scalar_.")
+    if missing := missing_packages():
+        raise click.ClickException(
+            f"prosim compare needs {', '.join(missing)}. Run: pip install 'mitsuba-prosim[compare]'"
+        )
+    stem = files.stem(output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
+    variant = choose_variant(mode)
+    if variant.startswith("scalar_") or not variant.endswith("_rgb"):
+        raise click.ClickException(
+            f"prosim compare can't use {variant}: it needs a variant that ends in _rgb and does not begin with scalar_."
+        )
 
     from ..compare import page, scenes
-    from ..compare.study import study
-    with tempfile.TemporaryDirectory(prefix="prosim-") as folder, log(0):
-        try:
+    from ..compare.study import Effort, study
+
+    with writing.scratch() as folder, log(0):
+        with wrong_input():
             specs = scenes.Spec(a), scenes.Spec(b)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            with session.enough_threads():
-                opened = scenes.Scene(scene, folder, resolution, samples, dict(definitions), **language)
+            opened = scenes.FileScene(
+                opening.SceneFile(
+                    scene, folder, definitions=dict(definitions), resolution=resolution, samples=samples, **language
+                )
+            )
             for spec in specs:  # whatever is wrong with them shows before the long work
                 opened.contestant(spec, spec.transport or "scene", spp=4)
-        except prosim_scene.SceneError as error:
-            raise InputError(str(error)) from None
-        except (RuntimeError, TypeError, ValueError) as error:
-            raise InputError(session.message(error)) from None
         width, height = opened.scene().sensors()[0].film().crop_size()
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
+        files.check(scene, stem, SUFFIXES, 2**23)
         with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}", disable=None, leave=False) as bar:
-            def tell(text, done):
+
+            def tell(text: str, done: float) -> None:
                 bar.set_description_str(text)
                 bar.update(100 * done - bar.n)
-            facts, images = study(opened, *specs, levels=levels, rounds=rounds, seconds=reference_seconds, cache=cache,
-                                  exposure=exposure, tell=tell)
-    stem = (output or scene.with_name(scene.stem + "-compare")).with_suffix("")
-    # The page first: it adds the scales of its maps to the facts.
-    texts = {".html": page.html(facts, images), ".json": page.json_text(facts), ".csv": page.csv_text(facts)}
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    written = []
-    for suffix, text in texts.items():
-        path = stem.with_name(stem.name + suffix)
-        part = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            part.write_text(text, encoding="utf-8")
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-        written.append(str(path))
+
+            effort = Effort(levels, rounds, reference_seconds, cache, tell)
+            facts, images = study(opened, scene.name, *specs, effort, exposure)
+    texts = page.html(facts, images), page.json_text(facts), page.csv_text(facts)
+    written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))
     click.echo(summary(facts))
     click.echo(f"{', '.join(written[:-1])} and {written[-1]}")
 
 
-def summary(facts):
+def summary(facts: Mapping[str, Any]) -> str:
     """The main result in a few lines."""
     section = facts["sections"][0]
-    light = {"paths": "every path of light, without the ambient term", "direct": "direct light alone",
-             "scene": "the light that the scene asks for"}[section["transport"]]
+    light = {
+        "paths": "every path of light, without the ambient term",
+        "direct": "direct light alone",
+        "scene": "the light that the scene asks for",
+    }[section["transport"]]
     lines = [f"All in {light}; samples and times as near to equal as the samplers allow:"]
     labels = [row["name"] + row["role"][1:] for row in section["rows"]]
     for label, row in zip(labels, section["rows"]):
-        lines.append(f"{label:<{max(map(len, labels))}} {row['samples']:7.1f} samples  {row['seconds']['median']:7.3f} s  "
-                     f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}")
+        lines.append(
+            f"{label:<{max(map(len, labels))}} {row['samples']:7.1f} samples  {row['seconds']['median']:7.3f} s  "
+            f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}"
+        )
     return "\n".join(lines)

@@ -4,47 +4,74 @@ A stand-in (``stand_in.c``) starts this when a scene names a plugin that is writ
 said by then what it is, and has rendered the scenes that come before that one.
 """
 
+from __future__ import annotations
+
 import os
 import signal
 import sys
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from . import session
+from ..scene_files import opening, rendering, session
 
 #: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
 OPTIONS = {
-    "-t": ("--threads", True), "-v": ("--verbose", False), "-D": ("--define", True), "-s": ("--sensor", True),
-    "-o": ("--output", True), "-h": ("--help", False), "-m": ("--mode", True), "-a": ("--append", True),
-    "-O": (None, True), "-W": (None, False), "-S": (None, False), "-V": (None, True),
+    "-t": ("--threads", True),
+    "-v": ("--verbose", False),
+    "-D": ("--define", True),
+    "-s": ("--sensor", True),
+    "-o": ("--output", True),
+    "-h": ("--help", False),
+    "-m": ("--mode", True),
+    "-a": ("--append", True),
+    "-O": (None, True),
+    "-W": (None, False),
+    "-S": (None, False),
+    "-V": (None, True),
 }
 
 #: The flags that -O0 .. -O5 switch on, one more with each step.
-OPTIMIZATIONS = (dr.JitFlag.MergeFunctions, dr.JitFlag.ConstantPropagation, dr.JitFlag.ValueNumbering,
-                 dr.JitFlag.OptimizeCalls, dr.JitFlag.OptimizeLoops)
+OPTIMIZATIONS = (
+    dr.JitFlag.MergeFunctions,
+    dr.JitFlag.ConstantPropagation,
+    dr.JitFlag.ValueNumbering,
+    dr.JitFlag.OptimizeCalls,
+    dr.JitFlag.OptimizeLoops,
+)
 
+#: Option -> its values, None for each time that a flag is given.
+Options = dict[str, list[Any]]
 
 #: Not empty: a hang-up signal has come, and the image so far has not been written yet.
-hang_ups = []
+hang_ups: list[bool] = []
 
 
-def parse_arguments(words):
+def parse_arguments(words: Iterable[str]) -> tuple[Options, list[str]]:
     """Returns ``(options, scenes)``: option -> list of values (None for each time that a flag is given)."""
-    options, scenes, words = {}, [], list(words)
+    options: Options = {}
+    scenes, words = [], list(words)
     while words:
         word = words.pop(0)
         if not word.startswith("-"):
             scenes.append(word)
             continue
         # As in the native command, -t4 is -t 4, -vv is -v -v, and what follows a long option is ignored.
-        option = next((o for o, (long, _) in OPTIONS.items()
-                       if word.startswith(long or o) or not word.startswith("--") and word.startswith(o)), None)
+        option = next(
+            (
+                o
+                for o, (long, _) in OPTIONS.items()
+                if word.startswith(long or o) or (not word.startswith("--") and word.startswith(o))
+            ),
+            None,
+        )
         if option is None:
             raise ValueError(f'Argument "{word}" was not recognized!')
         long, has_value = OPTIONS[option]
-        rest = "" if word.startswith("--") else word[len(option):]
+        rest = "" if word.startswith("--") else word[len(option) :]
         value = None
         if has_value:
             if rest:
@@ -58,7 +85,7 @@ def parse_arguments(words):
     return options, scenes
 
 
-def integer(options, option, default=None):
+def integer(options: Options, option: str, default: int) -> int:
     """The whole number that an option gives (the first time), or the default."""
     if option not in options:
         return default
@@ -68,18 +95,26 @@ def integer(options, option, default=None):
         raise ValueError(f'Argument "{option}": value "{options[option][0]}" is not an integer!') from None
 
 
-def set_up(options):
+def set_up(options: Options) -> None:
     """Variant, threads, log and Dr.Jit's flags, as the options say."""
     verbose = len(options.get("-v", ()))
     if "-V" in options:
         raise ValueError("-V: the vector width can't be set for scenes with plugins that are written in Python.")
     mi.set_log_level([mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace][min(verbose, 2)])
-    dr.set_log_level([dr.LogLevel.Error, dr.LogLevel.Warn, dr.LogLevel.Info, dr.LogLevel.InfoSym, dr.LogLevel.Debug,
-                      dr.LogLevel.Trace][min(verbose, 5)])
+    dr.set_log_level(
+        [
+            dr.LogLevel.Error,
+            dr.LogLevel.Warn,
+            dr.LogLevel.Info,
+            dr.LogLevel.InfoSym,
+            dr.LogLevel.Debug,
+            dr.LogLevel.Trace,
+        ][min(verbose, 5)]
+    )
     if "-t" in options:
-        dr.set_thread_count(max(integer(options, "-t"), 1))
-    session.set_variant(options["-m"][0] if "-m" in options else "scalar_rgb" if "-h" in options else None)
-    if mi.variant().startswith("scalar_"):
+        dr.set_thread_count(max(integer(options, "-t", 1), 1))
+    variant = session.set_variant(options["-m"][0] if "-m" in options else "scalar_rgb" if "-h" in options else None)
+    if variant.startswith("scalar_"):
         if {"-O", "-W", "-S"} & set(options):
             raise ValueError("Specified an argument that only makes sense in a JIT (LLVM/CUDA/Metal) mode!")
         return
@@ -93,7 +128,7 @@ def set_up(options):
         dr.set_flag(dr.JitFlag.PrintIR, True)
 
 
-def run(plugin, words):
+def run(plugin: str, words: Iterable[str]) -> None:
     """Renders the scenes from the first that names ``plugin``: the native command has rendered those before it."""
     options, scenes = parse_arguments(words)
     set_up(options)
@@ -108,18 +143,18 @@ def run(plugin, words):
     for scene_file in scenes:
         with session.search_paths(last=[*paths, os.path.dirname(scene_file) or "."]):
             with quiet(not begun):
-                state = session.parse(scene_file, parameters)
-            begun = begun or plugin in session.plugin_names(state)
+                state = opening.parse(scene_file, parameters)
+            begun = begun or plugin in opening.plugin_names(state)
             if begun:
                 with session.enough_threads():
-                    scene = session.instantiate(state)
+                    scene = opening.instantiate(state)
                 render(scene, integer(options, "-s", 0), options.get("-o", [scene_file])[0])
     if scenes and not begun:
         raise RuntimeError(f'Plugin "{plugin}" is named by none of the scenes!')
 
 
 @contextmanager
-def quiet(wanted):
+def quiet(wanted: bool) -> Iterator[None]:
     """Logs warnings only, if wanted: the native command has said the rest."""
     level = mi.log_level()
     mi.set_log_level(mi.LogLevel.Warn if wanted else level)
@@ -129,35 +164,33 @@ def quiet(wanted):
         mi.set_log_level(level)
 
 
-def render(scene, index, path):
+def render(scene: mi.Scene, index: int, path: str) -> None:
     """Renders to the file that the film makes of ``path``; a hang-up signal writes the image so far."""
-    sensor, integrator = session.pick_sensor(scene, index), scene.integrator()
+    sensor, integrator = opening.pick_sensor(scene, index), scene.integrator()
 
     def write():
         with session.enough_threads():
             sensor.film().write(path)
 
-    def progress(_):
+    def progress(_: float) -> None:
         if hang_ups:
             hang_ups.clear()
             integrator.flush()
             write()
 
-    # Other integrators than ours hold the interpreter until they are done.
-    if hasattr(integrator, "flush"):
-        integrator.progress = progress
-    session.render(scene, sensor)
+    rendering.render(scene, sensor, tell=progress)
     write()
 
 
-def main(plugin, *words):
+def main(plugin: str, *words: str) -> int:
     """Runs the command ``mitsuba WORDS...``, which has met ``plugin``; returns its exit code."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not, if it is ignored
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGHUP, lambda *_: hang_ups.append(True))
     try:
         run(plugin, words)
         return 0
     except Exception as error:  # noqa: BLE001 (the native command does the same)
         sys.stdout.flush()
-        print(f"\x1b[31m\nCaught a critical exception: {session.message(error)}\x1b[0m", file=sys.stderr)
+        sys.stderr.write(f"\x1b[31m\nCaught a critical exception: {session.message(error)}\x1b[0m\n")
         return 255

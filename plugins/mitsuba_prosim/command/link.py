@@ -4,19 +4,20 @@ import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable, Iterable
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
 
 from .. import registry
-from . import session
-from .session import is_stand_in, plugin_folder
-from .stand_in import BUNDLED, compile_stand_in
+from ..scene_files import session
+from .stand_in import BUNDLED, compile_stand_in, is_stand_in, plugin_folder
 
 
-def misplaced_folder():
+def misplaced_folder() -> Path | None:
     """A folder ``mitsuba`` beside this package that is not Mitsuba, or None.
 
     It arises when the package is installed to another place than Mitsuba is (with ``pip install --user``, say), and
@@ -26,7 +27,7 @@ def misplaced_folder():
     return folder if folder.is_dir() and not (folder / "__init__.py").exists() else None
 
 
-def remove_stand_ins(folder):
+def remove_stand_ins(folder: Path) -> int:
     """Removes the stand-ins in a folder, and nothing else; returns how many."""
     present = [path for path in folder.glob("*.so") if is_stand_in(path)]
     for path in present:
@@ -34,16 +35,17 @@ def remove_stand_ins(folder):
     return len(present)
 
 
-def plugin_names():
+def plugin_names() -> list[str]:
     """Names of the plugins that the installed packages register, and of Mitsuba's own that are written in Python."""
     names = set(BUNDLED)
     mi.set_variant(session.default_variant())
     names.update(registry.PLUGINS)
 
-    def recording(register):
-        def record(name, *args):
+    def recording(register: Callable) -> Callable:
+        def record(name: str, *args: Any) -> Any:
             names.add(name)
             return register(name, *args)
+
         return record
 
     for attribute in [a for a in dir(mi) if a.startswith("register_")]:
@@ -52,19 +54,20 @@ def plugin_names():
     return sorted(names)
 
 
-def record(paths):
+def record(paths: Iterable[Path]) -> None:
     """Adds files to the list of what pip removes when this package is uninstalled."""
     own = distribution("mitsuba-prosim")
-    listing = next(Path(str(file.locate())) for file in own.files if file.name == "RECORD")
+    files = own.files or []
+    listing = next(Path(str(file.locate())) for file in files if file.name == "RECORD")
     site = listing.parents[1]
-    known = {file.as_posix() for file in own.files}
+    known = {file.as_posix() for file in files}
     with listing.open("a", encoding="utf-8") as file:
         file.writelines(f"{path},,\n" for path in (os.path.relpath(path, site) for path in paths) if path not in known)
 
 
-@click.command(short_help="Let the mitsuba command run plugins in Python.")
+@click.command()
 @click.option("--remove", is_flag=True, help="Take the stand-ins away instead.")
-def link(remove):
+def link(remove: bool) -> None:
     """Let the `mitsuba` command run plugins that are written in Python.
 
     Puts a stand-in for each plugin of every installed package that offers some (this one, and Mitsuba's own prb and

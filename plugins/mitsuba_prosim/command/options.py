@@ -1,26 +1,98 @@
-"""Options and argument types that several commands share."""
+"""Options and argument types that several commands share, and what they make of them."""
 
+import functools
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
+import mitsuba as mi
+import prosim_scene
+from click.core import ParameterSource
+
+from ..scene_files import opening, session
 
 SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 
+#: Beyond these factors of two, single precision ends.
+STOPS = 64
 
-class Numbers(click.ParamType):
-    """Whole numbers with a separator, such as 640x480: ``count`` of them, each at least ``least``."""
 
-    def __init__(self, name, separator, count, least=1):
-        self.name, self.separator, self.count, self.least = name, separator, count, least
+class InputError(click.ClickException):
+    """The scene is wrong; nothing has been written."""
 
-    def convert(self, value, param, ctx):
+    exit_code = 2
+
+
+@contextmanager
+def wrong_input() -> Iterator[None]:
+    """Turns whatever is raised where a scene is read and made into an InputError."""
+    try:
+        yield
+    except prosim_scene.SceneError as error:
+        raise InputError(str(error)) from None
+    except (RuntimeError, TypeError, ValueError, OSError) as error:
+        raise InputError(session.message(error)) from None
+
+
+def choose_variant(name: str | None) -> str:
+    """Sets the variant that ``-m`` gives, or the default one, and loads all plugins; returns its name."""
+    if name and name not in mi.variants():
+        raise click.BadParameter(f"{name!r}: this Mitsuba has {', '.join(mi.variants())}.", param_hint="-m")
+    try:
+        return session.set_variant(name)
+    except (ImportError, RuntimeError) as error:
+        raise click.ClickException(session.message(error)) from None
+
+
+class Resolution(click.ParamType):
+    """A size such as 640x480."""
+
+    name = "WxH"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """Width and height, as large as a film can be."""
         try:
-            numbers = tuple(int(word) for word in value.lower().split(self.separator))
+            width, height = (int(word) for word in value.lower().split("x"))
         except ValueError:
-            numbers = ()
-        if len(numbers) != self.count or min(numbers) < self.least:
             self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
-        return numbers
+        try:
+            opening.check_size(width, height)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return width, height
+
+
+class Crop(click.ParamType):
+    """A window such as 10,20,64,48."""
+
+    name = "X,Y,W,H"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int, int, int]:
+        """Its left upper corner, from 0, and its width and height, from 1."""
+        try:
+            x, y, width, height = (int(word) for word in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
+        if min(x, y) < 0 or min(width, height) < 1:
+            self.fail(f"{value!r}: X and Y are 0 or more, W and H are 1 or more", param, ctx)
+        return x, y, width, height
+
+
+class Finite(click.FloatRange):
+    """A number in a range, and not "nan", which no range keeps out."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
 
 
 class Definition(click.ParamType):
@@ -28,24 +100,52 @@ class Definition(click.ParamType):
 
     name = "key=value"
 
-    def convert(self, value, param, ctx):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
+        """The two."""
         key, equals, text = value.partition("=")
         if not key or not equals:
             self.fail(f"{value!r} is not of the form key=value", param, ctx)
         return key, text
 
 
-def translation(command):
-    """Decorator: the options for scenes in the thesis's language."""
-    for option in reversed([
-        click.option("--light-units", type=click.Choice(["calibrated", "radiance", "unattenuated"]),
-                     default="calibrated", help="What a light's intensity means."),
-        click.option("--tolerance", type=click.FloatRange(min=0, min_open=True), metavar="PIXELS", show_default=False,
-                     help="How far a mesh may be from the curved face that it stands for. [default: 0.1]"),
-        click.option("--resolution", type=Numbers("WxH", "x", 2), help="Size of the image in pixels, such as 640x480."),
-        click.option("--samples", type=click.IntRange(min=1), metavar="N",
-                     help="N of the N-rook sampling: N samples a pass, at most N*N a pixel."),
-        click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
-    ]):
-        command = option(command)
-    return command
+def translation(command: Callable) -> Callable:
+    """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
+
+    @functools.wraps(command)
+    def warning(scene: Path, **options: Any) -> Any:
+        warnings.simplefilter("always", prosim_scene.SceneWarning)
+        if scene.suffix.lower() == ".xml":
+            context = click.get_current_context()
+            for name in ("light_units", "tolerance", "allow_outside"):
+                if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+                    option = "--" + name.replace("_", "-")
+                    raise click.UsageError(f"{option} is for scenes in the thesis's language, and {scene} is XML.")
+        return command(scene=scene, **options)
+
+    for option in reversed(
+        [
+            click.option(
+                "--light-units",
+                type=click.Choice(["calibrated", "radiance", "unattenuated"]),
+                default="calibrated",
+                help="What a light's intensity means.",
+            ),
+            click.option(
+                "--tolerance",
+                type=Finite(min=0, min_open=True),
+                metavar="PIXELS",
+                show_default=False,
+                help="How far a mesh may be from the curved face that it stands for. [default: 0.1]",
+            ),
+            click.option("--resolution", type=Resolution(), help="Size of the image in pixels, such as 640x480."),
+            click.option(
+                "--samples",
+                type=click.IntRange(1, 2**12),
+                metavar="N",
+                help="N of the N-rook sampling: N samples a pass, at most N*N a pixel.",
+            ),
+            click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
+        ]
+    ):
+        warning = option(warning)
+    return warning

@@ -12,11 +12,13 @@
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <signal.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <unistd.h>
 
 /* By these words link.py knows a stand-in from a true plugin. */
-__attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a Python plugin, 1";
+__attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a Python plugin, 2";
 
 /* Not `python -m`, which would look for modules among the scenes, in the current folder. */
 static char program[] =
@@ -28,7 +30,7 @@ static char program[] =
     "    sys.exit(f'mitsuba: {sys.executable}: {error}. Set MITSUBA_PYTHON to the interpreter that has the plugins.')\n"
     "sys.exit(main(*sys.argv[1:]))\n";
 
-static char executable[PATH_MAX], prefix[PATH_MAX], candidates[3][PATH_MAX + 32], arguments[1 << 21];
+static char executable[PATH_MAX], prefix[PATH_MAX], candidates[3][PATH_MAX + 32], arguments[1 << 21], parents[1 << 21];
 
 static char *words[sizeof arguments / 2 + 5];
 
@@ -56,6 +58,40 @@ static const char *find_python(void) {
     return candidates[2];
 }
 
+/* What is in /proc/PROCESS/cmdline, at most so much; returns how much. */
+static size_t read_arguments(const char *process, char *text, size_t most) {
+    char path[64];
+    snprintf(path, sizeof path, "/proc/%s/cmdline", process);
+    FILE *file = fopen(path, "rb");
+    size_t size = file ? fread(text, 1, most, file) : 0;
+    if (file)
+        fclose(file);
+    return size;
+}
+
+/* Mitsuba's command is a launcher, which starts this program with the same arguments and waits for it. A signal that
+ * ends the launcher alone has to end this process too, or it would go on rendering unseen. Any other parent, a shell
+ * say, may end without that. */
+static void end_with_launcher(size_t size) {
+    char parent[16];
+    pid_t launcher = getppid();
+    snprintf(parent, sizeof parent, "%d", (int) launcher);
+    size_t own = strlen(arguments) + 1, theirs = read_arguments(parent, parents, sizeof parents - 1);
+    if (size < own || theirs < size - own || memcmp(parents + theirs - (size - own), arguments + own, size - own))
+        return;
+    /* The word before the arguments is the launcher's file. */
+    size_t end = theirs - (size - own);
+    const char *name = NULL;
+    for (char *word = parents; word < parents + end; word += strlen(word) + 1)
+        name = word;
+    const char *slash = name ? strrchr(name, '/') : NULL;
+    if (!name || strcmp(slash ? slash + 1 : name, "mitsuba"))
+        return;
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    if (getppid() != launcher) /* ended just now */
+        raise(SIGTERM);
+}
+
 __attribute__((visibility("default"))) void init_plugin(void) {
     ssize_t length = readlink("/proc/self/exe", executable, sizeof executable - 1);
     const char *slash = length > 0 ? strrchr(executable, '/') : NULL;
@@ -69,11 +105,10 @@ __attribute__((visibility("default"))) void init_plugin(void) {
         return;
     sscanf(slash, "/%4000[^.]", name);
 
-    FILE *file = fopen("/proc/self/cmdline", "rb");
-    if (!file)
+    size_t size = read_arguments("self", arguments, sizeof arguments - 1), count = 0;
+    if (!size)
         return;
-    size_t size = fread(arguments, 1, sizeof arguments - 1, file), count = 0;
-    fclose(file);
+    end_with_launcher(size);
 
     const char *python = find_python();
     words[count++] = (char *) python;

@@ -3,40 +3,61 @@
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 import prosim_scene
 
-from . import session
-from .options import SCENE, translation
-from .render import InputError
+from ..scene_files import writing
+from . import stand_in
+from .options import SCENE, InputError, translation
+from .output import KNOWN, said
 
 
-@click.command(short_help="Translate the scene language to Mitsuba's XML.")
+class Folder(click.Path):
+    """A folder, to be made if need be, whose name is not that of another kind of file."""
+
+    def __init__(self):
+        super().__init__(file_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The folder's path."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if path.suffix.lower() in KNOWN and not path.exists():
+            self.fail(f"{str(path)!r}: name the folder; the file in it is called after the scene.", param, ctx)
+        return path
+
+
+@click.command()
 @click.argument("scene", type=SCENE)
-@click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), show_default=False,
-              help="Folder to write to. [default: the scene's]")
-@click.option("--target", type=click.Choice(["prosim", "stock"]), default="prosim",
-              help="Plugins that the XML names: this package's, or only those that Mitsuba brings.")
+@click.option("-o", "--output", type=Folder(), show_default=False, help="Folder to write to. [default: the scene's]")
+@click.option(
+    "--target",
+    type=click.Choice(["prosim", "stock"]),
+    default="prosim",
+    help="Plugins that the XML names: this package's, or only those that Mitsuba brings.",
+)
 @click.option("--check", is_flag=True, help="Write nothing; only say what is wrong or doubtful.")
 @translation
-def translate(scene, output, check, **options):
+def translate(scene: Path, output: Path | None, check: bool, **options: Any) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
     try:
         if check:
             prosim_scene.check(scene, **options)
         else:
             click.echo(prosim_scene.translate(scene, output, **options))
-            if options["target"] == "prosim" and sys.platform == "linux" and not session.stand_ins():
-                click.echo("The mitsuba command can't run this scene yet, see prosim doctor; prosim render can.", err=True)
+            if options["target"] == "prosim" and sys.platform == "linux" and not stand_in.stand_ins():
+                click.echo(
+                    "The mitsuba command can't run this scene yet, see prosim doctor; prosim render can.", err=True
+                )
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
 
 
-@click.command("format", short_help="Rewrite scenes in tidy form.")
+@click.command("format")
 @click.argument("scenes", type=SCENE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
-def format_scene(scenes, check):
+def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES in the thesis's scene language in tidy form; what they mean stays the same."""
     tidy = {}
     for scene in scenes:
@@ -48,10 +69,11 @@ def format_scene(scenes, check):
         if before != after:
             tidy[scene] = after
     for scene, text in tidy.items():
-        click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
         if not check:
-            part = scene.with_name(f".{scene.name}.{os.getpid()}")
-            part.write_text(text, encoding="utf-8")
-            os.replace(part, scene)
+            try:
+                writing.write({scene: text.encode("utf-8")})
+            except OSError as error:
+                raise click.ClickException(f"{scene} stays as it is: {said(error)}") from None
+        click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
     if check and tidy:
         sys.exit(1)

@@ -1,1 +1,1 @@
-"""Comparison of integrators and samplers against converged references: measures, runs and the page of ``prosim compare``."""
+"""Integrators and samplers against converged references: the measures, the runs and the page of ``prosim compare``."""

@@ -3,73 +3,78 @@
 Images are arrays of shape (height, width, 3), linear, such that 1 is displayed as white.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
-def display(image):
+def display(image: np.ndarray) -> np.ndarray:
     """The image as a screen shows it: sRGB in [0, 1]."""
     image = np.clip(image, 0, 1)
     return np.where(image <= 0.0031308, 12.92 * image, 1.055 * np.power(image, 1 / 2.4) - 0.055)
 
 
-def rmse(image, reference):
+def rmse(image: np.ndarray, reference: np.ndarray) -> float:
     """Root of the mean squared error."""
     return float(np.sqrt(np.mean(np.square(image - reference))))
 
 
-def tone_mapped_error(image, reference):
+def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Error of each pixel, shape (height, width): root mean square over the channels, after a square root as a rough
-    tone curve, with white at 1 and no upper limit."""
+    tone curve, with white at 1 and no upper limit.
+    """
     difference = np.sqrt(np.maximum(image, 0)) - np.sqrt(np.maximum(reference, 0))
     return np.sqrt(np.mean(np.square(difference), axis=2))
 
 
-def tone_mapped_rmse(image, reference):
+def tone_mapped_rmse(image: np.ndarray, reference: np.ndarray) -> float:
     """Root mean square of :func:`tone_mapped_error`."""
     return float(np.sqrt(np.mean(np.square(tone_mapped_error(image, reference)))))
 
 
-def percentile99(image, reference):
+def percentile99(image: np.ndarray, reference: np.ndarray) -> float:
     """99th percentile of :func:`tone_mapped_error` over the pixels."""
     return float(np.percentile(tone_mapped_error(image, reference), 99))
 
 
-def relative_mse(image, reference):
+def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
     """Mean of squared error over squared reference plus 0.01 (Rousselle et al. 2011)."""
     return float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01)))
 
 
-def ssim(image, reference):
+def ssim(image: np.ndarray, reference: np.ndarray) -> float:
     """Structural similarity (Wang et al. 2004) of the displayed images; 1 for equal ones. At least 7 x 7 pixels."""
     from skimage.metrics import structural_similarity
+
     return float(structural_similarity(display(reference), display(image), channel_axis=2, data_range=1.0))
 
 
-def flip_map(image, reference):
-    """ꟻLIP (Andersson et al. 2020) of the displayed images: difference that a viewer sees, 0 to 1 for each pixel, at the
-    67 pixels per degree of a screen at arm's length."""
+def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """ꟻLIP (Andersson et al. 2020) of the displayed images: difference that a viewer sees, 0 to 1 for each pixel, at
+    the 67 pixels per degree of a screen at arm's length.
+    """
     import flip_evaluator
+
     images = [np.ascontiguousarray(display(i), dtype=np.float32) for i in (reference, image)]
     return np.asarray(flip_evaluator.evaluate(*images, "LDR", applyMagma=False)[0])[..., 0]
 
 
-def flip(image, reference):
+def flip(image: np.ndarray, reference: np.ndarray) -> float:
     """Mean of :func:`flip_map`."""
     return float(np.mean(flip_map(image, reference)))
 
 
 #: Those that need no more than numpy.
-CHEAP = {"rmse": rmse, "tone_mapped_rmse": tone_mapped_rmse, "percentile99": percentile99,
-         "relative_mse": relative_mse}
+CHEAP = {"rmse": rmse, "tone_mapped_rmse": tone_mapped_rmse, "percentile99": percentile99, "relative_mse": relative_mse}
 ALL = CHEAP | {"ssim": ssim, "flip": flip}
 
 
-def slope(costs, errors):
+def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
     """Slope of log error over log cost, by least squares: -0.5 for independent samples, -1 for ideal stratification."""
     return float(np.polyfit(np.log(costs), np.log(errors), 1)[0])
 
 
-def cost_at(error, costs, errors):
+def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
     """Cost at which a curve of points (cost, error) reaches ``error``: straight lines between the points in logarithms.
 
     None where the curve does not reach that error, or starts below it.
@@ -82,3 +87,15 @@ def cost_at(error, costs, errors):
     if not y[-1] <= wanted <= y[0]:
         return None
     return float(np.exp(np.interp(-wanted, -y, x)))
+
+
+def relative_cost(
+    own: float, error: float, costs: Sequence[float], errors: Sequence[float]
+) -> tuple[float, bool] | None:
+    """How many times the cost ``own`` a curve of points (cost, error) takes for ``error``, and whether it gets there;
+    where it does not, that of its dearest point. None where its first point is better already.
+    """
+    if error > errors[0]:
+        return None
+    needed = cost_at(max(error, 1e-12), costs, errors)
+    return (max(costs) if needed is None else needed) / own, needed is not None

@@ -4,11 +4,16 @@ import base64
 import csv
 import io
 import json
+from collections.abc import Mapping
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
 from .measures import display
+
+#: What a comparison says: texts and numbers, fit for JSON.
+Facts = Mapping[str, Any]
 
 #: Measure -> (heading, explanation).
 MEASURES = {
@@ -27,20 +32,24 @@ TRANSPORTS = {
 }
 
 
-def html(facts, images):
+def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
     """The page as text. Each number on it stands in ``facts`` too, as ``<data value=...>`` gives it in full."""
     import jinja2
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined)
+
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
     environment.globals.update(number=number, picture=picture, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS)
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
-    return template.render(facts=facts, pictures=encode(facts, images),
-                           charts=[chart(section) for section in facts["sections"]])
+    return template.render(
+        facts=facts, pictures=encode(facts, images), charts=[chart(section) for section in facts["sections"]]
+    )
 
 
-def number(value, form=".3g", unit=""):
+def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
     """A number as it stands on the page."""
     import markupsafe
+
     if value is None:
         return "–"
     # No exponents: 0.0000123 reads better beside its like, and 1.2e+02 is no way to write 120.
@@ -50,44 +59,44 @@ def number(value, form=".3g", unit=""):
     return markupsafe.Markup('<data value="{}">{}</data>{}').format(repr(value), text, unit)
 
 
-def picture(source, caption, classes=""):
+def picture(source: str, caption: str, classes: str = "") -> str:
     """An image that is opened and closed by a click."""
     import markupsafe
+
     return markupsafe.Markup('<figure class="{}"><img src="{}" alt="{}"><figcaption>{}</figcaption></figure>').format(
-        classes, source, caption, caption)
+        classes, source, caption, caption
+    )
 
 
-def data_uri(content, kind):
+def data_uri(content: bytes, kind: str) -> str:
+    """``content``, an image of that kind, as a URI."""
     return f"data:image/{kind};base64," + base64.b64encode(content).decode()
 
 
-def png(image):
+def png(image: np.ndarray) -> str:
     """``image``, of shape (height, width, 3) in [0, 1], as a PNG data URI."""
     from matplotlib.image import imsave
+
     file = io.BytesIO()
     imsave(file, np.ascontiguousarray(np.clip(image, 0, 1)), format="png")
     return data_uri(file.getvalue(), "png")
 
 
-def coloured(values, top, name="magma"):
+def coloured(values: np.ndarray, top: float, name: str = "magma") -> np.ndarray:
     """Numbers as colours, from 0 to ``top``."""
     from matplotlib import colormaps
+
     return colormaps[name](np.clip(values / top, 0, 1))[..., :3]
 
 
-def encode(facts, images):
-    """Images as data URIs; maps of one kind share their scale, which is added to ``facts``."""
-    kinds = {"error": "magma", "flip": "magma", "counts": "viridis"}
-    tops = {}
-    for kind in kinds:
-        maps = [image for name, image in images.items() if name.endswith("/" + kind)]
-        tops[kind] = float(max((np.percentile(m, 99.5) if kind != "counts" else m.max()) for m in maps)) or 1.0
-    facts["scales"] = tops
+def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Images as data URIs; maps of one kind share their scale."""
+    colours = {"error": "magma", "flip": "magma", "counts": "viridis"}
     result = {}
     for name, image in images.items():
         kind = name.rpartition("/")[2]
-        if kind in kinds:
-            result[name] = png(coloured(image, tops[kind], kinds[kind]))
+        if kind in colours:
+            result[name] = png(coloured(image, facts["scales"][kind], colours[kind]))
         elif kind == "signed":
             shown = np.mean(np.sign(image) * display(np.abs(image)), axis=2)
             result[name] = png(coloured(shown + 1, 2, "RdBu_r"))
@@ -96,23 +105,32 @@ def encode(facts, images):
     return result
 
 
-def chart(section):
+def chart(section: Facts) -> str:
     """Curves of a section, as an SVG data URI."""
     import matplotlib
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
     axes = figure.subplots(2, 2, sharey="row")
     for row, measure in zip(axes, ("rmse", "flip")):
-        for axis, (cost, label) in zip(row, (("samples", "samples per pixel"), ("cpu", "seconds"))):
+        for axis, (cost, label) in zip(
+            row, (("samples", "samples per pixel"), ("cpu", "processor seconds per thread"))
+        ):
             for curve, colour in zip(section["curves"], ("#c2410c", "#1d4ed8")):
-                axis.loglog([p[cost] for p in curve["points"]], [max(p[measure], 1e-7) for p in curve["points"]], "o-",
-                            color=colour, label=curve["name"])
+                axis.loglog(
+                    [p[cost] for p in curve["points"]],
+                    [max(p[measure], 1e-7) for p in curve["points"]],
+                    "o-",
+                    color=colour,
+                    label=curve["name"],
+                )
             for entry in section["rows"]:
                 colour = "#c2410c" if entry["role"] == "a" else "#1d4ed8"
                 x = entry[cost] if cost == "samples" else entry[cost]["median"]
-                axis.loglog([x], [max(entry[measure]["median"], 1e-7)], "D", color=colour, markersize=9,
-                            markerfacecolor="none")
+                axis.loglog(
+                    [x], [max(entry[measure]["median"], 1e-7)], "D", color=colour, markersize=9, markerfacecolor="none"
+                )
             axis.set_xlabel(label)
             axis.grid(True, which="both", alpha=0.2)
             for side in (axis.xaxis, axis.yaxis):
@@ -127,21 +145,35 @@ def chart(section):
     return data_uri(file.getvalue(), "svg+xml")
 
 
-def json_text(facts):
+def json_text(facts: Facts) -> str:
+    """All facts, each number in full."""
     return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
 
 
-def csv_text(facts):
+def csv_text(facts: Facts) -> str:
     """One line a run: the rows of the tables and the points of the curves, medians."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["transport", "contestant", "role", "samples", "seconds", "cpu_seconds", *MEASURES])
     for section in facts["sections"]:
         for row in section["rows"]:
-            writer.writerow([section["transport"], row["name"], row["role"], row["samples"],
-                             *(row[k]["median"] for k in ("seconds", "cpu", *MEASURES))])
+            writer.writerow(
+                [
+                    section["transport"],
+                    row["name"],
+                    row["role"],
+                    row["samples"],
+                    *(row[k]["median"] for k in ("seconds", "cpu", *MEASURES)),
+                ]
+            )
         for curve in section["curves"]:
             for point in curve["points"]:
-                writer.writerow([section["transport"], curve["name"], f"{curve['role']} level {point['level']}",
-                                 *(point[k] for k in ("samples", "seconds", "cpu", *MEASURES))])
+                writer.writerow(
+                    [
+                        section["transport"],
+                        curve["name"],
+                        f"{curve['role']} level {point['level']}",
+                        *(point[k] for k in ("samples", "seconds", "cpu", *MEASURES)),
+                    ]
+                )
     return file.getvalue()

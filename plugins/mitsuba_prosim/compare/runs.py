@@ -1,13 +1,29 @@
 """Rendering for measurement: converged references that are kept on disk, and timed runs by turns."""
 
+from __future__ import annotations
+
 import hashlib
+import io
+import os
+import platform
 import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from ..scene_files import writing
+
+#: Name -> function of an image and its reference.
+Measures = Mapping[str, Callable[[np.ndarray, np.ndarray], float]]
+
+#: Called with the part done, 0 to 1.
+Tell = Callable[[float], None]
 
 #: Seeds of references begin here, so that no measured image shares samples with its reference.
 REFERENCE_SEEDS = 1 << 20
@@ -21,21 +37,22 @@ class Contestant:
     """
 
     name: str
-    scene: object
-    integrator: object
+    scene: mi.Scene
+    integrator: mi.Integrator
     spp: int = 0
     #: The same integrator with the AOV "samples", if it decides on the counts by itself.
-    counting: object = None
+    counting: mi.Integrator | None = None
     #: The :class:`Reference` that its images are measured against, and what both are multiplied by first.
-    reference: object = None
+    reference: Reference | None = None
     scale: float = 1.0
 
-    def measure(self, image, measures):
+    def measure(self, image: np.ndarray, measures: Measures) -> dict[str, float]:
         """Value of each of the ``measures`` (name -> function) for an image."""
+        assert self.reference is not None
         image, wanted = image * self.scale, self.reference.image * self.scale
         return {name: measure(image, wanted) for name, measure in measures.items()}
 
-    def render(self, seed):
+    def render(self, seed: int) -> tuple[np.ndarray, tuple[float, float]]:
         """Image (height, width, 3) and the seconds that it took, by the clock and of processor time per thread."""
         start, start_cpu = time.perf_counter(), time.process_time()
         image = self.integrator.render(self.scene, self.scene.sensors()[0], seed=seed, spp=self.spp)
@@ -44,7 +61,7 @@ class Contestant:
         seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
         return np.array(image)[..., :3], (seconds, cpu / max(dr.thread_count(), 1))
 
-    def counts(self, seed=0):
+    def counts(self, seed: int = 0) -> np.ndarray:
         """Samples that each pixel really gets, shape (height, width); samplers round what they are asked for."""
         film = self.scene.sensors()[0].film()
         if self.counting is not None:
@@ -63,30 +80,34 @@ class Runs:
     contestant: Contestant
     counts: np.ndarray
     cold: float
-    seconds: list = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
     #: Processor time divided by the number of threads: what ``seconds`` would be on a machine with nothing else to do
     #: and all threads at work.
-    cpu: list = field(default_factory=list)
-    errors: list = field(default_factory=list)
-    image: np.ndarray = None
+    cpu: list[float] = field(default_factory=list)
+    errors: list[dict[str, float]] = field(default_factory=list)
+    image: np.ndarray | None = None
 
     @property
-    def samples(self):
+    def samples(self) -> float:
+        """Samples of a pixel, the mean."""
         return float(np.mean(self.counts))
 
-    def median(self, what):
+    def median(self, what: str) -> float:
         """Median of "seconds", "cpu" or a measure of error."""
         return float(np.median(self.spread(what)))
 
-    def spread(self, what):
+    def spread(self, what: str) -> list[float]:
         """All rounds' "seconds", "cpu" or values of a measure of error, in ascending order."""
         return sorted(getattr(self, what) if what in ("seconds", "cpu") else [e[what] for e in self.errors])
 
 
-def by_turns(contestants, rounds, measures, tell=lambda done: None):
+def by_turns(
+    contestants: Sequence[Contestant], rounds: int, measures: Measures, tell: Tell = lambda done: None
+) -> list[Runs]:
     """Renders each contestant once to warm up and then once in each of ``rounds`` rounds; a list of :class:`Runs`.
 
-    By turns, so that whatever else the machine does slows down all of them alike. ``tell`` is called with the part done.
+    By turns, so that whatever else the machine does slows down all of them alike. ``tell`` is called with the part
+    done.
     """
     results = []
     for k, contestant in enumerate(contestants):
@@ -112,21 +133,24 @@ class Reference:
     #: Standard error of a pixel's channel: root mean square over the image.
     error: float
     seconds: float
-    passes: list
+    passes: list[int]
     #: Root mean square difference of the first two estimators over what their noise lets expect (1: they agree), or
     #: None with one estimator; and the difference of their means over its standard error.
-    disagreement: float = None
-    mean_difference: float = None
+    disagreement: float | None = None
+    mean_difference: float | None = None
 
 
-def reference(folder, key, estimators, seconds, tell=lambda done: None):
+def reference(
+    folder: str | Path, key: str, estimators: Sequence[Contestant], seconds: float, tell: Tell = lambda done: None
+) -> Reference:
     """Renders the estimators (contestants of the same expected image) by turns for ``seconds`` seconds.
 
-    Sums are kept in ``folder`` under ``key``, any text that identifies the image; a later call goes on from there, if it
-    grants more time. At least three passes each.
+    Sums are kept in ``folder`` under ``key``, any text that identifies the image; a later call goes on from there, if
+    it grants more time. At least three passes each.
     """
     path = Path(folder) / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
-    spent, count, sums, squares, means = 0.0, 0, None, None, []
+    spent, count, means = 0.0, 0, []
+    sums = squares = np.zeros(1)
     if path.exists():
         with np.load(path) as kept:
             spent, count, sums, squares, means = (kept[n] for n in ("spent", "count", "sums", "squares", "means"))
@@ -135,25 +159,25 @@ def reference(folder, key, estimators, seconds, tell=lambda done: None):
     while count < 3 or spent < seconds:
         start = time.perf_counter()
         images = np.array([e.render(REFERENCE_SEEDS + count)[0] for e in estimators], dtype=np.float64)
-        sums = images if sums is None else sums + images
-        squares = images ** 2 if squares is None else squares + images ** 2
+        sums = sums + images if count else images
+        squares = squares + images**2 if count else images**2
         means.append(images.mean(axis=(1, 2, 3)).tolist())
         count += 1
         spent += time.perf_counter() - start
         tell(min(spent / seconds, 1.0) if seconds else 1.0)
     if count > begun:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part.npz")
-        np.savez(part, spent=spent, count=count, sums=sums, squares=squares, means=means)
-        part.replace(path)
+        content = io.BytesIO()
+        np.savez(content, spent=spent, count=count, sums=sums, squares=squares, means=means)
+        writing.write({path: content.getvalue()})
     mean = sums / count
-    variance = np.maximum(squares / count - mean ** 2, 0) / (count - 1)
+    variance = np.maximum(squares / count - mean**2, 0) / (count - 1)
     total = variance.mean(axis=(1, 2, 3))
     if np.any(total == 0):  # an image without noise
         return Reference(mean[np.argmin(total)], 0.0, spent, [count] * len(estimators))
     weights = 1 / total / np.sum(1 / total)
-    result = Reference(np.tensordot(weights, mean, 1), float(np.sqrt(np.sum(weights ** 2 * total))), spent,
-                       [count] * len(estimators))
+    result = Reference(
+        np.tensordot(weights, mean, 1), float(np.sqrt(np.sum(weights**2 * total))), spent, [count] * len(estimators)
+    )
     if len(estimators) > 1:
         result.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / (total[0] + total[1])))
         differences = np.diff(np.array(means)[:, :2], axis=1)[:, 0]
@@ -162,23 +186,55 @@ def reference(folder, key, estimators, seconds, tell=lambda done: None):
     return result
 
 
-def cache_folder():
+@dataclass
+class Part:
+    """What is run in one transport of light: the rows of the table, by role, and the curves, by role and level.
+
+    Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves; a level is the
+    square root of the sample count that is asked for. Before they are rendered these are contestants, then runs.
+    """
+
+    transport: str
+    reference: Reference
+    rows: dict[str, Any]
+    curves: dict[str, dict[int, Any]]
+
+    def each(self, change: Callable[[Any], Any]) -> Part:
+        """The same with every contestant replaced by what ``change`` makes of it, rows first."""
+        rows = {role: change(row) for role, row in self.rows.items()}
+        return Part(
+            self.transport,
+            self.reference,
+            rows,
+            {role: {level: change(point) for level, point in curve.items()} for role, curve in self.curves.items()},
+        )
+
+
+def cache_folder() -> Path:
     """Where references are kept by default."""
-    import os
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mitsuba-prosim" / "references"
 
 
-def machine():
+def machine() -> dict[str, str | int | float | None]:
     """The machine in words: processor, number of cores, versions."""
-    import os
-    import platform
-    from importlib.metadata import version
     name = platform.processor()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
-        name = next((line.partition(":")[2].strip() for line in cpuinfo.read_text().splitlines()
-                     if line.startswith("model name")), name)
-    return {"processor": name or platform.machine(), "cores": os.cpu_count(), "threads": dr.thread_count(),
-            "system": platform.system(), "python": platform.python_version(), "variant": mi.variant(),
-            **{package: version(package) for package in ("mitsuba-prosim", "mitsuba", "drjit")},
-            "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None}
+        name = next(
+            (
+                line.partition(":")[2].strip()
+                for line in cpuinfo.read_text().splitlines()
+                if line.startswith("model name")
+            ),
+            name,
+        )
+    return {
+        "processor": name or platform.machine(),
+        "cores": os.cpu_count(),
+        "threads": dr.thread_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "variant": mi.variant(),
+        **{package: version(package) for package in ("mitsuba-prosim", "mitsuba", "drjit")},
+        "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+    }

@@ -1,101 +1,63 @@
 """One scene under several integrators and samplers, and under either transport of light."""
 
+from __future__ import annotations
+
 import hashlib
-from pathlib import Path
+from abc import ABC, abstractmethod
+from typing import Any
 
 import mitsuba as mi
-import prosim_scene
 
-from ..command import session
+from ..scene_files import opening
 from .runs import Contestant
 
 
-class Scene:
-    """A scene file, XML or in the thesis's language, that contestants are made from.
+class Scene(ABC):
+    """A scene that contestants are made from.
 
-    ``folder``: where a translation is written; ``resolution``, ``samples``: (width, height) and N instead of the
-    scene's; ``definitions``: values for the ``$key`` constants of XML; ``language``: options of the translation.
+    ``settings``: parameters of the integrators that the scene has its own for, by the integrator's name; ``ambient``
+    and ``background``: those of its ``prosim`` integrator, textures or None; ``key``: text that identifies what is
+    rendered.
     """
 
-    def __init__(self, path, folder, resolution=None, samples=None, definitions=None, **language):
-        self.path, self.resolution, self.definitions = Path(path), resolution, definitions or {}
-        self.xml = self.path
-        if self.path.suffix.lower() != ".xml":
-            self.xml = prosim_scene.translate(self.path, Path(folder), resolution=resolution, **language)
-        self.loaded = {}
-        state = self._parse(None)
-        node = next((n for n in state.nodes if n.type == mi.ObjectType.Integrator), None)
-        own = self._instance(None).integrator()
-        self.settings = {}
-        if node is not None:
-            self.settings["type"] = node.props.plugin_name()
-            self.settings |= {name: node.props[name] for name in node.props
-                              if isinstance(node.props[name], (bool, int, float, str)) and name not in ("id", "type")}
-        if samples and self.settings.get("type") == "prosim":
-            self.settings["samples"] = samples
-        self.ambient, self.background = getattr(own, "ambient", None), getattr(own, "background", None)
-        self.key = self._key(state)
+    def __init__(self, settings: dict[str, dict[str, Any]], key: str, ambient: Any = None, background: Any = None):
+        self.settings, self.key, self.ambient, self.background = settings, key, ambient, background
+        self._made: dict[tuple[str | None, bool], mi.Scene] = {}
 
-    def _parse(self, sampler):
-        with session.search_paths(first=[self.xml.parent, self.path.parent]):
-            state = session.parse(self.xml, self.definitions)
-        for node in state.nodes:
-            if node.type == mi.ObjectType.Film and self.resolution:
-                node.props["width"], node.props["height"] = self.resolution
-            elif node.type == mi.ObjectType.Sampler and sampler:
-                count = node.props.get("sample_count", 4)
-                props = mi.Properties(sampler)
-                props["sample_count"] = count
-                node.props = props
-        return state
+    @abstractmethod
+    def load(self, sampler: str | None) -> mi.Scene:
+        """Makes the scene, its first sensor with another sampler if one is named."""
 
-    def _instance(self, sampler):
-        if sampler not in self.loaded:
-            with session.search_paths(first=[self.xml.parent, self.path.parent]):
-                scene = session.instantiate(self._parse(sampler))
-            session.pick_sensor(scene, 0)
-            self.loaded[sampler] = scene if sampler is None else seen_by(scene.sensors()[0], self._instance(None))
-        return self.loaded[sampler]
-
-    def _key(self, state):
-        """Identifies what is rendered: the file and those that it names."""
-        digest = hashlib.sha256(self.xml.read_bytes())
-        for node in state.nodes:
-            for name in node.props:
-                if isinstance(value := node.props[name], str):
-                    for file in (self.xml.parent / value, self.path.parent / value):
-                        if file.is_file():
-                            digest.update(file.read_bytes())
-                            break
-        return f"{digest.hexdigest()} {self.resolution} {sorted(self.definitions.items())} {mi.variant()} {mi.__version__}"
-
-    def scene(self, sampler=None, lit_by_background=False):
+    def scene(self, sampler: str | None = None, lit_by_background: bool = False) -> mi.Scene:
         """The scene with another sampler, and the integrator's background made an emitter, as other integrators need
-        it to be."""
-        if not lit_by_background or self.background is None:
-            return self._instance(sampler)
-        key = sampler, "lit"
-        if key not in self.loaded:
-            if self.background.is_spatially_varying():
-                light = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(self.background)["data"])}
-            else:
-                light = {"type": "constant", "radiance": self.background}
-            lit = self.loaded.get((None, "lit")) or seen_by(self._sensor(None), self._instance(None), background=light)
-            self.loaded[None, "lit"] = lit
-            self.loaded[key] = lit if sampler is None else seen_by(self._sensor(sampler), lit)
-        return self.loaded[key]
+        it to be. Of equal arguments it is the same scene, and the parts are always the same.
+        """
+        lit = lit_by_background and self.background is not None
+        if (sampler, lit) not in self._made:
+            self._made[sampler, lit] = self._make(sampler, lit)
+        return self._made[sampler, lit]
 
-    def _sensor(self, sampler):
-        return self._instance(sampler).sensors()[0]
+    def _make(self, sampler: str | None, lit: bool) -> mi.Scene:
+        if sampler is not None:
+            shared = self.scene(None, lit)
+            return seen_by(self.scene(sampler).sensors()[0] if lit else self.load(sampler).sensors()[0], shared)
+        if not lit:
+            return self.load(None)
+        if self.background.is_spatially_varying():
+            light = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(self.background)["data"])}
+        else:
+            light = {"type": "constant", "radiance": self.background}
+        unlit = self.scene(None)
+        return seen_by(unlit.sensors()[0], unlit, background=light)
 
-    def contestant(self, spec, transport, **overrides):
-        """The :class:`Contestant` that ``spec`` describes, under a ``transport``: "scene" (what the scene file says), or
-        that of another integrator, "paths" or "direct".
+    def contestant(self, spec: Spec, transport: str, **overrides: Any) -> Contestant:
+        """The :class:`Contestant` that ``spec`` describes, under a ``transport``: "scene" (what the scene file says),
+        or that of another integrator, "paths" or "direct".
 
         ``overrides``: parameters of the integrator, before those of the spec; ``spp`` for the sample count.
         """
         spp = overrides.pop("spp", 0)
-        settings = dict(self.settings) if self.settings.get("type") == spec.integrator else {"type": spec.integrator}
+        settings = {"type": spec.integrator} | self.settings.get(spec.integrator, {})
         if spec.integrator == "prosim":
             if self.ambient is not None:
                 settings["ambient"] = self.ambient
@@ -116,11 +78,50 @@ class Scene:
         return Contestant(spec.text, scene, mi.load_dict(settings), spp, counting)
 
 
-def seen_by(sensor, scene, **more):
+class FileScene(Scene):
+    """A scene of a file."""
+
+    def __init__(self, file: opening.SceneFile):
+        self.file = file
+        first = file.load()
+        opening.pick_sensor(first, 0)
+        node = next((n for n in file.state.nodes if n.type == mi.ObjectType.Integrator), None)
+        settings = {}
+        if node is not None:
+            settings[node.props.plugin_name()] = {
+                name: node.props[name]
+                for name in node.props
+                if isinstance(node.props[name], (bool, int, float, str)) and name not in ("id", "type")
+            }
+        own = first.integrator()
+        super().__init__(settings, self._key(), getattr(own, "ambient", None), getattr(own, "background", None))
+        self._made[None, False] = first
+
+    def load(self, sampler: str | None) -> mi.Scene:
+        """Makes the scene of the file."""
+        return self.file.load(sampler)
+
+    def _key(self):
+        """Identifies what is rendered: the file and those that it names."""
+        file = self.file
+        digest = hashlib.sha256(file.xml.read_bytes())
+        for node in file.state.nodes:
+            for name in node.props:
+                if isinstance(value := node.props[name], str):
+                    for other in (file.xml.parent / value, file.path.parent / value):
+                        if other.is_file():
+                            digest.update(other.read_bytes())
+                            break
+        return (
+            f"{digest.hexdigest()} {file.resolution} {sorted(file.definitions.items())} {mi.variant()} {mi.__version__}"
+        )
+
+
+def seen_by(sensor: mi.Sensor, scene: mi.Scene, **more: Any) -> mi.Scene:
     """A scene of the parts of ``scene`` and ``more``, with ``sensor``.
 
-    The parts are shared, not loaded again: Dr.Jit traces and compiles every BSDF and emitter that is alive, in whichever
-    scene, for every image.
+    The parts are shared, not loaded again: Dr.Jit traces and compiles every BSDF and emitter that is alive, in
+    whichever scene, for every image.
     """
     parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
     parts |= {f"emitter_{i}": e for i, e in enumerate(scene.emitters()) if e.get_shape() is None}
@@ -130,31 +131,38 @@ def seen_by(sensor, scene, **more):
 class Spec:
     """A contestant in words: INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as ``path:multijitter,max_depth=5``."""
 
-    def __init__(self, text):
+    def __init__(self, text: str):
         head, *parameters = text.split(",")
         self.text = text
-        self.integrator, _, self.sampler = (part or None for part in head.partition(":"))
-        self.parameters = {}
+        self.integrator, _, sampler = head.partition(":")
+        self.sampler = sampler or None
+        self.parameters: dict[str, Any] = {}
         for parameter in parameters:
             name, equals, value = parameter.partition("=")
             if not (name and equals and value):
                 raise ValueError(f"{parameter!r} in {text!r} is not of the form PARAMETER=VALUE")
             self.parameters[name.strip()] = typed(value.strip())
-        if self.integrator is None:
+        if not self.integrator:
             raise ValueError(f"{text!r} is not of the form INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]")
 
+    def but(self, **parameters: Any) -> Spec:
+        """The same with other values of some parameters, under the same name."""
+        result = Spec(self.text)
+        result.parameters |= parameters
+        return result
+
     @property
-    def counts_itself(self):
+    def counts_itself(self) -> bool:
         """Whether the integrator decides on the number of samples."""
         return self.integrator == "prosim"
 
     @property
-    def transport(self):
+    def transport(self) -> str | None:
         """The transport that the integrator is bound to; None for one that can follow any."""
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
-def typed(text):
+def typed(text: str) -> bool | int | float | str:
     """``text`` as the truth value or number that it spells, or itself."""
     if text.lower() in ("true", "false"):
         return text.lower() == "true"

@@ -1,101 +1,131 @@
-"""The comparison itself: which runs, by turns, and everything that is to be said about them."""
+"""The comparison itself: which runs, by turns."""
 
-import drjit as dr
-import mitsuba as mi
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
-from ..transport import lobes
-from ..transport.radiance import scene_flags
-from . import measures, runs
-
-#: What a row of the table says beside the measures of error.
-COSTS = ("seconds", "cpu")
-
-#: Threshold and N of the prosim integrator when neither the scene nor the contestant says any.
-DEFAULTS = {"threshold": 0.006, "samples": 5}
+from . import facts, measures, runs
+from .scenes import Scene, Spec
 
 
-def study(scene, a, b, *, levels=(2, 3, 4, 6, 9), rounds=5, seconds=60, cache=None, exposure=0.0,
-          tell=lambda text, done: None):
-    """Compares two contestants (:class:`~.scenes.Spec`) on a :class:`~.scenes.Scene`.
-
-    ``levels``: square roots of the sample counts of the curves; ``seconds``: time for each reference, of which there is
-    one for each transport; ``exposure``: in stops, for everything that is measured and shown; ``tell``: called with what is going on and the part of it that is done.
-
-    Returns ``(facts, images)``: a dictionary of text and numbers, fit for JSON, and arrays by name.
+@dataclass(frozen=True)
+class Effort:
+    """How much is rendered: square roots of the sample counts of the curves, rounds by turns, seconds for the reference
+    of each transport, the folder that references are kept in (None: the user's), and whom to tell what is going on and
+    the part of it that is done.
     """
-    cache = cache or runs.cache_folder()
+
+    levels: tuple[int, ...] = (2, 3, 4, 6, 9)
+    rounds: int = 5
+    seconds: float = 60
+    cache: Path | None = None
+    tell: Callable[[str, float], None] = field(default=lambda text, done: None)
+
+
+def study(
+    scene: Scene, name: str, a: Spec, b: Spec, effort: Effort = Effort(), exposure: float = 0.0
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Compares two contestants on a scene called ``name``.
+
+    ``exposure``: in stops, for everything that is measured and shown. Returns ``(facts, images)``: a dictionary of text
+    and numbers, fit for JSON, and arrays by name.
+    """
     transport = b.transport or a.transport or "scene"
     free = [spec for spec in (a, b) if spec.transport is None]
     own_light = transport != "scene" and bool(free)
 
-    first = contest(scene, a, b, transport, levels, seconds, cache, tell)
-    groups = [first]
+    parts = [contest(scene, a, b, transport, effort)]
     if own_light:
-        groups.append(contest(scene, free[0], None, "scene", levels, seconds, cache, tell))
-    everyone = [c for group in groups for c in group["contestants"].values()]
+        parts.append(contest(scene, free[0], None, "scene", effort))
+    everyone: list[runs.Contestant] = []
+    for part in parts:
+        part.each(everyone.append)
     for contestant in everyone:
-        contestant.scale = 2.0 ** exposure
-    results = runs.by_turns(everyone, rounds, measures.ALL, lambda done: tell("rendering by turns", done))
-    for group in groups:
-        group["results"] = dict(zip(group["contestants"], results[:len(group["contestants"])]))
-        results = results[len(group["contestants"]):]
+        contestant.scale = 2.0**exposure
+    results = iter(
+        runs.by_turns(everyone, effort.rounds, measures.ALL, lambda done: effort.tell("rendering by turns", done))
+    )
+    parts = [part.each(lambda _: next(results)) for part in parts]
+    scale = 2.0**exposure
 
-    facts = {"scene": scene.path.name, "a": a.text, "b": b.text, "rounds": rounds, "exposure": exposure,
-             "machine": runs.machine(),
-             "width": int(first["reference"].image.shape[1]), "height": int(first["reference"].image.shape[0]),
-             "sections": [section(group, a if k == 0 else free[0], b, k) for k, group in enumerate(groups)]}
-    images = {}
-    for k, group in enumerate(groups):
-        images |= {f"{k}/{name}": image for name, image in pictures(group).items()}
+    height, width = parts[0].reference.image.shape[:2]
+    said = {
+        "scene": name,
+        "a": a.text,
+        "b": b.text,
+        "rounds": effort.rounds,
+        "exposure": exposure,
+        "machine": runs.machine(),
+        "width": int(width),
+        "height": int(height),
+        "sections": [facts.section(part, a if k == 0 else free[0], b, k, scale) for k, part in enumerate(parts)],
+    }
+    images: dict[str, np.ndarray] = {}
+    for k, part in enumerate(parts):
+        images |= {f"{k}/{name}": image for name, image in facts.pictures(part, scale).items()}
     if own_light:
-        facts["difference"], difference_images = difference(scene, free[0], groups)
+        paths, own = (part.reference.image * scale for part in parts)
+        said["difference"], difference_images = facts.difference(scene, free[0], paths, own, scale)
         images |= difference_images
-    return facts, images
+    return said | {"scales": facts.scales(images)}, images
 
 
-def contest(scene, a, b, transport, levels, seconds, cache, tell):
-    """The contestants of one transport, with their reference."""
-    def at_level(spec, n):
-        if not spec.counts_itself:
-            return scene.contestant(spec, transport, spp=n * n)
-        own = DEFAULTS | scene.settings | spec.parameters
-        finer = type(spec)(spec.text)
-        # The threshold goes with the count, or the curve would end where every pixel is quiet enough.
-        finer.parameters |= {"samples": n, "threshold": own["threshold"] * own["samples"] / n}
-        return scene.contestant(finer, transport)
-
-    def converging(spec):
-        if spec.counts_itself:
-            spec = type(spec)(spec.text)
-            spec.parameters |= {"adaptive": "none", "samples": 8}
-            return scene.contestant(spec, transport)
-        return scene.contestant(spec, transport, spp=64)
-
-    estimators = [converging(spec) for spec in (a, b) if spec]
-    reference = runs.reference(cache, f"{scene.key} {transport} {[s and s.text for s in (a, b)]}", estimators, seconds,
-                               lambda done: tell("reference", done))
-    contestants = {"a": scene.contestant(a, transport)}
-    curves = {("a", n): at_level(a, n) for n in levels}
-    if b:
+def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effort) -> runs.Part:
+    """The contestants of one transport, with their reference; without ``b``, ``a`` alone."""
+    specs = {"a": a} | ({"b": b} if b else {})
+    reference = runs.reference(
+        effort.cache or runs.cache_folder(),
+        f"{scene.key} {transport} {[s and s.text for s in (a, b)]}",
+        [converging(scene, spec, transport) for spec in specs.values()],
+        effort.seconds,
+        lambda done: effort.tell("reference", done),
+    )
+    rows = {"a": scene.contestant(a, transport)}
+    levels = {"a": effort.levels, "b": effort.levels}
+    if b and b.counts_itself:
+        rows["b"] = scene.contestant(b, transport)
+    elif b:
         # Further, if need be, than A: it is asked what B takes for A's error.
-        further = () if b.counts_itself else (round(1.6 * levels[-1]), round(2.5 * levels[-1]))
-        curves |= {("b", n): at_level(b, n) for n in (*levels, *further)}
-        if not b.counts_itself:
-            contestants["b at equal samples"], contestants["b at equal time"] = equals(scene, contestants["a"], b, transport)
-        else:
-            contestants["b"] = scene.contestant(b, transport)
-    contestants |= curves
-    for contestant in contestants.values():
+        levels["b"] = (*effort.levels, round(1.6 * effort.levels[-1]), round(2.5 * effort.levels[-1]))
+        rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
+    part = runs.Part(
+        transport,
+        reference,
+        rows,
+        {role: {n: at_level(scene, spec, transport, n) for n in levels[role]} for role, spec in specs.items()},
+    )
+
+    def measured(contestant: runs.Contestant) -> runs.Contestant:
         contestant.reference = reference
-    return {"transport": transport, "reference": reference, "contestants": contestants}
+        return contestant
+
+    return part.each(measured)
 
 
-def equals(scene, a, b, transport):
+def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> runs.Contestant:
+    """The contestant with n * n samples a pixel, or at most as many if it counts by itself."""
+    if not spec.counts_itself:
+        return scene.contestant(spec, transport, spp=n * n)
+    own: Any = scene.contestant(spec, transport).integrator
+    # The threshold goes with the count, or the curve would end where every pixel is quiet enough.
+    return scene.contestant(spec.but(samples=n, threshold=own.threshold * own.samples / n), transport)
+
+
+def converging(scene: Scene, spec: Spec, transport: str) -> runs.Contestant:
+    """The contestant as an estimator of the reference: without bias, 64 samples a pass."""
+    if spec.counts_itself:
+        return scene.contestant(spec.but(adaptive="none", samples=8), transport)
+    return scene.contestant(spec, transport, spp=64)
+
+
+def equals(scene: Scene, a: runs.Contestant, b: Spec, transport: str) -> tuple[runs.Contestant, runs.Contestant]:
     """Contestants ``b`` with as many samples as ``a`` really takes, and with as many as take the same time."""
     samples = max(round(float(np.mean(a.counts()))), 1)
 
-    def processor_seconds(contestant):
+    def processor_seconds(contestant: runs.Contestant) -> float:
         contestant.render(0)  # compiles
         return float(np.median([contestant.render(0)[1][1] for _ in range(3)]))
 
@@ -108,88 +138,3 @@ def equals(scene, a, b, transport):
         spp = min(max(round(spp * ratio), 1), 4096)
         equal = scene.contestant(b, transport, spp=spp)
     return scene.contestant(b, transport, spp=samples), equal
-
-
-def spread(values):
-    return {"median": float(np.median(values)), "least": float(min(values)), "most": float(max(values))}
-
-
-def section(group, a, b, k):
-    """What is to be said about the runs of one transport."""
-    reference, results = group["reference"], group["results"]
-    scale = group["contestants"]["a"].scale
-    names = {"a": a.text, "b": b.text}
-    rows = [{"role": role, "name": names[role[0]], "samples": run.samples, "cold": run.cold,
-             **{cost: spread(run.spread(cost)) for cost in COSTS},
-             **{m: spread(run.spread(m)) for m in measures.ALL}}
-            for role, run in results.items() if isinstance(role, str)]
-    curves = []
-    for role in "ab":
-        points = [{"level": n, "samples": run.samples, **{cost: run.median(cost) for cost in COSTS},
-                   **{m: run.median(m) for m in measures.ALL}}
-                  for (who, n), run in ((r, x) for r, x in results.items() if isinstance(r, tuple)) if who == role]
-        if points:
-            curves.append({"role": role, "name": names[role], "points": points, "slopes": {
-                cost: measures.slope([p[cost] for p in points], [max(p["rmse"], 1e-12) for p in points])
-                if len(points) > 1 else None for cost in ("samples", "cpu")}})
-    result = {"transport": group["transport"], "mean": float(np.mean(reference.image) * scale), "rows": rows, "curves": curves,
-              "reference": {"error": reference.error * scale, "seconds": reference.seconds, "passes": reference.passes,
-                            "disagreement": reference.disagreement, "mean_difference": reference.mean_difference}}
-    if k == 0 and len(curves) == 2:
-        best = rows[0]
-        result["equal_error"] = {
-            m: {cost: ratio(curves[1]["points"], cost, m, best) for cost in ("samples", "cpu")}
-            for m in ("rmse", "tone_mapped_rmse", "percentile99", "flip")}
-    return result
-
-
-def ratio(points, cost, measure, row):
-    """How many times as much of a cost the curve ``points`` takes for the error of ``row``; where it does not get there,
-    ``reached`` is false and the ratio that of its last point."""
-    costs = [p[cost] for p in points]
-    errors = [max(p[measure], 1e-12) for p in points]
-    own = row[cost] if cost == "samples" else row[cost]["median"]
-    wanted = row[measure]["median"]
-    if wanted > errors[0]:  # the least that was run is better already
-        return {"ratio": costs[0] / own, "reached": True}
-    needed = measures.cost_at(max(wanted, 1e-12), costs, errors)
-    return {"ratio": (max(costs) if needed is None else needed) / own, "reached": needed is not None}
-
-
-def pictures(group):
-    """Images, error maps and sample counts of the rows of the table."""
-    scale = group["contestants"]["a"].scale
-    reference = group["reference"].image * scale
-    result = {"reference": reference}
-    for role, run in group["results"].items():
-        if isinstance(role, str):
-            image = run.image * scale
-            result |= {f"{role}/image": image, f"{role}/error": measures.tone_mapped_error(image, reference),
-                       f"{role}/flip": measures.flip_map(image, reference), f"{role}/counts": run.counts}
-    return result
-
-
-def difference(scene, spec, groups):
-    """What the thesis's transport leaves out, and what it puts in its place: ``(facts, images)``."""
-    scale = groups[0]["contestants"]["a"].scale
-    paths, own = (group["reference"].image * scale for group in groups)
-    with_ambient = scene.contestant(spec, "scene", adaptive="none").render(0)[0]
-    ambient = np.zeros_like(own)
-    if scene.ambient is not None:
-        dark = scene.contestant(spec, "scene", adaptive="none", ambient=0.0).render(0)[0]
-        # The same samples: their difference is the ambient term alone, all but free of noise.
-        ambient = (with_ambient - dark) * scale
-    left_out = paths - (own - ambient)
-    flags = scene_flags(scene.scene())
-    specular = lobes.has_any(flags, "GlossyReflection", "DeltaReflection", "GlossyTransmission", "DeltaTransmission")
-    diffuse = lobes.has_any(flags, "DiffuseReflection", "DiffuseTransmission")
-    return {
-        "paths_mean": float(paths.mean()), "own_mean": float(own.mean()), "left_out_mean": float(left_out.mean()),
-        "ambient_mean": float(ambient.mean()), "difference_mean": float((paths - own).mean()),
-        "difference_rms": float(np.sqrt(np.mean(np.square(paths - own)))),
-        "left_out_share": float(left_out.mean() / paths.mean()) if paths.mean() > 0 else 0.0,
-        "effects": {"interreflection": bool(diffuse), "caustics": bool(specular and diffuse),
-                    "light of the background": bool(scene.background is not None
-                                                    and dr.any(mi.Float(scene.background.mean()) > 0)),
-                    "ambient": scene.ambient is not None},
-    }, {"difference/left_out": left_out, "difference/ambient": ambient, "difference/signed": paths - own}

@@ -1,11 +1,14 @@
 """Extended source: prosim_area."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import reject
+from ..light.beam import read_beam
+from ..light.emission import read_emission, sample_spectrum
+from ..parameters import describe, expose, reject
 from ..registry import plugin
-from .distribution import describe, read_distribution, sample_spectrum, sample_towards, towards, traverse_distribution
 
 
 @plugin("emitter", "prosim_area")
@@ -20,7 +23,7 @@ class Area(mi.Emitter):
 
      * - radiance
        - |spectrum| or |texture|
-       - Emitted radiance on the axis, in power per unit area and unit solid angle. (Default: 1)
+       - Emitted radiance on the axis, >= 0, in power per unit area and unit solid angle. (Default: 1)
        - |exposed|, |differentiable|
 
      * - distribution
@@ -98,44 +101,46 @@ class Area(mi.Emitter):
             }
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         if "to_world" in props:
             raise reject(props, "to_world", "a transform", "that of the shape")
-        self.radiance = props.get_emissive_texture("radiance", 1.0)
+        self.radiance = read_emission(props, "radiance", 1.0)
         self.unattenuated = props.get("unattenuated", False)
-        for name, value in read_distribution(props).items():
-            setattr(self, name, value)
-        dr.make_opaque(self.direction, self.angle, self.exponent)
+        self.beam = read_beam(props)
         self.textured = self.radiance.is_spatially_varying()
         self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if self.textured else 0)
 
-    def traverse(self, callback):
+    def traverse(self, callback: mi.TraversalCallback) -> None:
         super().traverse(callback)
-        callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
-        traverse_distribution(self, callback)
+        expose(callback, radiance=self.radiance)
+        self.beam.traverse(callback)
 
-    def parameters_changed(self, keys):
-        dr.make_opaque(self.direction, self.angle, self.exponent)
+    def parameters_changed(self, keys: list[str]) -> None:
+        self.beam.make_opaque()
         super().parameters_changed(keys)
 
-    def emitted(self, si, d, receiver, active):
+    def emitted(
+        self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
+    ) -> mi.Spectrum:
         """Radiance in the direction ``d``, as ``receiver`` sees it."""
-        value = self.radiance.eval(si, active) * towards(self, d)
+        value = self.radiance.eval(si, active) * self.beam.towards(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
 
-    def eval(self, si, active=True):
+    def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         active &= (si.wi.z > 0) & si.is_valid()
         d = si.to_world(si.wi)
         return self.emitted(si, d, si.p + d * dr.select(active, si.t, 0), active)
 
-    def eval_direction(self, it, ds, active=True):
+    def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
         si = mi.SurfaceInteraction3f(ds, it.wavelengths)
         return self.emitted(si, -ds.d, it.p, active & (dr.dot(ds.d, ds.n) < 0))
 
-    def sample_direction(self, it, sample, active=True):
+    def sample_direction(
+        self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         # Dr.Jit traces every emitter that exists, also one that no shape has taken.
         if self.get_shape() is None:
             return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
@@ -154,7 +159,7 @@ class Area(mi.Emitter):
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
 
-    def pdf_direction(self, it, ds, active=True):
+    def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
         if self.get_shape() is None:
             return mi.Float(0)
         cos = -dr.dot(ds.d, ds.n)
@@ -165,7 +170,7 @@ class Area(mi.Emitter):
             pdf = self.pdf_shape(it, ds, self.get_shape().pdf_direction(it, ds, active))
         return dr.select(active, pdf, mi.Float(0))
 
-    def pdf_shape(self, it, ds, pdf):
+    def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
         """The density of `Shape.sample_direction`, from which Mitsuba's sphere strays by 1 % at r/d = 0.001.
 
         There 1 - cos of the half-angle cancels; here it is sin² / (1 + cos).
@@ -175,21 +180,24 @@ class Area(mi.Emitter):
             return pdf
         r2 = shape.surface_area() / (4 * dr.pi)
         sin2 = r2 / dr.maximum(dr.squared_norm(ds.p - ds.n * dr.sqrt(r2) - it.p), 1e-30)
-        return dr.select((sin2 < 0.9) & (pdf > 0), (1 + dr.safe_sqrt(1 - sin2)) / (dr.two_pi * dr.maximum(sin2, 1e-30)), pdf)
+        cap = (1 + dr.safe_sqrt(1 - sin2)) / (dr.two_pi * dr.maximum(sin2, 1e-30))
+        return dr.select((sin2 < 0.9) & (pdf > 0), cap, pdf)
 
-    def sample_position(self, time, sample, active=True):
+    def sample_position(
+        self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.PositionSample3f, mi.Float]:
         if self.get_shape() is None:
             return dr.zeros(mi.PositionSample3f), mi.Float(0)
         sample_position = self.sample_texture if self.textured else self.get_shape().sample_position
         ps = sample_position(time, sample, active)
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
 
-    def pdf_position(self, ps, active=True):
+    def pdf_position(self, ps: mi.PositionSample3f, active: mi.Bool = True) -> mi.Float:
         if self.get_shape() is None:
             return mi.Float(0)
         return self.pdf_texture(ps.uv, active) if self.textured else self.get_shape().pdf_position(ps, active)
 
-    def sample_texture(self, time, sample, active):
+    def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
         """A point drawn in proportion to the texture, and its density per area."""
         uv, pdf = self.radiance.sample_position(sample, active)
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active & (pdf > 0))
@@ -200,34 +208,39 @@ class Area(mi.Emitter):
         ps.pdf = dr.select(si.is_valid() & (pdf > 0), pdf / dr.maximum(stretch, 1e-30), mi.Float(0))
         return ps
 
-    def pdf_texture(self, uv, active):
+    def pdf_texture(self, uv: mi.Point2f, active: mi.Bool) -> mi.Float:
+        """Density per area with which `sample_texture` draws the point at ``uv``."""
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
         pdf = self.radiance.pdf_position(uv, active) / dr.maximum(stretch, 1e-30)
         return dr.select(si.is_valid(), pdf, mi.Float(0))
 
-    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+    def sample_ray(
+        self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
         ps, weight = self.sample_position(time, sample2, active)
         si = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths)
         si.time = time
-        if self.angle is None:
+        if self.beam.uniform:
             d = si.to_world(mi.warp.square_to_cosine_hemisphere(sample3))
             weight *= dr.pi
         else:  # the beam may be much narrower than the hemisphere
-            d, total = sample_towards(self, sample3)
+            d, total = self.beam.sample(sample3)
             weight *= total * dr.maximum(dr.dot(d, ps.n), 0)
         si.wavelengths, spectrum = sample_spectrum(self.radiance, si, sample1, active)
         return si.spawn_ray(d), mi.depolarizer(spectrum * weight)
 
-    def sample_wavelengths(self, si, sample, active=True):
+    def sample_wavelengths(
+        self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
+    ) -> tuple[mi.Color0f, mi.Spectrum]:
         wavelengths, weight = sample_spectrum(self.radiance, si, sample, active)
         # The particle tracer, alone to ask for this, gives the direction towards the camera in world coordinates.
-        return wavelengths, weight * towards(self, si.wi)
+        return wavelengths, weight * self.beam.towards(si.wi)
 
-    def bbox(self):
+    def bbox(self) -> mi.ScalarBoundingBox3f:
         return self.get_shape().bbox()
 
-    def to_string(self):
-        return describe(self, radiance=self.radiance)
+    def to_string(self) -> str:
+        return describe(self, radiance=self.radiance, **self.beam.values(), unattenuated=self.unattenuated)

@@ -1,11 +1,16 @@
 """Point source: prosim_point."""
 
+from __future__ import annotations
+
+import math
+
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import reject
+from ..light.beam import read_beam
+from ..light.emission import read_emission, sample_spectrum
+from ..parameters import describe, expose, number, reject
 from ..registry import plugin
-from .distribution import describe, read_distribution, sample_spectrum, sample_towards, towards, traverse_distribution
 
 
 @plugin("emitter", "prosim_point")
@@ -25,7 +30,7 @@ class Point(mi.Emitter):
 
      * - intensity
        - |spectrum|
-       - Radiant intensity on the axis, in power per unit solid angle. (Default: 1)
+       - Radiant intensity on the axis, >= 0, in power per unit solid angle. (Default: 1)
        - |exposed|, |differentiable|
 
      * - distribution
@@ -96,15 +101,16 @@ class Point(mi.Emitter):
             'angle': 30
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         if "to_world" in props:
             raise reject(props, "to_world", "a transform", '"position" and "direction"')
-        self.position = mi.Point3f(props.get("position", mi.ScalarPoint3f(0)))
+        position = props.get("position", mi.ScalarPoint3f(0))
+        if not all(map(math.isfinite, position)):
+            raise reject(props, "position", list(position), "finite coordinates")
+        self.position = mi.Point3f(position)
         self.unattenuated = props.get("unattenuated", False)
-        self.radius = props.get("radius", 0.0)
-        if not 0 <= self.radius < float("inf"):
-            raise reject(props, "radius", self.radius, "a number >= 0")
+        self.radius = number(props, "radius", 0.0, 0)
         self.quantity, self.scale = "intensity", 1.0
         if "radiance" in props:
             if "intensity" in props or self.unattenuated:
@@ -112,33 +118,37 @@ class Point(mi.Emitter):
             if self.radius == 0:
                 raise reject(props, "radius", self.radius, 'a number > 0 with "radiance"')
             self.quantity, self.scale = "radiance", dr.pi * self.radius**2
-        self.intensity = props.get_emissive_texture(self.quantity, 1.0)
+        self.intensity = read_emission(props, self.quantity, 1.0)
         if self.intensity.is_spatially_varying():
             raise reject(props, self.quantity, "a texture", "a colour, a spectrum or a number")
-        for name, value in read_distribution(props).items():
-            setattr(self, name, value)
-        dr.make_opaque(self.position, self.direction, self.angle, self.exponent)
+        self.beam = read_beam(props)
+        dr.make_opaque(self.position)
         self.m_flags = mi.EmitterFlags.DeltaPosition
         self.m_needs_sample_2 = False
 
-    def traverse(self, callback):
+    def traverse(self, callback: mi.TraversalCallback) -> None:
         super().traverse(callback)
-        callback.put("position", self.position, mi.ParamFlags.NonDifferentiable)
-        callback.put(self.quantity, self.intensity, mi.ParamFlags.Differentiable)
-        traverse_distribution(self, callback)
+        expose(callback, mi.ParamFlags.NonDifferentiable, position=self.position)
+        expose(callback, **{self.quantity: self.intensity})
+        self.beam.traverse(callback)
 
-    def parameters_changed(self, keys):
-        dr.make_opaque(self.position, self.direction, self.angle, self.exponent)
+    def parameters_changed(self, keys: list[str]) -> None:
+        dr.make_opaque(self.position)
+        self.beam.make_opaque()
         super().parameters_changed(keys)
 
-    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+    def sample_ray(
+        self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
-        d, total = sample_towards(self, sample3)
+        d, total = self.beam.sample(sample3)
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         return mi.Ray3f(self.position, d, time, wavelengths), mi.depolarizer(weight * total)
 
-    def sample_direction(self, it, sample, active=True):
+    def sample_direction(
+        self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         ds = mi.DirectionSample3f()
         ds.p, ds.n, ds.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
         ds.time = it.time
@@ -150,18 +160,20 @@ class Point(mi.Emitter):
         ds.d /= dr.maximum(ds.dist, 1e-30)
         return ds, self.eval_direction(it, ds, active)
 
-    def pdf_direction(self, it, ds, active=True):
+    def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
         return mi.Float(0)
 
-    def eval_direction(self, it, ds, active=True):
+    def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wavelengths = it.wavelengths
-        value = self.intensity.eval(si, active) * (towards(self, -ds.d) * self.scale)
+        value = self.intensity.eval(si, active) * (self.beam.towards(-ds.d) * self.scale)
         if not self.unattenuated:
             value /= dr.maximum(dr.squared_norm(ds.p - it.p), 1e-30)
         return mi.depolarizer(value)
 
-    def sample_position(self, time, sample, active=True):
+    def sample_position(
+        self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.PositionSample3f, mi.Float]:
         ps = mi.PositionSample3f()
         ps.p, ps.n, ps.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
         ps.time = time
@@ -169,20 +181,28 @@ class Point(mi.Emitter):
         ps.delta = mi.Bool(True)
         return ps, mi.Float(1)
 
-    def pdf_position(self, ps, active=True):
+    def pdf_position(self, ps: mi.PositionSample3f, active: mi.Bool = True) -> mi.Float:
         return mi.Float(0)
 
-    def sample_wavelengths(self, si, sample, active=True):
+    def sample_wavelengths(
+        self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
+    ) -> tuple[mi.Color0f, mi.Spectrum]:
         wavelengths, weight = sample_spectrum(self.intensity, si, sample, active)
         return wavelengths, weight * self.scale
 
-    def eval(self, si, active=True):
+    def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.Spectrum(0)
 
-    def bbox(self):
+    def bbox(self) -> mi.ScalarBoundingBox3f:
         p = mi.ScalarPoint3f(*(dr.slice(self.position[i], 0) for i in range(3)))
         return mi.ScalarBoundingBox3f(p)
 
-    def to_string(self):
-        values = {"position": self.position, self.quantity: self.intensity, "radius": self.radius or None}
-        return describe(self, **values)
+    def to_string(self) -> str:
+        return describe(
+            self,
+            position=self.position,
+            **{self.quantity: self.intensity},
+            radius=self.radius or None,
+            **self.beam.values(),
+            unattenuated=self.unattenuated,
+        )

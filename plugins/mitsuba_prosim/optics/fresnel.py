@@ -1,22 +1,45 @@
 """Fresnel's equations (section 2.2.3)."""
 
+from __future__ import annotations
+
+import drjit as dr
 import mitsuba as mi
 
 
-def dielectric(cos_i, eta):
-    """Unpolarised reflectance of the interface between two dielectrics (equation 2.2), total reflection included.
+def contrast(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
+    """eta_it² - 1, eta_it the index beyond the interface over that on the incident side; exact also for eta near 1."""
+    difference = (eta - 1) * (eta + 1)
+    return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
 
-    ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` = interior / exterior index.
+
+def interface(cos_i: mi.Float, eta: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float, mi.Float]:
+    """``(reflectance, cos_t, eta_it, eta_ti)`` of the interface between two dielectrics, as ``mi.fresnel`` has them.
+
+    ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` = interior / exterior index. The
+    reflectance is that of unpolarised light (equation 2.2), total reflection included. Mitsuba's loses its digits if
+    eta is near 1; here the differences of the equation, such as cos_i - eta cos_t, are (1 - eta²) over a sum.
     """
-    return mi.fresnel(cos_i, eta)[0]
+    _, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, eta)
+    c, t = dr.abs(cos_i), dr.abs(cos_t)
+    eta2 = dr.square(eta_it)
+    difference = contrast(cos_i, eta)
+    s = difference / dr.maximum(dr.square(c + eta_it * t), 1e-30)
+    p = difference * (c * c * (eta2 + 1) - 1) / dr.maximum(eta2 * dr.square(eta_it * c + t), 1e-30)
+    return dr.select(t > 0, 0.5 * (s * s + p * p), 1), cos_t, eta_it, eta_ti
 
 
-def conductor(cos_i, eta, k):
+def dielectric(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
+    """Unpolarised reflectance of the interface between two dielectrics: the first of what `interface` returns."""
+    return interface(cos_i, eta)[0]
+
+
+def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
     """Unpolarised reflectance of a metal, exact: a spectrum, from the relative index eta - i k (spectra)."""
-    return mi.UnpolarizedSpectrum(*[mi.fresnel_conductor(cos_i, mi.Complex2f(n, x)) for n, x in zip(eta, k)])
+    channels = (mi.fresnel_conductor(cos_i, mi.Complex2f(n, x)) for n, x in zip(eta, k, strict=True))
+    return mi.UnpolarizedSpectrum(*channels)
 
 
-def conductor_thesis(cos_i, eta, k):
+def conductor_thesis(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
     """The same under the thesis's assumption eta² + k² >> 1 (section 2.2.3, after Cook and Torrance 1982)."""
     e = eta * eta + k * k
     twice = 2 * eta * cos_i

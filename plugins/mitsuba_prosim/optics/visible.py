@@ -5,11 +5,15 @@ density D(m) G1(w, m) <w, m> / cos w. As both have the same polar angle, that an
 only the azimuth depends on w: its density is proportional to max(0, min(2, 1 + t cos phi)), t = tan w tan m.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import drjit as dr
 import mitsuba as mi
 
 
-def azimuth(u, t):
+def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     """Draws phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``u`` in [0, 1), ``t`` >= 0.
 
     Where the partner facet is turned away (t cos phi > 1) the density is constant; elsewhere its integral leads to
@@ -21,7 +25,7 @@ def azimuth(u, t):
     s = 2 * u - 1
     v = dr.pi * dr.abs(s)
     bound = dr.maximum(t, 1)
-    edge = dr.acos(1 / bound)                                 # both facets are visible from here to pi - edge
+    edge = dr.acos(1 / bound)  # both facets are visible from here to pi - edge
     y = v - edge + dr.sqrt(bound * bound - 1)
     width = dr.pi - 2 * edge
     p = dr.clip((v - 2 * edge) / width, 0, 1)
@@ -34,13 +38,16 @@ def azimuth(u, t):
     return dr.mulsign(dr.select(v < 2 * edge, 0.5 * v, phi), s)
 
 
-def sample(wi, u, polar, roughness):
+def sample(wi: mi.Vector3f, u: mi.Point2f, polar: Callable, roughness: mi.Float) -> mi.Vector3f:
     """Draws a facet visible from ``wi`` (local, wi.z > 0) from ``u`` in the unit square.
 
     ``polar`` is a distribution's function of that name. Returns a unit vector in the upper hemisphere.
     """
     sin_m, cos_m = polar(u.x, roughness)
-    phi = azimuth(u.y, mi.Frame3f.tan_theta(wi) * sin_m / cos_m)
+    sin2_w = wi.x * wi.x + wi.y * wi.y
+    inverse = dr.rsqrt(dr.maximum(sin2_w, 1e-30))
+    phi = azimuth(u.y, sin2_w * inverse * sin_m / dr.maximum(wi.z * cos_m, 1e-30))
     sin, cos = dr.sincos(phi)
-    y, x = mi.Frame3f.sincos_phi(wi)          # azimuth 0 is that of wi
+    # Azimuth 0 is that of wi, if it has one.
+    x, y = dr.select(sin2_w > 1e-30, wi.x * inverse, 1), dr.select(sin2_w > 1e-30, wi.y * inverse, 0)
     return mi.Vector3f(sin_m * (cos * x - sin * y), sin_m * (cos * y + sin * x), cos_m)

@@ -1,75 +1,86 @@
 """Derivatives of an image with respect to the parameters of its scene, by the very samples of the image."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
 import drjit as dr
 import mitsuba as mi
 
-from ..transport.radiance import Transport
-from .camera import ray_sampler
-from .frame import Frame
-from .window import pixels, uncropped
+from .accumulate import Image
+from .camera import ray_sampler, uncropped
+from .estimate import Estimator
+from .plan import Plan, index_within, pixels
 
 
-class DifferentiableFrame(Frame):
-    """A frame that is rendered without derivatives first, so that the number of samples in each pixel is known.
+class Derivatives:
+    """An image that was rendered without derivatives, so that the number of samples in each pixel is known.
 
-    ``storage``: the film's values, as :meth:`Frame.render` returns them.
+    ``image``: that image, without own channels; ``counts``: the number of samples of each pixel of ``plan.region``;
+    ``estimator``: one whose transport is attached.
     """
 
-    def __init__(self, integrator, scene, sensor, seed, spp):
-        with dr.suspend_grad():
-            super().__init__(integrator, scene, sensor, seed, spp)
-            self.storage = self.render(keep_counts=True)[:, :, :len(self.film_channels())]
-        self.transport = Transport(integrator, scene, attached=True)
+    def __init__(self, plan: Plan, estimator: Estimator, image: Image, counts: mi.UInt32) -> None:
+        self.plan, self.estimator, self.sensor, self.film = plan, estimator, estimator.sensor, estimator.sensor.film()
+        self.counts = counts
+        #: The film's values of that image.
+        self.storage = image.tensor()
 
-    def develop(self, storage):
+    def develop(self, storage: mi.TensorXf, aov_names: Sequence[str]) -> mi.TensorXf:
         """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
-        self.film.prepare(self.integrator.aov_names()[:storage.shape[2] - self.film_channels().index("W") - 1])
+        self.film.prepare(aov_names[: storage.shape[2] - self.estimator.channels.names.index("W") - 1])
         self.film.put_block(mi.ImageBlock(storage, mi.ScalarPoint2i(self.film.crop_offset()), border=False))
         return self.film.develop()
 
-    def samples_with_gradients(self):
-        """Yields ``(values, weights, pixel)`` for each pass: the film's values of one sample a lane, with derivatives;
-        and for each pixel of the window within the filter's reach the weight of the sample and the pixel's index."""
-        x0, y0 = (int(v) for v in self.film.crop_offset())
-        width, height = (int(v) for v in self.film.crop_size())
-        x, y, *_ = pixels((x0, y0, x0 + width, y0 + height))
+    def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
+        """Yields ``(values, weights)`` for each pass: the film's values of one sample a lane, with derivatives; and for
+        each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's index
+        in the window.
+        """
+        plan = self.plan
+        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in plan.window)
+        offsets = range(-plan.reach, plan.reach + 1)
+        x, y, *_ = pixels(plan.region)
         with uncropped(self.sensor):
-            self.sample_ray = ray_sampler(self.sensor)
-            for r in range(self.most_passes):
-                taken = dr.compress(self.counts > r * self.n + 0.5)
+            self.estimator.rays = ray_sampler(self.sensor)
+            for r in range(-(-plan.most // plan.n)):
+                taken = dr.compress(self.counts > r * plan.n)
                 if dr.width(taken) == 0:
                     break
-                lane = dr.arange(mi.UInt32, dr.width(taken) * self.n)
-                pixel = dr.gather(mi.UInt32, taken, lane // self.n)
+                lane = dr.arange(mi.UInt32, dr.width(taken) * plan.n)
+                pixel = dr.gather(mi.UInt32, taken, lane // plan.n)
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                values, _, position = self.sample(px, py, dr.opaque(mi.UInt32, r), lane % self.n)
-                share = dr.rcp(dr.gather(mi.Float, self.counts, pixel))
+                i = lane % plan.n
+                values, _, position = self.estimator.sample(px, py, dr.opaque(mi.UInt32, r), i)
+                count = dr.gather(mi.UInt32, self.counts, pixel)
+                share = dr.select(r * plan.n + i < count, dr.rcp(mi.Float(count)), 0)  # the last pass may be cut short
                 spread = []
-                for k, (weight, _) in enumerate(self.spread([mi.Float(1)], position)):
-                    tx = px - x0 + k % (2 * self.reach + 1) - self.reach
-                    ty = py - y0 + k // (2 * self.reach + 1) - self.reach
-                    there = (tx >= 0) & (tx < width) & (ty >= 0) & (ty < height)
-                    spread.append((dr.select(there, weight * share, 0), mi.UInt32(dr.select(there, ty * width + tx, 0))))
+                targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
+                for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
+                    there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
+                    spread.append(
+                        (dr.select(there, weight * share, 0), dr.select(there, index_within(plan.window, tx, ty), 0))
+                    )
                 yield values, spread
 
-    def backward(self, gradient):
+    def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""
         channels = gradient.shape[2]
         gradient = gradient.array
-        for values, spread in self.samples_with_gradients():
+        for values, spread in self.samples():
             loss = mi.Float(0)
             for c, value in enumerate(values):
                 if dr.grad_enabled(value):
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
             # The passes share the graph behind the scene's parameters: its edges must stay.
             dr.backward(dr.sum(loss), flags=dr.ADFlag.ClearVertices)
+            dr.eval()  # what was scattered to the parameters, so that no pass adds to the kernel of another
 
-    def attached_storage(self):
+    def attached_storage(self) -> mi.TensorXf:
         """The film's values as a tensor that depends on the scene's parameters."""
-        width, height = (int(v) for v in self.film.crop_size())
-        channels = len(self.film_channels())
+        height, width, channels = self.storage.shape
         total = dr.zeros(mi.Float, width * height * channels)
-        for values, spread in self.samples_with_gradients():
+        for values, spread in self.samples():
             for c, value in enumerate(values):
                 for w, p in spread:
                     dr.scatter_add(total, w * value, p * channels + c)

@@ -1,9 +1,11 @@
 """The N-rook sampler, for any integrator (thesis, sections 4.2.1.2 and 5.3.2)."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import reject
+from ..parameters import choice, describe, whole
 from ..registry import plugin
 from ..sampling.nrook import JITTERS, NRook, Permutations, grid_size, pixel_key
 
@@ -49,40 +51,39 @@ class NRookSampler(mi.Sampler):
             'sample_count': 25
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.base_seed = props.get("seed", 0)
-        self.jitter = props.get("jitter", "multi")
-        if self.jitter not in JITTERS:
-            raise reject(props, "jitter", self.jitter, " or ".join(JITTERS))
+        self.base_seed = whole(props, "seed", 0, 0, 2**32 - 1)
+        self.jitter = choice(props, "jitter", JITTERS)
         self.pixel = self.index = self.dimension = mi.UInt32(0)
-        self.set_sample_count(props.get("sample_count", 4))
+        self.set_sample_count(whole(props, "sample_count", 4, 1))
 
-    def set_sample_count(self, spp):
+    def set_sample_count(self, spp: int) -> None:
+        """Sets the number of samples per pixel, rounded up to a square."""
         n = grid_size(spp)
         super().set_sample_count(n * n)
         if n * n != spp:
             mi.Log(mi.LogLevel.Warn, f"nrook: sample count rounded up from {spp} to {n * n}.")
         self.permutations = Permutations(n)
-        self.samples_per_wavefront = None  # until told
+        self.samples_per_wavefront: int | None = None  # until told
 
-    def set_samples_per_wavefront(self, samples_per_wavefront):
+    def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
         super().set_samples_per_wavefront(samples_per_wavefront)
         self.samples_per_wavefront = samples_per_wavefront
 
-    def fork(self):
+    def fork(self) -> NRookSampler:
         copy = NRookSampler(mi.Properties())
         copy.base_seed, copy.jitter, copy.permutations = self.base_seed, self.jitter, self.permutations
         mi.Sampler.set_sample_count(copy, self.sample_count())
         copy.samples_per_wavefront = self.samples_per_wavefront
         return copy
 
-    def clone(self):
+    def clone(self) -> NRookSampler:
         copy = self.fork()
         copy.pixel, copy.index, copy.dimension = map(mi.UInt32, (self.pixel, self.index, self.dimension))
         return copy
 
-    def seed(self, seed, wavefront_size=0xFFFFFFFF):
+    def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
         super().seed(seed, wavefront_size)
         key = mi.UInt32(seed) + self.base_seed
         lane = 0
@@ -98,24 +99,24 @@ class NRookSampler(mi.Sampler):
         self.index = mi.UInt32(lane % self.samples_per_wavefront)
         self.dimension = dr.opaque(mi.UInt32, 0)
 
-    def advance(self):
+    def advance(self) -> None:
         # The base class would only advance counters of its own, and come back here first (it is virtual).
         self.index += self.samples_per_wavefront
         self.dimension = dr.opaque(mi.UInt32, 0)
 
-    def schedule_state(self):
+    def schedule_state(self) -> None:
         super().schedule_state()
         dr.schedule(self.index, self.dimension)
 
-    def next_2d(self, active=True):
+    def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
         n = self.permutations.n
         r = self.index // n
         sample = NRook(self.permutations, self.pixel, r % n, self.index - r * n, self.jitter)(self.dimension)
         self.dimension += 1
         return sample
 
-    def next_1d(self, active=True):
+    def next_1d(self, active: mi.Bool = True) -> mi.Float:
         return self.next_2d(active).x
 
-    def to_string(self):
-        return f"NRookSampler[\n  sample_count = {self.sample_count()},\n  jitter = {self.jitter}\n]"
+    def to_string(self) -> str:
+        return describe(self, sample_count=self.sample_count(), jitter=self.jitter)

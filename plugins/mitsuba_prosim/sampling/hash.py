@@ -1,11 +1,16 @@
 """Integer hashes: what makes a sample a pure function of where it is taken."""
 
+from __future__ import annotations
+
+from typing import Any
+
 #: 2^32 over the golden ratio: multiples of it are far apart.
 GOLDEN = 0x9E3779B9
 
 
-def hash32(x):
-    """Hashes a 32-bit unsigned integer: the output permutation of PCG-RXS-M-XS-32 (O'Neill 2014; Jarzynski and Olano 2020).
+def hash32(x: Any) -> Any:
+    """Hashes a 32-bit unsigned integer: the output permutation of PCG-RXS-M-XS-32 (O'Neill 2014; Jarzynski and Olano
+    2020).
 
     ``x`` is a Python integer, a NumPy array or a Dr.Jit array of 32-bit unsigned integers; the result is of the same
     kind and uniform over the 32-bit range. The masks are for Python's unbounded integers: Dr.Jit drops them.
@@ -15,6 +20,6 @@ def hash32(x):
     return (x >> 22) ^ x
 
 
-def combine(key, x):
+def combine(key: Any, x: Any) -> Any:
     """Hashes integer ``x`` under ``key``; different ``x`` give unrelated results."""
     return hash32((key + (x * GOLDEN & 0xFFFFFFFF)) & 0xFFFFFFFF)

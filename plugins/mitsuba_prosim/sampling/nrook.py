@@ -6,6 +6,8 @@ exactly once. Nothing is drawn from a stream: a sample is a pure function of (se
 does not depend on tiling, on the order of evaluation or on the number of workers.
 """
 
+from __future__ import annotations
+
 import functools
 import itertools
 import math
@@ -19,9 +21,13 @@ from .hash import GOLDEN, combine, hash32
 JITTERS = ("multi", "uniform")
 
 
-def pixel_key(seed, pixel):
-    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit)."""
-    return combine(hash32(seed), pixel)
+def pixel_key(seed: int | mi.UInt32, pixel: int | mi.UInt32) -> int | mi.UInt32:
+    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
+
+    The pixel is hashed before the seed is mixed in, and then both again: no seed's keys are another's, shifted. Under
+    one seed, different pixels have different keys.
+    """
+    return combine(hash32(pixel), hash32(seed))
 
 
 class Permutations:
@@ -36,7 +42,7 @@ class Permutations:
 
     ALL_UP_TO = 6
 
-    def __init__(self, n):
+    def __init__(self, n: int) -> None:
         self.n = n
         table = self._rows(n)
         self.count = len(table)
@@ -47,13 +53,13 @@ class Permutations:
 
     @classmethod
     @functools.cache
-    def _rows(cls, n):
+    def _rows(cls, n: int) -> np.ndarray:
         if n <= cls.ALL_UP_TO:
             return np.array(list(itertools.permutations(range(n))), dtype=np.uint32)
         keys = hash32(np.arange(1024 * n, dtype=np.uint64)).reshape(1024, n)
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
-    def __call__(self, h, i):
+    def __call__(self, h: int | mi.UInt32, i: int | mi.UInt32) -> int | mi.UInt32:
         """Place ``i`` (0 .. n-1) of the permutation that the hash ``h`` (32 bits) chooses."""
         row = scale(h, self.count) * self.n
         if self.n > self.ALL_UP_TO:
@@ -63,12 +69,12 @@ class Permutations:
         return dr.gather(mi.UInt32, self.table, row + i) if dr.is_jit_v(mi.UInt32) else int(self.table[row + i])
 
 
-def scale(h, n):
+def scale(h: int | mi.UInt32, n: int) -> int | mi.UInt32:
     """Maps a 32-bit hash ``h`` to 0 .. n-1."""
     return dr.mul_hi(h, mi.UInt32(n)) if dr.is_jit_v(h) else h * n >> 32
 
 
-def to_unit(h):
+def to_unit(h: int | mi.UInt32) -> mi.Float:
     """Maps a 32-bit hash to [0, 1)."""
     return mi.Float(h >> 8) * (1 / (1 << 24))
 
@@ -82,11 +88,18 @@ class NRook:
     Chiu, Shirley and Wang 1994; Kensler 2013).
     """
 
-    def __init__(self, permutations, key, r, i, jitter="multi"):
+    def __init__(
+        self,
+        permutations: Permutations,
+        key: int | mi.UInt32,
+        r: int | mi.UInt32,
+        i: int | mi.UInt32,
+        jitter: str = "multi",
+    ) -> None:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
 
-    def __call__(self, space, active=True):
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``integrators/prosim.py``)."""
+    def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/node.py``)."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
@@ -101,10 +114,10 @@ class NRook:
             # (Kensler 2013).
             u = (permute(combine(h_space, n + 1), col) + u) / n
             v = (permute(combine(h_space, n + 2), row) + v) / n
-        below_one = 1 - 2.0 ** -24
+        below_one = 1 - 2.0**-24
         return mi.Point2f(dr.minimum((row + u) / n, below_one), dr.minimum((col + v) / n, below_one))
 
-    def choice(self, space):
+    def choice(self, space: int | mi.UInt32) -> mi.Float:
         """A number in [0, 1), without strata, to choose among alternatives."""
         return to_unit(combine(combine(combine(self.key, space), self.r + 1), self.i))
 
@@ -112,16 +125,18 @@ class NRook:
 class SamplerPoints:
     """The samples of a Mitsuba sampler in the place of :class:`NRook`; the spaces are taken as they come."""
 
-    def __init__(self, sampler):
+    def __init__(self, sampler: mi.Sampler) -> None:
         self.sampler = sampler
 
-    def __call__(self, space, active=True):
+    def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+        """The sampler's next point, whatever the ``space``."""
         return self.sampler.next_2d(active)
 
-    def choice(self, space):
+    def choice(self, space: int | mi.UInt32) -> mi.Float:
+        """The sampler's next number."""
         return self.sampler.next_1d()
 
 
-def grid_size(sample_count):
+def grid_size(sample_count: int) -> int:
     """Least N with N² >= ``sample_count``."""
     return max(1, math.isqrt(max(sample_count, 1) - 1) + 1)

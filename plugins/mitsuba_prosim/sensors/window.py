@@ -1,9 +1,13 @@
 """A window on a view plane, with pixels of any shape: prosim_window."""
 
+from __future__ import annotations
+
+from math import inf
+
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import reject
+from ..parameters import describe, number, reject
 from ..registry import plugin
 
 
@@ -58,11 +62,10 @@ class Window(mi.Sensor):
             }
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        sides = [props.get(name, default) for name, default in
-                 (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))]
-        self.left, self.right, self.bottom, self.top = sides
+        self.left, self.right = number(props, "left", -1.0, -inf), number(props, "right", 1.0, -inf)
+        self.bottom, self.top = number(props, "bottom", -1.0, -inf), number(props, "top", 1.0, -inf)
         for low, high in (("left", "right"), ("bottom", "top")):
             if not getattr(self, low) < getattr(self, high):
                 raise reject(props, low, getattr(self, low), f"a number below {high}, {getattr(self, high)}")
@@ -70,15 +73,17 @@ class Window(mi.Sensor):
         if not 0 < self.near_clip < self.far_clip:
             raise reject(props, "near_clip", self.near_clip, "a number above 0 and below far_clip")
 
-    def direction(self, position):
-        """Unit direction in the eye's space through a point of the crop window, in [0, 1]^2 from its upper left corner."""
+    def direction(self, position: mi.Point2f) -> mi.Vector3f:
+        """Unit direction in the eye's space through a point of the crop window, [0, 1]² from its upper left corner."""
         film = self.film()
-        # Without a crop window this leaves the film's size out of the code, so that all resolutions share their kernels.
-        x, y = [p * (float(crop) / float(size)) + float(offset) / float(size) for p, offset, crop, size in
-                zip((position.x, position.y), film.crop_offset(), film.crop_size(), film.size())]
+        # Without a crop window this leaves the film's size out of the code: all resolutions then share their kernels.
+        axes = zip((position.x, position.y), film.crop_offset(), film.crop_size(), film.size(), strict=True)
+        x, y = [p * (float(crop) / float(size)) + float(offset) / float(size) for p, offset, crop, size in axes]
         return dr.normalize(mi.Vector3f(-dr.lerp(self.left, self.right, x), dr.lerp(self.top, self.bottom, y), 1))
 
-    def sample_ray(self, time, sample1, sample2, sample3, active=True):
+    def sample_ray(
+        self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         d = self.direction(sample2)
         to_world = self.world_transform()
@@ -89,10 +94,9 @@ class Window(mi.Sensor):
         ray.maxt = (self.far_clip - self.near_clip) / d.z
         return ray, weight
 
-    def bbox(self):
+    def bbox(self) -> mi.ScalarBoundingBox3f:
         center = self.world_transform() @ mi.Point3f(0)
         return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(*[dr.slice(c) for c in center]))
 
-    def to_string(self):
-        return (f"prosim_window[left={self.left}, right={self.right}, bottom={self.bottom}, top={self.top}, "
-                f"film={self.film()}]")
+    def to_string(self) -> str:
+        return describe(self, left=self.left, right=self.right, bottom=self.bottom, top=self.top, film=self.film())

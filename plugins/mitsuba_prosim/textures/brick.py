@@ -1,15 +1,18 @@
 """Brickwork: prosim_brick (t-tijolo)."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
+from ..parameters import number
+from ..procedural.mixture import Mixture
+from ..procedural.waves import square_wave
 from ..registry import plugin
-from .common import lookup, number, pattern, read_space, square_wave
 
 
 @plugin("texture", "prosim_brick")
-@pattern("mortar", "brick", ("brick_width", "brick_height", "mortar_width", "stagger"))
-class Brick(mi.Texture):
+class Brick(Mixture):
     r"""
     .. _texture-prosim_brick:
 
@@ -86,19 +89,21 @@ class Brick(mi.Texture):
             'mortar_width': 0.01
     """
 
-    def __init__(self, props):
+    BASE, TOP = "mortar", "brick"
+    NUMBERS = ("brick_width", "brick_height", "mortar_width", "stagger")
+
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.brick = props.get_texture("brick", 0.4)
         self.mortar = props.get_texture("mortar", 0.2)
-        self.brick_width = number(props, "brick_width", 0.23, 0, open_below=True)
-        self.brick_height = number(props, "brick_height", 0.07, 0, open_below=True)
-        self.mortar_width = number(props, "mortar_width", 0.01, 0)
-        self.stagger = number(props, "stagger", 0.5, 0)
-        read_space(self, props)
+        self.brick_width = mi.Float(number(props, "brick_width", 0.23, 0, open_below=True))
+        self.brick_height = mi.Float(number(props, "brick_height", 0.07, 0, open_below=True))
+        self.mortar_width = mi.Float(number(props, "mortar_width", 0.01, 0))
+        self.stagger = mi.Float(number(props, "stagger", 0.5, 0))
         self.parameters_changed([])
 
-    def value(self, si):
-        p, width = lookup(self, si)
+    def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
+        p, width = self.lookup(si)
         pitch_x, pitch_y = self.brick_width + self.mortar_width, self.brick_height + self.mortar_width
         duty_x, duty_y = self.brick_width / pitch_x, self.brick_height / pitch_y
         origin = 0 if self.solid else 0.5
@@ -110,7 +115,7 @@ class Brick(mi.Texture):
             value *= square_wave(p.z / pitch_x, duty_x, width.z / pitch_x)
         return value
 
-    def average(self):
+    def average(self) -> mi.Float:
         share = self.brick_width / (self.brick_width + self.mortar_width)
         rows = self.brick_height / (self.brick_height + self.mortar_width)
         return rows * share * (share if self.solid else 1)

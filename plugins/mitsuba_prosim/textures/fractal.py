@@ -1,18 +1,19 @@
 """Fractal noise: prosim_fractal (t-fractal)."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import reject
+from ..parameters import number, whole
+from ..procedural.mixture import Mixture
+from ..procedural.noise import gradient_noise
 from ..registry import plugin
 from ..sampling.hash import combine
-from .common import lookup, number, pattern, read_space
-from .noise import gradient_noise
 
 
 @plugin("texture", "prosim_fractal")
-@pattern("color0", "color1", ("scale", "gain", "lacunarity"))
-class Fractal(mi.Texture):
+class Fractal(Mixture):
     r"""
     .. _texture-prosim_fractal:
 
@@ -67,8 +68,8 @@ class Fractal(mi.Texture):
     The texture :monosp:`t-fractal` of the thesis's example scene: a sum of octaves of gradient noise (Perlin 1985, with
     the smoother interpolation of 2002), whose gradients come from an integer hash, the same on every machine. Each
     octave is shifted, so that their lattices do not coincide. The sum is scaled so that two standard deviations on
-    either side of its mean fill the range from ``color0`` to ``color1``, and cut to that range. Octaves too fine for the
-    pixel's footprint, where it is known, fade out.
+    either side of its mean fill the range from ``color0`` to ``color1``, and cut to that range. Octaves too fine for
+    the pixel's footprint, where it is known, fade out.
 
     .. tabs::
         .. code-tab:: xml
@@ -95,29 +96,26 @@ class Fractal(mi.Texture):
             'octaves': 5
     """
 
-    def __init__(self, props):
+    BASE, TOP = "color0", "color1"
+    NUMBERS = ("scale", "gain", "lacunarity")
+
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.color0 = props.get_texture("color0", 0.4)
         self.color1 = props.get_texture("color1", 0.2)
-        self.scale = number(props, "scale", 4.0, 0, open_below=True)
-        self.gain = number(props, "gain", 0.5, 0)
-        self.lacunarity = number(props, "lacunarity", 2.0, 0, open_below=True)
-        self.octaves = props.get("octaves", 6)
-        if self.octaves not in range(1, 17):
-            raise reject(props, "octaves", self.octaves, "an integer from 1 to 16")
-        seed = props.get("seed", 0)
-        if seed not in range(2**32):
-            raise reject(props, "seed", seed, "an integer from 0 to 2^32 - 1")
-        self.seed = mi.UInt32(int(seed))
-        read_space(self, props)
+        self.scale = mi.Float(number(props, "scale", 4.0, 0, open_below=True))
+        self.gain = mi.Float(number(props, "gain", 0.5, 0))
+        self.lacunarity = mi.Float(number(props, "lacunarity", 2.0, 0, open_below=True))
+        self.octaves = whole(props, "octaves", 6, 1, 16)
+        self.seed = mi.UInt32(whole(props, "seed", 0, 0, 2**32 - 1))
         dr.make_opaque(self.seed)
         self.parameters_changed([])
 
-    def value(self, si):
-        p, width = lookup(self, si)
+    def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
+        p, width = self.lookup(si)
         width = dr.maximum(dr.maximum(width.x, width.y), width.z)
         frequency, amplitude, total, power = self.scale, mi.Float(1), mi.Float(0), mi.Float(0)
-        for octave in range(int(self.octaves)):
+        for octave in range(self.octaves):
             visible = dr.clip(2 - 2 * width * frequency, 0, 1)
             q = p * frequency + 0.37 * octave
             coordinates = (q.x, q.y, q.z) if self.solid else (q.x, q.y)
@@ -128,5 +126,5 @@ class Fractal(mi.Texture):
         deviation = 0.191 if self.solid else 0.177  # of one octave, found by sampling
         return dr.clip(0.5 + total / (4 * deviation * dr.sqrt(power)), 0, 1)
 
-    def average(self):
+    def average(self) -> mi.Float:
         return mi.Float(0.5)

@@ -1,7 +1,10 @@
 """Product of two textures: prosim_product."""
 
+from __future__ import annotations
+
 import mitsuba as mi
 
+from ..parameters import describe, expose
 from ..registry import plugin
 
 
@@ -43,36 +46,35 @@ class Product(mi.Texture):
             }
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.a = props.get_texture("a", 1.0)
         self.b = props.get_texture("b", 1.0)
 
-    def traverse(self, callback):
-        for name in "ab":
-            callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        expose(callback, a=self.a, b=self.b)
 
-    def eval(self, si, active=True):
+    def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
         return self.a.eval(si, active) * self.b.eval(si, active)
 
-    def eval_1(self, si, active=True):
+    def eval_1(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Float:
         return self.a.eval_1(si, active) * self.b.eval_1(si, active)
 
-    def eval_3(self, si, active=True):
+    def eval_3(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Color3f:
         return self.a.eval_3(si, active) * self.b.eval_3(si, active)
 
-    def eval_1_grad(self, si, active=True):
+    def eval_1_grad(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Vector2f:
         a, b = self.a.eval_1(si, active), self.b.eval_1(si, active)
         return self.a.eval_1_grad(si, active) * b + self.b.eval_1_grad(si, active) * a
 
-    def mean(self):
+    def mean(self) -> mi.Float:
         return self.a.mean() * self.b.mean()
 
-    def max(self):
+    def max(self) -> float:
         return self.a.max() * self.b.max()
 
-    def is_spatially_varying(self):
+    def is_spatially_varying(self) -> bool:
         return self.a.is_spatially_varying() or self.b.is_spatially_varying()
 
-    def to_string(self):
-        return f"Product[\n  a = {self.a},\n  b = {self.b}\n]".replace("\n", "\n  ")
+    def to_string(self) -> str:
+        return describe(self, a=self.a, b=self.b)

@@ -1,16 +1,18 @@
 """Stripes: prosim_stripes (t-listra)."""
 
+from __future__ import annotations
+
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import reject
+from ..parameters import number, reject
+from ..procedural.mixture import Mixture
+from ..procedural.waves import square_wave
 from ..registry import plugin
-from .common import lookup, number, pattern, read_space, square_wave
 
 
 @plugin("texture", "prosim_stripes")
-@pattern("color1", "color0", ("axis", "frequency", "duty"))
-class Stripes(mi.Texture):
+class Stripes(Mixture):
     r"""
     .. _texture-prosim_stripes:
 
@@ -81,13 +83,15 @@ class Stripes(mi.Texture):
             'frequency': 8
     """
 
-    def __init__(self, props):
+    BASE, TOP = "color1", "color0"
+    NUMBERS = ("axis", "frequency", "duty")
+
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.color0 = props.get_texture("color0", 0.4)
         self.color1 = props.get_texture("color1", 0.2)
-        self.frequency = number(props, "frequency", 5.0, 0, open_below=True)
-        self.duty = number(props, "duty", 0.5, 0, 1)
-        read_space(self, props)
+        self.frequency = mi.Float(number(props, "frequency", 5.0, 0, open_below=True))
+        self.duty = mi.Float(number(props, "duty", 0.5, 0, 1))
         axis = mi.ScalarVector3f(props.get("axis", mi.ScalarVector3f(1, 0, 0)))
         if not self.solid:
             axis.z = 0
@@ -96,10 +100,10 @@ class Stripes(mi.Texture):
         self.axis = mi.Vector3f(axis)
         self.parameters_changed([])
 
-    def value(self, si):
-        p, width = lookup(self, si)
+    def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
+        p, width = self.lookup(si)
         axis = dr.normalize(self.axis) * self.frequency
         return square_wave(dr.dot(p, axis), self.duty, dr.dot(width, dr.abs(axis)))
 
-    def average(self):
+    def average(self) -> mi.Float:
         return self.duty

@@ -1,44 +1,64 @@
 """The lobes of a surface that are followed apart: the reflected, the refracted and the diffuse one (section 4.1)."""
 
+from __future__ import annotations
+
 import functools
 import operator
+from collections.abc import Sequence
 
 import mitsuba as mi
 
-
-def reflected():
-    """``mi.BSDFContext`` of the specular reflection, glossy or ideal."""
-    return _context("GlossyReflection", "DeltaReflection")
-
-
-def refracted():
-    """``mi.BSDFContext`` of the specular transmission, glossy or ideal, and of what passes straight through."""
-    return _context("GlossyTransmission", "DeltaTransmission", "Null")
-
-
-def specular():
-    """``mi.BSDFContext`` of both together."""
-    context = reflected()
-    context.type_mask |= refracted().type_mask
-    return context
+#: Names of the ``mi.BSDFFlags`` of the specular reflection, glossy or ideal.
+REFLECTED = ("GlossyReflection", "DeltaReflection")
+#: Those of the specular transmission, glossy or ideal, and of what passes straight through.
+REFRACTED = ("GlossyTransmission", "DeltaTransmission", "Null")
+#: Those of the diffuse reflection and transmission.
+DIFFUSE = ("DiffuseReflection", "DiffuseTransmission")
+#: Those of the smooth lobes that light from behind reaches.
+BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
 
-def diffuse():
-    """``mi.BSDFContext`` of the diffuse reflection and transmission."""
-    return _context("DiffuseReflection", "DiffuseTransmission")
+def everything() -> mi.BSDFContext:
+    """The context of whole BSDFs."""
+    return mi.BSDFContext()
 
 
-def _context(*flags):
+def reflected() -> mi.BSDFContext:
+    """The context of the specular reflection."""
+    return _context(REFLECTED)
+
+
+def refracted() -> mi.BSDFContext:
+    """The context of the specular transmission, straight through included."""
+    return _context(REFRACTED)
+
+
+def specular() -> mi.BSDFContext:
+    """The context of both together."""
+    return _context(REFLECTED + REFRACTED)
+
+
+def diffuse() -> mi.BSDFContext:
+    """The context of the diffuse reflection and transmission."""
+    return _context(DIFFUSE)
+
+
+def _context(names: Sequence[str]) -> mi.BSDFContext:
     context = mi.BSDFContext()
-    context.type_mask = mask(*flags)
+    context.type_mask = mask(*names)
     return context
 
 
-def mask(*names):
+def mask(*names: str) -> int:
     """The named ``mi.BSDFFlags``, as one integer."""
     return functools.reduce(operator.or_, (int(getattr(mi.BSDFFlags, name)) for name in names))
 
 
-def has_any(flags, *names):
+def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
     """Whether the BSDF flags ``flags`` (an integer or a Dr.Jit array) hold one of the named ``mi.BSDFFlags``."""
     return (flags & mask(*names)) != 0
+
+
+def is_everything(context: mi.BSDFContext) -> bool:
+    """Whether ``context`` asks for whole BSDFs."""
+    return context.type_mask == mi.BSDFContext().type_mask

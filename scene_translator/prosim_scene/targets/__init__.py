@@ -9,9 +9,9 @@ from typing import Protocol
 
 from ..model import Leaf, Light
 from ..nodes import Node
+from ..view import Camera
 from . import prosim, stock
 from .context import Context
-from .view import Camera
 
 
 class Target(Protocol):

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..model import Light
-from .view import Camera
+from ..view import Camera
 
 #: By default, in units of the view plane's distance.
 NEAR, FAR = 1e-3, 1e5

@@ -2,9 +2,9 @@
 
 from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, rgb
+from ..view import Camera
 from . import lights, materials
 from .context import Context
-from .view import Camera
 
 SAMPLER = "nrook"
 

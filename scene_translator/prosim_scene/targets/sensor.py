@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..nodes import Node
-from .view import Camera
+from ..view import Camera
 
 
 def sensor(camera: Camera, planes: tuple[float, float], film: Node, sampler: Node) -> Node:

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import geometry
 from ..language.document import Document
 from ..nodes import Default, Node
+from ..solids.transforms import matrix
 
 #: The largest number whose square single precision still holds.
 LARGEST = 1e19
@@ -28,8 +28,8 @@ def check_transforms(document: Document) -> None:
     """Raises the SceneError about a transform that leads beyond single precision."""
     for index, transform in document.scene.transforms.items():
         with np.errstate(all="ignore"):
-            matrix = geometry.matrix(transform)
-        if not np.abs(matrix).max() <= LARGEST or np.linalg.svd(matrix[:3, :3], compute_uv=False).min() < 1 / LARGEST:
+            m = matrix(transform)
+        if not np.abs(m).max() <= LARGEST or np.linalg.svd(m[:3, :3], compute_uv=False).min() < 1 / LARGEST:
             raise document.error(
                 "these steps together lead beyond single precision, Mitsuba's; expected less extreme factors "
                 "and distances",

@@ -9,9 +9,9 @@ import numpy as np
 from ..language.words import PIXELS
 from ..model import Leaf, Light, Surface, Vector
 from ..nodes import Comment, Default, Node, Point, rgb, rgb_clipped
+from ..view import Camera
 from . import lights, materials, textures
 from .context import Context
-from .view import Camera
 
 SAMPLER = "multijitter"
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import geometry
 from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb_clipped
+from ..solids.transforms import matrix
 from .context import Context
 
 #: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.
@@ -68,7 +68,7 @@ def reflectance(
         node = pattern(
             scene, second, True, lambda f: rgb_clipped(a * b for a, b in zip(product(factor), f, strict=True))
         )
-        return node | {"solid": True, "to_local": np.linalg.inv(geometry.matrix(scene.transforms[leaf.index]))}
+        return node | {"solid": True, "to_local": np.linalg.inv(matrix(scene.transforms[leaf.index]))}
 
     if first is None:
         return inner((1, 1, 1))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..geometry import Triangles
+from ..solids import Triangles
 
 
 def ply(triangles: Triangles, with_uv: bool) -> bytes | None:

@@ -1,0 +1,66 @@
+"""Mitsuba's log while a command runs."""
+
+import os
+import re
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import BinaryIO
+
+import mitsuba as mi
+from tqdm.auto import tqdm
+
+LEVELS = (mi.LogLevel.Warn, mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace)
+
+#: Colours, and the progress bar that some of Mitsuba's integrators draw.
+DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
+
+
+@contextmanager
+def log(verbose: int) -> Iterator[None]:
+    """Sends Mitsuba's log to standard error, out of the progress bar's way: warnings, or more if ``verbose``.
+
+    Mitsuba writes to standard output, which is a file meanwhile, and a thread prints what is added to it. Its logger
+    must never have an appender that Python knows, be it Mitsuba's own: to use one it waits for the interpreter, while
+    it holds its lock and often that of the plugin manager. A thread that makes one of our plugins has the interpreter
+    and wants these locks, and both would wait for ever.
+    """
+    level = mi.log_level()
+    sys.stdout.flush()
+    try:
+        output = os.dup(1)
+    except OSError:  # there is none
+        output = None
+    with tempfile.TemporaryFile() as file:
+        finished = threading.Event()
+        reader = threading.Thread(target=_follow, args=(file, finished), daemon=True)
+        reader.start()
+        if output is not None:
+            os.dup2(file.fileno(), 1)
+        mi.set_log_level(LEVELS[min(verbose, len(LEVELS) - 1)])
+        try:
+            yield
+        finally:
+            mi.set_log_level(level)
+            if output is not None:
+                os.dup2(output, 1)
+                os.close(output)
+            finished.set()
+            reader.join()
+
+
+def _follow(file: BinaryIO, finished: threading.Event) -> None:
+    """Prints the lines that are added to ``file``, until ``finished``."""
+    printed = 0
+    last = False
+    while not last:
+        last = finished.wait(0.05)
+        # Not file.read(), which would move the place at which Mitsuba writes.
+        added = os.pread(file.fileno(), os.fstat(file.fileno()).st_size - printed, printed)
+        if not last:
+            added = added[: added.rfind(b"\n") + 1]
+        printed += len(added)
+        if text := DECORATION.sub("", added.decode("utf-8", "replace")):
+            tqdm.write(text, file=sys.stderr, end="" if text.endswith("\n") else "\n")

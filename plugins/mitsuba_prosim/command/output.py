@@ -1,0 +1,88 @@
+"""Where a command writes, seen to before the work, and what it does if that fails all the same."""
+
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import click
+
+from ..scene_files import writing
+from .options import InputError
+
+#: Kinds of files that a name may end in. One that is not written is a mistake, not a part of the name.
+KNOWN = {
+    ".bmp",
+    ".csv",
+    ".exr",
+    ".gif",
+    ".hdr",
+    ".html",
+    ".jpeg",
+    ".jpg",
+    ".json",
+    ".pdf",
+    ".pfm",
+    ".png",
+    ".ppm",
+    ".rgbe",
+    ".svg",
+    ".tga",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".xml",
+}
+
+
+def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
+    """Path without suffix of what is written with all of ``suffixes``.
+
+    ``output``: what ``-o`` says, a file with one of them or without, or a folder; None for ``default``.
+    """
+    if output is None:
+        return default
+    path = Path(output)
+    if output.endswith(("/", os.sep)) or os.path.isdir(path):
+        return path / default.name
+    suffix = path.suffix.lower()
+    if suffix in suffixes:
+        return path.with_suffix("")
+    if suffix in KNOWN:
+        raise click.BadParameter(
+            f"{output!r}: what is written is {' and '.join(suffixes)}, not {suffix}.", param_hint="-o"
+        )
+    return path
+
+
+def check(scene: Path, stem: Path, suffixes: Collection[str], size: int) -> None:
+    """Raises InputError if files of ``size`` bytes in all could not be written, or the scene would be overwritten."""
+    paths = [stem.with_name(stem.name + suffix) for suffix in suffixes]
+    try:
+        writing.check(paths, size)
+    except OSError as error:
+        raise InputError(f"the result can't be written: {said(error)}. Choose another place with -o.") from None
+    for path in paths:
+        if path.exists() and path.samefile(scene):
+            raise InputError(f"{path} is the scene itself; choose another name with -o.")
+
+
+def save(stem: Path, contents: Mapping[str, bytes]) -> list[Path]:
+    """Writes suffix -> content; returns the paths. What can't be written there goes wherever there is room.
+
+    Raises ClickException, which says where that is.
+    """
+    files = {stem.with_name(stem.name + suffix): content for suffix, content in contents.items()}
+    try:
+        return writing.write(files)
+    except OSError as error:
+        failure = f"{' and '.join(map(str, files))} could not be written: {said(error)}"
+    try:
+        kept = writing.rescue(files)
+    except OSError as error:
+        raise click.ClickException(f"{failure}; nor could anything else: {said(error)}") from None
+    raise click.ClickException(f"{failure}. The result is in {' and '.join(map(str, kept))}") from None
+
+
+def said(error: OSError) -> str:
+    """What an error of the system says, and of which file."""
+    return ": ".join(map(str, filter(None, (error.filename, error.strerror)))) or str(error)

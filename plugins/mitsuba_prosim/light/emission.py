@@ -1,0 +1,52 @@
+"""What a source emits: its radiance or intensity, and wavelengths drawn from its spectrum."""
+
+from __future__ import annotations
+
+import math
+from typing import overload
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..parameters import constant, reject, shown
+
+
+@overload
+def read_emission(props: mi.Properties, name: str, default: float) -> mi.Texture: ...
+@overload
+def read_emission(props: mi.Properties, name: str) -> mi.Texture | None: ...
+def read_emission(props, name, default=None):
+    """The texture of what is emitted; None if it is absent and there is no ``default``.
+
+    Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative. In
+    spectral variants Mitsuba turns texels into the coefficients of spectra, of any sign; of those only NaN is told.
+    """
+    allowed = "finite numbers >= 0"
+    values = constant(props, name)
+    if not all(0 <= v < math.inf for v in values):
+        raise reject(props, name, shown(values), allowed)
+    if name not in props and default is None:
+        return None
+    if values and not any(values):
+        # Mitsuba 3.9 makes no texture of black under an illuminant's spectrum: there would be nothing to sample.
+        return mi.load_dict({"type": "uniform", "value": 0.0})
+    texture = props.get_emissive_texture(name) if default is None else props.get_emissive_texture(name, default)
+    if not values:
+        for key, parameter in mi.traverse(texture):
+            if key.rpartition(".")[2] in ("value", "values", "data"):
+                numbers = np.ravel(np.array(parameter, dtype=np.float32))
+                bad = np.isnan(numbers) if mi.is_spectral else ~((numbers >= 0) & (numbers < math.inf))
+                if wrong := numbers[bad][:1].tolist():
+                    raise reject(props, name, f"a texture whose {key} has {wrong[0]:g}", allowed)
+    return texture
+
+
+def sample_spectrum(
+    texture: mi.Texture, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
+) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
+    """Wavelengths drawn from ``texture``, stratified, and their weight; in colour, its value."""
+    wavelengths = dr.zeros(type(si.wavelengths))
+    if len(wavelengths):
+        wavelengths = mi.sample_shifted(sample)
+    return texture.sample_spectrum(si, wavelengths, active)

@@ -1,0 +1,42 @@
+"""BSDFs within BSDFs."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+import mitsuba as mi
+
+
+@functools.cache
+def _callback(variant: str) -> type:
+    """The class that gathers what a BSDF shows of itself, for the active variant.
+
+    One class for all calls: each would be garbage with a reference to the BSDF, until Python collects it.
+    """
+
+    class Parts(mi.TraversalCallback):
+        def __init__(self) -> None:
+            super().__init__()
+            self.found: dict[str, Any] = {}
+
+        def put(self, name: str, value: Any, flags: Any, *_: Any) -> None:
+            self.found[name] = value
+
+    return Parts
+
+
+def parts(bsdf: mi.BSDF) -> dict[str, Any]:
+    """What ``bsdf`` consists of, by the names that ``mi.traverse`` has: BSDFs, textures, numbers."""
+    callback = _callback(mi.variant())()
+    bsdf.traverse(callback)
+    return callback.found
+
+
+def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
+    """``bsdf`` and all BSDFs within it, at any depth."""
+    yield bsdf
+    for part in parts(bsdf).values():
+        if isinstance(part, mi.BSDF):
+            yield from all_within(part)

@@ -1,0 +1,132 @@
+"""The parameters that materials share: reflectances, roughness, indices of refraction, metals.
+
+Each function reads from the plugin's ``props`` and raises ValueError for what is wrong.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from pathlib import Path
+from typing import Any, overload
+
+import mitsuba as mi
+
+from ..parameters import choice, constant, reject, shown
+from .facets import DISTRIBUTIONS, Distribution
+from .nested import parts
+
+
+@overload
+def reflectance(props: mi.Properties, name: str, default: float) -> mi.Texture: ...
+@overload
+def reflectance(props: mi.Properties, name: str) -> mi.Texture | None: ...
+def reflectance(props, name, default=None):
+    """The texture of a reflectance, checked to lie in [0, 1] where it is constant; None if absent without default."""
+    values = constant(props, name)
+    if not all(0 <= v <= 1 for v in values):
+        raise reject(props, name, shown(values), "reflectances between 0 and 1")
+    if name in props:
+        return props.get_texture(name)
+    return None if default is None else props.get_texture(name, default)
+
+
+def conserve(props: mi.Properties, **defaults: float | None) -> bool:
+    """Whether the reflectances of these names are known to add up to at most 1 wherever they are evaluated.
+
+    That is so (s + d = 1, section 3.1.1) for numbers, and for colours in a variant that computes with them; of textures
+    and spectra it is known only where they are evaluated. ``defaults``: what a reflectance is if it is not given; None
+    if it is then whatever keeps the sum. Raises ValueError if constants add up to more than 1.
+    """
+    if any(default is None and name not in props for name, default in defaults.items()):
+        return True
+    implied = {name: default for name, default in defaults.items() if default is not None and name not in props}
+    values = [[implied[name]] if name in implied else constant(props, name) for name in defaults]
+    channels = max(map(len, values))
+    if any(
+        len(v) > 1 and hasattr(props.get(name), "values") for name, v in zip(defaults, values, strict=True)
+    ) or not all(values):
+        return False
+    sums = [sum(v[i % len(v)] for v in values) for i in range(channels)]
+    if max(sums) > 1 + 1e-6:
+        note = "".join(f" ({name} is {default} if not given)" for name, default in implied.items())
+        raise reject(props, " + ".join(defaults), shown(sums), f"a sum <= 1{note}, or energy would be created")
+    return channels == 1 or not mi.is_spectral
+
+
+def roughness(
+    props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)
+) -> tuple[Distribution, Any]:
+    """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
+
+    The texture is None for an ideally smooth surface, i.e. if the roughness is absent or ``alpha`` is 0. An
+    ``exponent`` alone means Phong's distribution, else Beckmann's is the default.
+    """
+    name = choice(props, "distribution", allowed, "phong" if "exponent" in props else None)
+    distribution = DISTRIBUTIONS[name]
+    parameter = distribution.parameter
+    for other in ("alpha", "exponent"):
+        if other != parameter and other in props:
+            raise reject(props, other, props[other], f'"{parameter}" with distribution {name}')
+    if parameter not in props:
+        return distribution, None
+    values = constant(props, parameter)
+    low, high, within = distribution.range
+    if not all(low <= v <= high for v in values):
+        raise reject(props, parameter, shown(values), within)
+    texture = props.get_unbounded_texture(parameter)
+    return distribution, None if parameter == "alpha" and values == [0] else texture
+
+
+def index(props: mi.Properties, name: str, default: float | str) -> float:
+    """An index of refraction: a number > 0, or a name from Mitsuba's table."""
+    value = props.get(name, default)
+    try:
+        number = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
+    except RuntimeError as error:
+        raise reject(props, name, value, "a number > 0 or" + str(error).split("Valid choices are:")[-1]) from None
+    except TypeError:
+        number = 0
+    if not 0 < number < inf:
+        raise reject(props, name, value, "a number > 0 or a name from Mitsuba's table of indices")
+    return number
+
+
+def metals() -> list[str]:
+    """Names of the metals of which Mitsuba has tables, as far as it finds them."""
+    folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
+    return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
+
+
+def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
+    """The textures (eta, k): given, or measured ones of ``material``, or those of a perfect mirror."""
+    material = props.get("material", "none")
+    if material == "none":
+        for name in ("eta", "k"):
+            values = constant(props, name)
+            if not all(0 <= v < inf for v in values):
+                raise reject(props, name, shown(values), "finite numbers >= 0")
+        return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
+    for name in ("eta", "k"):
+        if name in props:
+            raise reject(props, name, props[name], f'no "{name}" beside "material", which is {material!r}')
+    try:
+        conductor = mi.load_dict({"type": "conductor", "material": material})
+    except RuntimeError as error:
+        names = metals()
+        if not names:
+            raise reject(
+                props, "material", material, "none, for the tables of metals in Mitsuba's folder data/ior are not found"
+            ) from error
+        if material in names:
+            raise RuntimeError(
+                f'{props.plugin_name()}: the table of the metal "{material}" can\'t be loaded: {error}'
+            ) from None
+        raise reject(props, "material", material, "none, " + ", ".join(names)) from None
+    found = parts(conductor)
+    return found["eta"], found["k"]
+
+
+def ambient(props: mi.Properties, default: mi.Texture | None = None) -> mi.Texture | None:
+    """The texture of the reflectance of ambient light; ``default`` (a texture or None, i.e. black) if not given."""
+    given = reflectance(props, "ambient")
+    return default if given is None else given

@@ -1,0 +1,28 @@
+"""Reflection by facets in V-shaped cavities (section 3.1.1, equation 3.1), but for Fresnel's reflectance."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from . import attenuation, half_vectors, visible
+from .facets import Distribution
+
+
+def sample(wi: mi.Vector3f, u: mi.Point2f, facets: Distribution, roughness: mi.Float) -> mi.Normal3f:
+    """Draws the normal of a facet visible from ``wi`` (local, wi.z > 0), from ``u`` in the unit square."""
+    return mi.Normal3f(visible.sample(wi, u, facets.polar, roughness))
+
+
+def eval_pdf(
+    wi: mi.Vector3f, wo: mi.Vector3f, facets: Distribution, roughness: mi.Float
+) -> tuple[mi.Float, mi.Float, mi.Float]:
+    """``(i_m, value, pdf)`` for a pair of unit directions above the surface, the cosine of ``wi`` above
+    `half_vectors.GRAZING`.
+
+    ``i_m`` is the cosine between ``wi`` and the facet, of which Fresnel's reflectance is to be taken; ``value`` the
+    BRDF without it, times the cosine of ``wo``: D G / (4 cos_i); ``pdf`` the density per solid angle with which
+    `sample` leads to ``wo``.
+    """
+    m, i_m = half_vectors.reflecting(wi, wo)
+    density = facets.D(m, roughness) / (4 * wi.z)
+    return i_m, density * attenuation.g(wi.z, wo.z, m.z, i_m), density * attenuation.g1(wi.z, m.z, i_m)

@@ -1,0 +1,1 @@
+"""What the procedural textures are made of: waves, noise, and the mixing of two textures by a pattern."""

@@ -1,0 +1,26 @@
+"""The error of a mean of samples (section 4.2.1.1)."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+
+def standard_error(total: mi.Float, squares: mi.Float, count: mi.Float) -> mi.Float:
+    """Standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation 4.4).
+
+    Samples of one N-rook pass are stratified, so their mean is better than this says.
+    """
+    mean = total / count
+    variance = dr.maximum(squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
+    return dr.sqrt(variance / count)
+
+
+def error_between_passes(total: mi.Float, pass_squares: mi.Float, passes: mi.Float) -> mi.Float:
+    """Standard error of the mean of ``passes`` independent passes, from the sum of their means and of its squares."""
+    return standard_error(total, pass_squares, passes)
+
+
+def in_display_units(error: mi.Float, mean: mi.Float) -> mi.Float:
+    """Error of the displayed value, by the slope of the tone curve: a square root, which is close to sRGB's."""
+    return error / (2 * dr.sqrt(dr.maximum(mean, 0) + 0.01))

@@ -1,0 +1,115 @@
+"""Which samples an image takes: its pixels, passes and keys (section 5.3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
+
+#: left, top, right, bottom, in pixels of the whole film.
+Rectangle = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How an image is to be sampled, as the integrator's parameters say it; :ref:`integrator-prosim` has their
+    meaning.
+    """
+
+    samples: int
+    adaptive: str
+    threshold: float
+    min_passes: int
+    max_samples: int
+    jitter: str
+    band: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The samples of one image."""
+
+    #: N: samples of a pass.
+    n: int
+    #: Samples that every pixel gets, and that one may get at most: passes, of which the very last may be cut short.
+    least: int
+    most: int
+    #: Places of samples in their cells, ``"multi"`` or ``"uniform"``.
+    jitter: str
+    permutations: Permutations
+    seed: mi.UInt32
+    #: The film's crop window.
+    window: Rectangle
+    #: The pixels that have samples: the film, and what its filter reaches beyond it where the film samples its border.
+    domain: Rectangle
+    #: Pixels around its own that a sample is spread over.
+    reach: int
+    #: Pixels that are rendered at a time.
+    band: int
+
+    @classmethod
+    def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
+        """The plan for ``film``; a nonzero ``spp`` replaces ``max_samples``, and ``samples`` by its root, rounded
+        up.
+        """
+        most = spp or sampling.max_samples or sampling.samples**2
+        n = min(grid_size(spp) if spp else sampling.samples, most)
+        most = min(most, n**2)
+        (x, y), (w, h), (width, height) = film.crop_offset(), film.crop_size(), film.size()
+        x, y, w, h, width, height = (int(v) for v in (x, y, w, h, width, height))
+        reach = film.rfilter().border_size()
+        border = reach if film.sample_border() else 0
+        return cls(
+            n,
+            min(sampling.min_passes * n, most),
+            most,
+            sampling.jitter,
+            Permutations(n),
+            dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed),
+            (x, y, x + w, y + h),
+            (-border, -border, width + border, height + border),
+            reach,
+            sampling.band,
+        )
+
+    @property
+    def region(self) -> Rectangle:
+        """The pixels whose samples reach the window."""
+        return widened(self.window, self.reach, self.domain)
+
+    def points(self, x: mi.Int32, y: mi.Int32, r: mi.UInt32, i: mi.UInt32) -> NRook:
+        """The sample ``i`` of pass ``r`` in the pixels (x, y), in every space: a pure function of seed, pixel, pass and
+        index.
+        """
+        # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
+        pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
+        return NRook(self.permutations, pixel_key(self.seed, pixel), r, i, self.jitter)
+
+
+def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
+    """``rectangle`` and the pixels within ``reach`` of it, as far as they are in ``domain``."""
+    return (
+        max(rectangle[0] - reach, domain[0]),
+        max(rectangle[1] - reach, domain[1]),
+        min(rectangle[2] + reach, domain[2]),
+        min(rectangle[3] + reach, domain[3]),
+    )
+
+
+def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32, mi.UInt32, mi.UInt32]:
+    """``(x, y, width, height)``: the pixels of a rectangle (left, top, right, bottom), row by row, and its size."""
+    left, top, right, bottom = rectangle
+    width, height = dr.opaque(mi.UInt32, right - left), dr.opaque(mi.UInt32, bottom - top)
+    i = dr.arange(mi.UInt32, (right - left) * (bottom - top))
+    y = i // width
+    x = i - y * width
+    return mi.Int32(x) + dr.opaque(mi.Int32, left), mi.Int32(y) + dr.opaque(mi.Int32, top), width, height
+
+
+def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
+    """Number of the pixel (x, y) in the order of :func:`pixels`."""
+    left, top, width = (dr.opaque(mi.Int32, v) for v in (rectangle[0], rectangle[1], rectangle[2] - rectangle[0]))
+    return mi.UInt32((y - top) * width + x - left)

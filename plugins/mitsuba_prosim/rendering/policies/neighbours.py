@@ -1,0 +1,80 @@
+"""All samples where the pixels around are noisy; the pixel itself has no say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+
+from ..error import in_display_units
+from ..plan import Plan, Rectangle
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+
+#: Reach of the neighbourhood: 5 x 5 pixels. Sees an outlier that 3 x 3 miss; and what is noisy is found in time, also
+#: where the first samples of the very next pixels happen to agree.
+REACH = 2
+
+
+class Neighbours:
+    """A first wave everywhere, then all other samples where the 24 pixels around suggest a standard error above the
+    threshold, in display units.
+    """
+
+    quiet = None
+
+    def __init__(self, plan: Plan, threshold: float) -> None:
+        self.first, self.most = plan.least, plan.most
+        self.reach = REACH if self.first < self.most else 0
+        self.threshold = dr.opaque(mi.Float, threshold)
+
+    def waves(
+        self, estimate: Estimate, x: mi.Int32, y: mi.Int32, size: list[mi.UInt32], band: Rectangle
+    ) -> Iterable[tuple[mi.UInt32, int, int]]:
+        """One further wave, for the noisy pixels of ``band``."""
+        if self.first == self.most:
+            return
+        error = error_of_neighbours(estimate.total, estimate.squares, mi.Float(self.first), *size)
+        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in band)
+        inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
+        noisy = dr.compress(inside & ~(error <= self.threshold))  # what is no number is noisy too
+        if dr.width(noisy) > 0:
+            yield noisy, self.first, self.most
+
+
+def error_of_neighbours(
+    total: mi.Float, squares: mi.Float, count: mi.Float, width: mi.UInt32, height: mi.UInt32
+) -> mi.Float:
+    """Standard error in display units that the 24 pixels around each pixel suggest for it, or fewer at the border of
+    what is sampled; infinite where there is none.
+
+    The pixel itself has no say: a decision by the very samples that are averaged would bias the image (Kirk and Arvo
+    1991). ``total``, ``squares``: sums of the luminance and of its square over ``count`` samples, one entry a pixel,
+    row by row; ``width``, ``height``: opaque integers.
+    """
+    width, height = mi.Int32(width), mi.Int32(height)
+    i = dr.arange(mi.Int32, dr.width(total))
+    y = i // width
+    x = i - y * width
+    steps = [k for k in range(-REACH, REACH + 1) if k]
+
+    def along(values: mi.Float, place: mi.Int32, size: mi.Int32, stride: int | mi.Int32) -> mi.Float:
+        """Sums of the entries up to ``REACH`` before and after, those beyond the border left out."""
+        return sum(dr.gather(mi.Float, values, i + k * stride, (place + k >= 0) & (place + k < size)) for k in steps)
+
+    # First along the rows, then along the columns of their sums; the middle row is taken without the pixel.
+    beside = [along(values, x, width, 1) for values in (total, squares)]
+    rows = [sums + values for sums, values in zip(beside, (total, squares))]
+    dr.eval(beside, rows)
+    first, second = (sums + along(row, y, height, width) for sums, row in zip(beside, rows))
+
+    def within(place: mi.Int32, size: mi.Int32) -> mi.Int32:
+        return dr.minimum(place + REACH, size - 1) - dr.maximum(place - REACH, 0) + 1
+
+    taken = count * mi.Float(within(x, width) * within(y, height) - 1)
+    first, second = first / taken, second / taken
+    error = in_display_units(dr.sqrt(dr.maximum(second - dr.square(first), 0) / count), first)
+    return dr.select(taken > 0, error, dr.inf)

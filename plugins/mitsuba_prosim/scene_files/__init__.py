@@ -1,0 +1,5 @@
+"""From a scene file to finished images: what ``prosim compare`` and the commands share.
+
+``session``: Mitsuba made ready; ``opening``: a scene file, read once; ``rendering``: into the film; ``images``: the
+film as an EXR and a PNG, by ``tone``; ``writing``: files that are complete or not there.
+"""

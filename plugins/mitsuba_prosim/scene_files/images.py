@@ -1,0 +1,52 @@
+"""A film's image as files: linear with how it was made, and as a screen shows it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+
+from .tone import compress
+
+
+def encode(bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0) -> dict[str, bytes]:
+    """Suffix -> content of an EXR, with ``facts`` as its metadata, and of a PNG.
+
+    The PNG is ``2**exposure`` times as bright, its highlights compressed. A film without colours (spectral bins, say)
+    has none.
+    """
+    images = {".exr": exr(bitmap, facts)}
+    colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
+    if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
+        linear = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+        images[".png"] = png(compress(np.array(linear) * np.float32(2**exposure)))
+    return images
+
+
+def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
+    """An OpenEXR file: the bitmap's channels under their names ("R", "nn.X"), in their precision, and ``facts``.
+
+    By OpenEXR's own library: Mitsuba 3.9 waits for ever when it writes one with fewer than three threads.
+    """
+    if bitmap.component_format() not in (mi.Struct.Type.Float16, mi.Struct.Type.Float32, mi.Struct.Type.UInt32):
+        bitmap = bitmap.convert(component_format=mi.Struct.Type.Float32, srgb_gamma=False)
+    names = [field.name for field in bitmap.struct_()]
+    width, height = bitmap.size()
+    planes = np.moveaxis(np.array(bitmap).reshape(height, width, len(names)), 2, 0)
+    # A file's name may hold bytes that are no text.
+    header = {name: fact.encode("utf-8", "backslashreplace").decode("utf-8") for name, fact in facts.items()}
+    header |= {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}
+    file = io.BytesIO()
+    OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in zip(names, planes)}).write(file)
+    return file.getvalue()
+
+
+def png(image: np.ndarray) -> bytes:
+    """A PNG file of a linear image (height, width, 3), white being 1, in sRGB and 8 bits."""
+    stream = mi.MemoryStream()
+    shown = mi.Bitmap(image).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
+    shown.write(stream, mi.Bitmap.FileFormat.PNG)
+    return stream.raw_buffer()

@@ -1,0 +1,166 @@
+"""A scene file of either kind, read once: translated if need be, parsed, changed as asked, and made into scenes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import mitsuba as mi
+import prosim_scene
+
+from . import session
+
+#: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
+LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
+
+
+class SceneFile:
+    """A scene file, XML or in the thesis's language, that scenes are made from."""
+
+    def __init__(
+        self,
+        path: str | Path,
+        folder: str | Path,
+        *,
+        definitions: Mapping[str, str] | None = None,
+        resolution: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        samples: int | None = None,
+        integrator: Mapping[str, Any] | None = None,
+        **language: Any,
+    ):
+        """Reads ``path``, as XML if that is its suffix.
+
+        ``folder``
+            Where a translation is written; it has to stay as long as scenes are made.
+        ``definitions``
+            Values for the ``$key`` constants of XML.
+        ``resolution``, ``crop``, ``samples``
+            (width, height), (x, y, width, height), both in pixels, and N of the N-rook sampling instead of the scene's.
+        ``integrator``
+            Other parameters of the ``prosim`` integrator instead of the scene's; None takes one away.
+        ``language``
+            Further options of :func:`prosim_scene.translate`.
+
+        Raises :class:`prosim_scene.SceneError`, ValueError where the scene can't be changed so, or whatever Mitsuba's
+        parser raises. Warns if ``resolution`` distorts the scene's window.
+        """
+        if resolution:
+            check_size(*resolution)
+        self.path = self.xml = Path(path)
+        self.resolution, self.definitions = resolution, dict(definitions or {})
+        if self.path.suffix.lower() != ".xml":
+            self.xml = prosim_scene.translate(
+                self.path, Path(folder), resolution=resolution, samples=samples, **language
+            )
+            resolution = samples = None  # said in the translation
+        with self._search_paths():
+            self.state = parse(self.xml, self.definitions)
+        for node in self.state.nodes:
+            if node.type == mi.ObjectType.Film:
+                _override(node.props, ("width", "height"), resolution)
+                _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
+                check_size(node.props.get("width", 768), node.props.get("height", 576))
+        self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
+        if self.resolution:
+            self._warn_of_distortion(*self.resolution)
+
+    def load(self, sampler: str | None = None) -> mi.Scene:
+        """Makes a scene, with another sampler of equal sample count if one is named."""
+        state = mi.parser.ParserState(self.state)
+        for node in state.nodes:
+            if node.type == mi.ObjectType.Sampler and sampler:
+                props = mi.Properties(sampler)
+                props["sample_count"] = node.props.get("sample_count", 4)
+                node.props = props
+        with self._search_paths(), session.enough_threads():
+            return instantiate(state)
+
+    def _change_integrator(self, parameters: Mapping[str, Any]) -> None:
+        integrators = [node.props for node in self.state.nodes if node.type == mi.ObjectType.Integrator]
+        ours = [props for props in integrators if props.plugin_name() == "prosim"]
+        if parameters and not ours:
+            names = ", ".join(props.plugin_name() for props in integrators) or "none"
+            raise ValueError(
+                f"{self.path}: only the integrator prosim has {', '.join(parameters)}; this scene's is {names}"
+            )
+        for props in ours:
+            for name, value in parameters.items():
+                if value is not None:
+                    props[name] = value
+                elif name in props:
+                    del props[name]
+
+    def _warn_of_distortion(self, width: int, height: int) -> None:
+        """Where pixels of this resolution are not square: by more than rounding, and than the eye forgives."""
+        for node in self.state.nodes:
+            if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
+                left, right, bottom, top = (
+                    node.props.get(name, default)
+                    for name, default in (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))
+                )
+                ratio = (right - left) / (top - bottom)
+                rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
+                if not rounding and abs(width / (height * ratio) - 1) > 0.01:
+                    warnings.warn(
+                        prosim_scene.SceneWarning(
+                            f"{self.path}: {width}x{height} pixels distort the image, because the scene's window is "
+                            f"{ratio:.4g} times as wide as high; {width}x{max(round(width / ratio), 1)} or "
+                            f"{max(round(height * ratio), 1)}x{height} would not"
+                        ),
+                        stacklevel=3,
+                    )
+
+    def _search_paths(self):
+        return session.search_paths(first=[self.xml.parent, self.path.parent])
+
+
+def check_size(width: int, height: int) -> None:
+    """Raises ValueError for an image that no film can hold."""
+    if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
+        raise ValueError(
+            f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
+            f"{MOST_PIXELS // 10**6} million in all"
+        )
+
+
+def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
+    """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
+    if taken := {"config", "filename"} & set(parameters):
+        raise ValueError(f"-D {taken.pop()}=...: Mitsuba's Python parser keeps this name for itself; choose another")
+    return mi.parser.parse_file(_config(), str(path), **parameters)
+
+
+def instantiate(state: mi.parser.ParserState) -> mi.Scene:
+    """Makes the scene of a parser state, which is used up."""
+    config = _config()
+    mi.parser.transform_all(config, state)
+    return cast(mi.Scene, mi.parser.instantiate(config, state))
+
+
+def plugin_names(state: mi.parser.ParserState) -> set[str]:
+    """Names of all plugins in a parsed scene."""
+    return {node.props.plugin_name() for node in state.nodes}
+
+
+def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
+    """The sensor of that index, or an error in the native command's words."""
+    if not isinstance(scene, mi.Scene):
+        raise TypeError("Root element of the input file must be a <scene> tag!")
+    if not scene.sensors():
+        raise ValueError(f"No sensor specified for scene: {scene}")
+    if not 0 <= index < len(scene.sensors()):
+        raise ValueError("Specified sensor index is out of bounds!")
+    return scene.sensors()[index]
+
+
+def _config():
+    return mi.parser.ParserConfig(mi.variant() or "")
+
+
+def _override(props: mi.Properties, names: Iterable[str], values: Iterable[int] | None) -> None:
+    """Sets named properties, if values are given."""
+    for name, value in zip(names, values or ()):
+        props[name] = value

@@ -1,0 +1,37 @@
+"""Rendering into the film, and being told how far it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+
+def tells_progress(integrator: mi.Integrator) -> bool:
+    """Whether an integrator says how far it is, as ours does: others hold the interpreter until they are done."""
+    return hasattr(integrator, "progress")
+
+
+def render(
+    scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0, tell: Callable[[float], None] | None = None
+) -> None:
+    """Renders into the sensor's film with the scene's integrator, and waits for the end.
+
+    ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
+    step of an integrator that :func:`tells_progress`.
+    """
+    integrator: Any = scene.integrator()
+    told = tell is not None and tells_progress(integrator)
+    if told:
+        # Some seconds at most between two steps, at which Ctrl-C is heard as well.
+        integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or int(integrator.samples) ** 2)))
+        integrator.progress = tell
+    try:
+        # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.
+        integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True)
+        dr.sync_thread()
+    finally:
+        if told:
+            integrator.progress = None

@@ -1,0 +1,103 @@
+"""Mitsuba made ready: a variant, the plugins of all packages, threads and search paths."""
+
+import re
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+
+#: Beginning of a variant's name -> (its backend, what that needs).
+BACKENDS = {
+    "scalar": (None, ""),
+    "llvm": (dr.JitBackend.LLVM, "LLVM"),
+    "cuda": (dr.JitBackend.CUDA, "an NVIDIA GPU with its driver"),
+    "metal": (dr.JitBackend.Metal, "a GPU of Apple's"),
+}
+
+#: The order in which the native command tries them, as far as what it tries first can be had.
+PREFERRED = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
+
+
+def has_backend(variant: str) -> bool:
+    """Whether this machine has what a variant runs on."""
+    backend, _ = BACKENDS[variant.partition("_")[0]]
+    return backend is None or bool(dr.has_backend(backend))
+
+
+def default_variant() -> str:
+    """The most capable variant whose backend this machine has, by the native command's order."""
+    return next(variant for variant in PREFERRED if variant in mi.variants() and has_backend(variant))
+
+
+def set_variant(variant: str | None = None) -> str:
+    """Sets the variant (default: :func:`default_variant`), loads the plugins of all packages, and returns its name.
+
+    Raises ImportError for a variant that this Mitsuba does not have, RuntimeError for one that can't be used here.
+    """
+    variant = variant or default_variant()
+    if variant in mi.variants() and not has_backend(variant):
+        _, need = BACKENDS[variant.partition("_")[0]]
+        raise RuntimeError(
+            f"{variant} needs {need}, and Dr.Jit finds none here. This machine can run "
+            f"{', '.join(filter(has_backend, mi.variants()))}; prosim doctor tells more."
+        )
+    mi.set_variant(variant)
+    load_plugins()
+    return variant
+
+
+def load_plugins() -> None:
+    """Loads the plugins of every package that offers some.
+
+    A package does so by an entry point in the group ``mitsuba``, which names a module that registers them for the
+    active variant when it is imported. Mitsuba 3.10 and later load these by themselves, 3.9 does not.
+    """
+    for entry in entry_points(group="mitsuba"):
+        try:
+            entry.load()
+        except Exception as error:  # noqa: BLE001 (whatever another package does, our plugins can be used)
+            warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
+
+
+def message(error: BaseException) -> str:
+    """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its
+    own words.
+    """
+    cause = f" {message(error.__cause__)}" if error.__cause__ else ""
+    return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
+
+
+@contextmanager
+def search_paths(first: Iterable[str | Path] = (), last: Iterable[str | Path] = ()) -> Iterator[None]:
+    """Adds folders to both ends of Mitsuba's search path, for a while."""
+    before = mi.file_resolver()
+    resolver = mi.FileResolver(before)
+    for path in reversed(list(first)):
+        resolver.prepend(str(path))
+    for path in last:
+        resolver.append(str(path))
+    mi.set_file_resolver(resolver)
+    try:
+        yield
+    finally:
+        mi.set_file_resolver(before)
+
+
+@contextmanager
+def threads(count: int | None) -> Iterator[None]:
+    """Works with so many threads, for a while; None: with as many as before."""
+    before = dr.thread_count()
+    dr.set_thread_count(count or before)
+    try:
+        yield
+    finally:
+        dr.set_thread_count(before)
+
+
+def enough_threads() -> AbstractContextManager[None]:
+    """Lends a third thread for a while: Mitsuba 3.9 waits for ever when it reads or writes an EXR with one or two."""
+    return threads(max(dr.thread_count(), 3))

@@ -1,0 +1,177 @@
+"""Files that are complete or not there, and folders that do not stay when their process is killed."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import secrets
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+#: How the unfinished begins; its name says nothing of what it becomes, so it is never too long where that is not.
+PART, SCRATCH, RESCUE = ".prosim-part-", "prosim-scratch-", "prosim-image-"
+
+#: What is younger, in seconds, is not taken for a leftover: it may not have been locked yet.
+YOUNG = 60
+
+
+def check(paths: Iterable[Path], size: int) -> None:
+    """Sees, before the work, whether files of ``size`` bytes in all could be written; nothing is left behind.
+
+    Raises OSError where a name is too long, a folder stands in the way, can't be written to, or has no room.
+    """
+    folders = set()
+    for path in paths:
+        folder = _existing(path.parent)
+        if not folder.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, "this is no folder", str(folder))
+        longest = os.pathconf(folder, "PC_NAME_MAX")
+        for name in path.relative_to(folder).parts:
+            if len(os.fsencode(name)) > longest:
+                raise OSError(errno.ENAMETOOLONG, f"this name is too long, at most {longest} bytes are allowed", name)
+        target = _target(path)
+        if target.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "this is a folder", str(target))
+        folders.add(_existing(target.parent))
+    for folder in folders:
+        try:
+            with _Parts() as parts:
+                _allocate(parts.new(folder)[0], size)
+        except OSError as error:
+            raise OSError(
+                error.errno, f"no file of {size} bytes can be written there: {error.strerror}", str(folder)
+            ) from None
+
+
+def write(contents: Mapping[Path, bytes]) -> list[Path]:
+    """Writes files, and makes their folders; returns their paths. They take the old ones' places when all are complete,
+    keep their modes, and go where they are links to.
+
+    Raises OSError; then none of them is written, unless the last step, the renaming, fails between two.
+    """
+    with _Parts() as parts:
+        for path, content in contents.items():
+            target = _target(path)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            file, part = parts.new(target.parent)
+            with open(file, "wb", closefd=False) as stream:
+                stream.write(content)
+            with suppress(OSError):  # there is no old one, or no mode on such a disk
+                os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))
+            parts.finished[part] = target
+        for part, target in parts.finished.items():
+            os.replace(part, target)
+    return list(contents)
+
+
+def rescue(contents: Mapping[Path, bytes]) -> list[Path]:
+    """Writes files that :func:`write` could not to a new folder wherever there is room; returns their paths.
+
+    Raises OSError if that is nowhere.
+    """
+    failure: OSError | None = None
+    for place in (Path(tempfile.gettempdir()), Path.home(), Path.cwd(), Path("/dev/shm")):
+        folder = None
+        try:
+            folder = Path(tempfile.mkdtemp(prefix=RESCUE, dir=place))
+            return write({folder / path.name: content for path, content in contents.items()})
+        except OSError as error:
+            failure = failure or error
+            if folder is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+    assert failure is not None
+    raise failure
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """A new folder for a while. What a killed process has left of its own is removed first."""
+    place = Path(tempfile.gettempdir())
+    for folder in place.glob(SCRATCH + "*"):
+        _remove_leftover(folder)
+    with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=place, ignore_cleanup_errors=True) as name:
+        lock = os.open(name, os.O_RDONLY)
+        try:
+            _lock(lock)
+            yield Path(name)
+        finally:
+            os.close(lock)
+
+
+def _target(path: Path) -> Path:
+    """The file itself, where ``path`` is a link."""
+    return path.resolve() if path.is_symlink() else path
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest one above it that is there."""
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    return folder
+
+
+def _allocate(file: int, size: int) -> None:
+    """Takes room for so many bytes, as far as the system lets a program do that."""
+    if hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(file, 0, size)
+        except OSError as error:
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                raise
+    elif shutil.disk_usage(file).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+class _Parts:
+    """Unfinished files, locked as long as this context lasts; what has not been renamed by then is removed."""
+
+    def __init__(self):
+        self.made: dict[Path, int] = {}
+        self.finished: dict[Path, Path] = {}
+
+    def __enter__(self) -> _Parts:
+        return self
+
+    def new(self, folder: Path) -> tuple[int, Path]:
+        """A file descriptor and the path of a new part in a folder, from which leftovers are removed first."""
+        for part in folder.glob(PART + "*"):
+            _remove_leftover(part)
+        part = folder / (PART + secrets.token_hex(6))
+        file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        self.made[part] = file
+        _lock(file)
+        return file, part
+
+    def __exit__(self, *_: object) -> None:
+        for part, file in self.made.items():
+            part.unlink(missing_ok=True)
+            os.close(file)
+
+
+def _lock(file: int) -> None:
+    """Says that a file or folder is in use, as long as it is open. Where no lock can be had, leftovers stay."""
+    with suppress(OSError):
+        fcntl.flock(file, fcntl.LOCK_EX)
+
+
+def _remove_leftover(path: Path) -> None:
+    """Removes a part or a scratch folder of ours, if nobody has locked it and it is not quite new."""
+    with suppress(OSError):
+        found = path.lstat()
+        if found.st_uid != os.getuid() or time.time() - found.st_mtime < YOUNG:
+            return
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if stat.S_ISDIR(found.st_mode):
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        finally:
+            os.close(file)

@@ -1,0 +1,67 @@
+"""What of a scene decides how its light is followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+
+from ..light.table import Lights
+from . import lobes
+from .indivisible import is_indivisible
+from .settings import Settings
+
+
+@dataclass(frozen=True)
+class SceneFacts:
+    """Facts about a scene, gathered once a render."""
+
+    lights: Lights
+    #: Whether any surface has a specular lobe of reflection, of transmission.
+    reflects: bool
+    refracts: bool
+    #: Whether light from both of its sides reaches any surface's smooth lobes.
+    both_sides: bool
+    #: Whether any BSDF is taken whole, see :mod:`.indivisible`.
+    indivisible: bool
+    #: ``mi.BSDFContext`` of the lobes that the sources are sampled for alone, as no ray is drawn from them that may
+    #: meet a source; or None.
+    alone: mi.BSDFContext | None
+    #: Those of the lobes that share the light of sources with the rays that are drawn from them.
+    partners: tuple[mi.BSDFContext, ...]
+
+    @classmethod
+    def of(cls, scene: mi.Scene, settings: Settings) -> SceneFacts:
+        """The facts of ``scene`` that matter under ``settings``."""
+        bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
+        lights, flags = Lights(scene), scene_flags(scene)
+        reflects = lobes.has_any(flags, *lobes.REFLECTED)
+        refracts = lobes.has_any(flags, *lobes.REFRACTED)
+        alone: mi.BSDFContext | None = lobes.everything()
+        partners: tuple[mi.BSDFContext, ...] = ()
+        if settings.diffuse_bounces < 0:
+            alone, partners = None, (lobes.everything(),)
+        elif not lights.only_points and lobes.has_any(flags, "GlossyReflection", "GlossyTransmission"):
+            alone = lobes.diffuse()
+            if settings.follows_tree:
+                partners = (lobes.reflected(),) * reflects + (lobes.refracted(),) * refracts
+            else:
+                partners = (lobes.specular(),)
+        return cls(
+            lights,
+            reflects,
+            refracts,
+            lobes.has_any(flags, *lobes.BOTH_SIDES),
+            settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)),
+            alone,
+            partners,
+        )
+
+
+def scene_flags(scene: mi.Scene) -> int:
+    """Union of the ``mi.BSDFFlags`` of all surfaces of ``scene``; all flags where instances hide them."""
+    flags = 0
+    for shape in scene.shapes():
+        bsdf = shape.bsdf()
+        flags |= 0xFFFFFFFF if shape.class_name() == "Instance" else 0 if bsdf is None else int(bsdf.m_flags)
+    return flags

@@ -1,0 +1,34 @@
+"""Radiance along a camera ray: by Whitted's tree (sections 4.1, 4.2) or Kajiya's paths (section 4.2.3)."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from ..sampling.nrook import NRook, SamplerPoints
+from . import path, tree
+from .node import Nodes
+from .scene_facts import SceneFacts
+from .settings import Settings
+
+
+class Transport:
+    """Estimates radiance in ``scene`` under ``settings``; made once a render.
+
+    ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
+    (:mod:`.moving`), and their weights evaluated anew.
+    """
+
+    def __init__(self, settings: Settings, scene: mi.Scene, attached: bool = False) -> None:
+        self._nodes = Nodes(scene, settings, SceneFacts.of(scene, settings), attached)
+        self._radiance = tree.radiance if settings.follows_tree else path.radiance
+
+    def __call__(
+        self, ray: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler | None = None
+    ) -> tuple[mi.Spectrum, mi.Bool]:
+        """Radiance of the camera ray ``ray``: ``(L, hit)``, a ``mi.Spectrum`` and whether the ray met a surface.
+
+        ``points(space, active)`` gives a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
+        ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
+        carry.
+        """
+        return self._radiance(self._nodes, ray, points, active, sampler)

@@ -1,0 +1,83 @@
+"""Whitted's tree with distributed rays: both the reflected and the refracted ray are followed (sections 4.1, 4.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from ..masks import but_not
+from ..sampling.nrook import NRook, SamplerPoints
+from . import lobes
+from .node import REFLECTED, REFRACTED, Nodes, Ray
+from .walk import walk
+
+
+@dataclass
+class Waiting:
+    """Refracted rays that wait for their turn, depth first: one for each level, in registers (a local array would be
+    slower, and is not reliable in Dr.Jit 1.5).
+    """
+
+    rays: list[Ray]
+    count: mi.UInt32
+
+    def turn(
+        self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
+    ) -> tuple[Ray, mi.Bool, Waiting]:
+        """The ray that comes next and its lanes: the reflected one, while the refracted one waits; or the only one of
+        the two; or the last one that waits.
+        """
+        following, going = dr.select(reflects, reflected, refracted), reflects | refracts
+        if not self.rays:
+            return following, going, self
+        both = reflects & refracts
+        resumes = but_not(active & (self.count > 0), going)
+        rays = []
+        for slot, ray in enumerate(self.rays):
+            following = dr.select(resumes & (self.count == slot + 1), ray, following)
+            rays.append(dr.select(both & (self.count == slot), refracted, ray))
+        count = dr.select(both, self.count + 1, dr.select(resumes, self.count - 1, self.count))
+        return following, going | resumes, Waiting(rays, count)
+
+
+@dataclass
+class State:
+    """Where a walk through the tree is. ``sampler``: what the points are drawn from, if that has a state."""
+
+    L: mi.Spectrum
+    hit: mi.Bool
+    ray: Ray
+    active: mi.Bool
+    waiting: Waiting
+    sampler: mi.Sampler | None
+
+
+def radiance(
+    nodes: Nodes, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
+) -> tuple[mi.Spectrum, mi.Bool]:
+    """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
+    facts, max_level = nodes.facts, nodes.settings.max_level
+    first = Ray.first(camera)
+    waiting = Waiting([first] * ((max_level + 1) if facts.reflects and facts.refracts else 0), mi.UInt32(0))
+
+    def step(state: State) -> State:
+        ray = state.ray
+        L, node = nodes.shade(ray, camera, points, state.active)
+        hit = state.hit | (ray.level == 0) & node.surface
+        inside = node.surface & (ray.level <= max_level)
+        reflected, reflects = ray, mi.Bool(False)
+        refracted, refracts = ray, mi.Bool(False)
+        if facts.reflects:
+            reflected, reflects, _ = nodes.follow(lobes.reflected(), REFLECTED, ray, node, points, inside)
+        if facts.refracts:
+            refracted, refracts, _ = nodes.follow(lobes.refracted(), REFRACTED, ray, node, points, inside)
+        following, going, waiting = state.waiting.turn(reflected, reflects, refracted, refracts, state.active)
+        return State(state.L + L, hit, following, going, waiting, state.sampler)
+
+    state = State(mi.Spectrum(0), mi.Bool(False), first, mi.Bool(active), waiting, sampler)
+    if not (facts.reflects or facts.refracts):
+        state = step(state)
+        return state.L, state.hit
+    return walk(nodes, step, state, camera, branches=bool(waiting.rays))

@@ -1,0 +1,46 @@
+"""The commands of ``prosim`` by name; each is imported when it is called."""
+
+import importlib
+import warnings
+
+import click
+
+#: Name -> (where the command is, what it does).
+COMMANDS = {
+    "compare": ("compare:compare", "Compare two integrators or samplers on a scene."),
+    "doctor": ("doctor:doctor", "Print what was found on this machine."),
+    "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
+    "link": ("link:link", "Let the mitsuba command run plugins in Python."),
+    "render": ("render:render", "Render a scene to an EXR and a PNG image."),
+    "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
+}
+
+
+class Commands(click.Group):
+    """A group that lists its commands without importing them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """All names."""
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, or None."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, name = COMMANDS[cmd_name][0].partition(":")
+        return getattr(importlib.import_module(f"mitsuba_prosim.command.{module}"), name)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Writes the list of commands."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
+@click.version_option(None, "-V", "--version", package_name="mitsuba-prosim")
+def prosim() -> None:
+    """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
+
+    Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else.
+    """
+    warnings.showwarning = lambda message, *_: click.echo(f"warning: {message}", err=True)

@@ -1,0 +1,6 @@
+"""From the CSG tree to triangles: primitives, their transforms, the tree's evaluation and the surfaces of the result."""
+
+from .detail import TOLERANCE
+from .triangles import Triangles, tessellate
+
+__all__ = ["TOLERANCE", "Triangles", "tessellate"]

@@ -1,0 +1,191 @@
+"""Solids as lists of parts, and their union, difference and intersection by manifold3d.
+
+A solid is a list of *parts* whose bounding boxes are disjoint, so that an operation costs what it touches and nothing
+else. Where operands are reordered, those that may share a face keep the order of the tree: the first one gets it, see
+:mod:`.coincidence`.
+"""
+
+import math
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from manifold3d import Error, Manifold, Mesh64
+
+from .coincidence import Planes
+
+
+@dataclass(eq=False)
+class Part:
+    """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that its
+    faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same."""
+
+    make: Callable[[], Manifold]
+    low: np.ndarray
+    high: np.ndarray
+    surfaces: frozenset[int]
+    planes: Planes
+    key: Hashable = None
+
+    @cached_property
+    def manifold(self) -> Manifold:
+        """The mesh, made when it is first needed."""
+        return self.make()
+
+
+def solid(vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray, original_id: int, planes: Planes,
+          surfaces: frozenset[int] = frozenset(), key: Hashable = None) -> list[Part]:
+    """A closed triangle mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets."""
+    def make() -> Manifold:
+        return _checked(Manifold(Mesh64(
+            np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(triangles, dtype=np.uint64),
+            run_index=np.array([0, 3 * len(triangles)], dtype=np.uint64),
+            run_original_id=np.array([original_id], dtype=np.uint32), face_id=facets.astype(np.uint64))))
+
+    return [Part(make, vertices.min(axis=0) - planes.step, vertices.max(axis=0) + planes.step, surfaces, planes, key)]
+
+
+def as_parts(manifold: Manifold, planes: Planes, *surfaces: frozenset[int]) -> list[Part]:
+    """A list of one part, or of none where nothing is left. Boxes are a little too large: faces that touch but for rounding
+    are in touching boxes."""
+    if _checked(manifold).is_empty():
+        return []
+    box = np.array(manifold.bounding_box())  # evaluates the operation
+    return [Part(lambda: manifold, box[:3] - planes.step, box[3:] + planes.step, frozenset().union(*surfaces), planes)]
+
+
+def reserve_ids(count: int) -> int:
+    """The first of so many original ids that nobody else has."""
+    return Manifold.reserve_ids(count)
+
+
+def boxes(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Min and max corners (n, 3) of the parts' boxes."""
+    return np.array([p.low for p in parts]).reshape(-1, 3), np.array([p.high for p in parts]).reshape(-1, 3)
+
+
+def union(operands: Iterable[list[Part]]) -> list[Part]:
+    """Union of solids."""
+    parts = _different([p for operand in operands for p in operand])
+    while True:
+        groups = _components(parts)
+        if len(groups) == len(parts):
+            return parts
+        parts = [p for group in groups for p in (_merge(group) if len(group) > 1 else group)]
+
+
+def difference(minuend: list[Part], subtrahend: list[Part]) -> list[Part]:
+    """The first solid without the second."""
+    low, high = boxes(subtrahend)
+    result = []
+    for part in minuend:
+        hits = _touching(part, low, high)
+        if not len(hits):
+            result.append(part)
+        else:  # the boxes of the subtrahend's parts are disjoint: they compose to one without any computation
+            result += _combined("-", part, _composed([subtrahend[i] for i in hits]))
+    return result
+
+
+def intersection(first: list[Part], second: list[Part]) -> list[Part]:
+    """What two solids have in common."""
+    low, high = boxes(second)
+    return [p for part in first for i in _touching(part, low, high) for p in _combined("*", part, second[i])]
+
+
+def _checked(manifold: Manifold) -> Manifold:
+    status = manifold.status()
+    if status != Error.NoError:
+        raise ArithmeticError(f"manifold3d: {status}")
+    return manifold
+
+
+def _combined(operator: str, first: Part, second: Part) -> list[Part]:
+    """One operation on two parts, whose common planes are told apart while it is done."""
+    common, planes = first.surfaces & second.surfaces, first.planes
+    a, b = first.manifold, second.manifold
+    if common:
+        a = planes.apart(a, common, 1 if operator == "+" else -1)
+    result = b + a if operator == "+" else a - b if operator == "-" else a ^ b
+    if common and not _checked(result).is_empty():
+        result = planes.together(result, common)
+    return as_parts(result, planes, first.surfaces, second.surfaces)
+
+
+def _composed(parts: list[Part]) -> Part:
+    """Parts whose boxes are disjoint as one."""
+    if len(parts) == 1:
+        return parts[0]
+    low, high = boxes(parts)
+    return Part(lambda: Manifold.compose([p.manifold for p in parts]), low.min(axis=0), high.max(axis=0),
+                frozenset().union(*(p.surfaces for p in parts)), parts[0].planes)
+
+
+def _different(parts: list[Part]) -> list[Part]:
+    """Parts without those that are the same primitive as an earlier one."""
+    first: dict[Hashable, Part] = {}
+    return [p for p in parts if p.key is None or first.setdefault(p.key, p) is p]
+
+
+def _touching(part: Part, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Indices of the boxes that overlap or touch a part's."""
+    return np.flatnonzero(np.all((low <= part.high) & (high >= part.low), axis=1))
+
+
+def _components(parts: list[Part]) -> list[list[Part]]:
+    """Groups of parts whose boxes are connected by touching, each group in the given order."""
+    low, high = boxes(parts)
+    order = np.argsort(low[:, 0], kind="stable")
+    low, high = low[order], high[order]
+    last = np.searchsorted(low[:, 0], high[:, 0], side="right")  # sweep along x
+    label = np.arange(len(parts))
+    for i in range(len(parts)):
+        window = slice(i + 1, last[i])
+        hits = np.all((low[window, 1:] <= high[i, 1:]) & (high[window, 1:] >= low[i, 1:]), axis=1)
+        touched = label[window][hits]
+        if (touched != label[i]).any():
+            label[np.isin(label, touched)] = label[i]
+    groups: dict[int, list[Part]] = {}
+    for i, group in sorted(zip(order.tolist(), label.tolist())):
+        groups.setdefault(group, []).append(parts[i])
+    return list(groups.values())
+
+
+def _layers(parts: list[Part]) -> list[list[Part]] | None:
+    """Few lists of parts, the parts of each disjoint, that may be united in this order; None where there are too many.
+
+    Greedy colouring in the order of the tree; a part goes behind every earlier one with which it may share a face to the
+    same side. (Where their boxes only touch, faces look at each other, and it does not matter which comes first.)
+    """
+    low, high = boxes(parts)
+    color = np.zeros(len(parts), int)
+    bearers: dict[int, list[int]] = {}  # surface -> the parts so far that have a face on it
+    limit = 8 + 2 * math.ceil(math.log2(len(parts)))
+    for i, part in enumerate(parts):
+        depth = (np.minimum(high[:i], part.high) - np.maximum(low[:i], part.low)).min(axis=1)
+        touching, overlapping = depth >= 0, depth > 4 * part.planes.step
+        sharing = [j for surface in part.surfaces for j in bearers.setdefault(surface, []) if overlapping[j]]
+        taken = set(color[:i][touching].tolist())
+        color[i] = max((color[j] + 1 for j in sharing), default=0)
+        while color[i] in taken:
+            color[i] += 1
+        if color[i] > limit:
+            return None
+        for surface in part.surfaces:
+            bearers[surface].append(i)
+    layers: list[list[Part]] = [[] for _ in range(color.max() + 1)]
+    for part, c in zip(parts, color):
+        layers[c].append(part)
+    return layers
+
+
+def _merge(parts: list[Part]) -> list[Part]:
+    """Union of parts, as a list of at most one part."""
+    layers = _layers(parts) if len(parts) > 3 else None
+    if layers:
+        parts = [_composed(layer) for layer in layers]
+    while len(parts) > 1:  # neighbours, in the order of the tree
+        parts = [p for i in range(0, len(parts), 2)
+                 for p in (_combined("+", parts[i], parts[i + 1]) if i + 1 < len(parts) else [parts[i]])]
+    return parts

@@ -1,0 +1,63 @@
+"""A primitive at its place in the world."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from .primitives import Mesh, Primitive
+
+
+@dataclass(eq=False)
+class Solid:
+    """A primitive at its place; leaves of the tree that are the same share one.
+
+    ``to_world`` is a 4x4 matrix, ``segments`` the number around a circle, ``surfaces`` are the numbers of those that it has
+    in common with others, by the number of the face, or -1, and ``frame`` is the map to its space from that of the
+    primitive that its curved face has its facets from. ``shrink`` is a factor of the curved face's size, 1 or a little less.
+    """
+
+    primitive: Primitive
+    to_world: np.ndarray
+    segments: int = 0
+    surfaces: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    frame: np.ndarray = field(default_factory=lambda: np.eye(4))
+    shrink: float = 1.0
+
+    @property
+    def widest(self) -> float:
+        """The longest semi-axis of its curved face."""
+        return self.primitive.ball(self.to_world[:3, :3])[0]
+
+    @property
+    def narrowest(self) -> float:
+        """The shortest semi-axis of its curved face."""
+        return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))
+
+    @property
+    def curved_surface(self) -> int:
+        """The number of the surface of its curved face, -1 where it has none or is alone on it."""
+        return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for solids that are the same; None where one of its surfaces shows that there is no other."""
+        return None if (self.surfaces < 0).any() else (self.primitive.name, frozenset(self.surfaces.tolist()))
+
+    def mesh(self) -> Mesh:
+        """Its mesh in the world, wound counter-clockwise seen from outside."""
+        linear = self.to_world[:3, :3]
+        mesh, outside_in = _unit_mesh(self.primitive, self.segments), False
+        if (self.frame != np.eye(4)).any():
+            mesh = self.primitive.mesh(self.segments, self.frame)
+            a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+            outside_in = np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # of the volume
+        triangles = mesh.triangles[:, ::-1] if (np.linalg.det(linear) < 0) != outside_in else mesh.triangles
+        vertices = mesh.vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
+        return Mesh(vertices @ linear.T + self.to_world[:3, 3], triangles, mesh.facets, mesh.faces)
+
+
+@lru_cache(maxsize=64)
+def _unit_mesh(primitive: Primitive, segments: int) -> Mesh:
+    return primitive.mesh(segments, np.eye(4))

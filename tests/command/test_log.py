@@ -1,0 +1,55 @@
+"""Mitsuba's log while a command runs."""
+
+import subprocess
+import sys
+
+import mitsuba as mi
+import pytest
+from mitsuba_prosim.command.log import log
+
+#: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
+#: main thread keeps the interpreter to itself for a second; prints how many lines were logged until its end.
+HOLD_THE_INTERPRETER = """
+import ctypes, os, threading
+import mitsuba as mi
+import mitsuba_prosim
+from mitsuba_prosim.command.log import log
+
+mi.set_variant("llvm_ad_rgb")
+names = "diffuse conductor dielectric plastic roughplastic roughconductor roughdielectric principled null".split()
+shapes = "".join(f'<shape type="sphere"><bsdf type="{name}"/></shape>' for name in names)
+config = mi.parser.ParserConfig(mi.variant())
+state = mi.parser.parse_string(config, f'<scene version="3.0.0">{shapes}</scene>')
+libc = ctypes.PyDLL(None)  # calls of it do not release the interpreter
+with log(2):
+    thread = threading.Thread(target=mi.parser.instantiate, args=(config, state))
+    thread.start()
+    while os.fstat(1).st_size == 0:
+        pass
+    libc.usleep(1_000_000)
+    size = libc.lseek(1, 0, os.SEEK_END)
+    lines = os.pread(1, size, 0).count(b"\\n")
+    thread.join()
+print(lines)
+"""
+
+
+def test_logging_needs_no_interpreter():
+    """Else a thread that logs and one that makes a plugin in Python can wait for each other for ever."""
+    done = subprocess.run(
+        [sys.executable, "-c", HOLD_THE_INTERPRETER], check=True, capture_output=True, text=True, timeout=60
+    )
+    assert int(done.stdout) >= 9
+    assert 'Loading plugin "plugins/principled' in done.stderr
+
+
+@pytest.mark.parametrize("verbose, expected", [(0, ["warning"]), (1, ["information", "warning"])])
+def test_log_goes_to_standard_error(variant_rgb, capfd, verbose, expected):
+    with log(verbose):
+        mi.Log(mi.LogLevel.Debug, "debugging")
+        mi.Log(mi.LogLevel.Info, "information")
+        mi.Log(mi.LogLevel.Warn, "warning")
+    print("afterwards")
+    printed = capfd.readouterr()
+    assert [line.split()[-1] for line in printed.err.splitlines()] == expected
+    assert printed.out == "afterwards\n" and "\x1b" not in printed.err

@@ -1,0 +1,144 @@
+"""``prosim render``: where its images go, and what of them is kept when something goes wrong."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from mitsuba_prosim.command import output
+from mitsuba_prosim.scene_files import rendering, writing
+from running import XML, names, pixels, prosim
+from tqdm.auto import tqdm
+
+
+@pytest.mark.parametrize("suffix", ["", ".exr", ".png"])
+def test_output_names(scene, suffix):
+    done = prosim("render", scene, "-o", scene.with_name("new") / f"a.b{suffix}")
+    assert done.exit_code == 0, done.output
+    assert names(scene.with_name("new")) == ["a.b.exr", "a.b.png"]
+
+
+def test_output_folder(scene):
+    (scene.parent / "there").mkdir()
+    for folder in "there", "new/":
+        assert prosim("render", scene, "-o", f"{scene.parent}/{folder}").exit_code == 0
+        assert names(scene.parent / folder) == ["scene.exr", "scene.png"]
+
+
+@pytest.mark.parametrize(
+    "command, name, says",
+    [
+        ("render", "x.jpg", ".exr and .png, not .jpg"),
+        ("render", "x.html", ".exr and .png"),
+        ("compare", "x.png", ".html and .json and .csv, not .png"),
+        ("translate", "pal.xml", "folder"),
+    ],
+)
+def test_output_of_another_kind(palito, command, name, says):
+    done = prosim(command, palito, "-o", palito.with_name(name))
+    assert done.exit_code == 2 and says in done.stderr
+    assert names(palito.parent) == ["listing.scn"]
+
+
+def test_the_scene_is_not_overwritten(palito):
+    scene = palito.rename(palito.with_name("listing.png"))
+    done = prosim("render", scene)
+    assert done.exit_code == 2 and "is the scene itself" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "place, says",
+    [("/proc/image", "/proc"), ("a" * 252, "too long"), ("é" * 126, "too long, at most"), ("scene.xml/a", "no folder")],
+)
+def test_what_cannot_be_written_is_found_before_the_render(scene, monkeypatch, place, says):
+    monkeypatch.setattr(rendering, "render", lambda *_: pytest.fail("has rendered"))
+    done = prosim("render", scene, "-o", scene.parent / place)
+    assert done.exit_code == 2 and says in done.stderr
+    assert names(scene.parent) == ["scene.xml"]
+
+
+def test_an_image_that_cannot_be_written_after_all_is_kept(scene, monkeypatch, tmp_path_factory):
+    """On a disk that has become full meanwhile, say."""
+    write, elsewhere = writing.write, tmp_path_factory.mktemp("elsewhere")
+
+    def full(contents):
+        if next(iter(contents)).parent == scene.parent:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(scene.parent))
+        return write(contents)
+
+    monkeypatch.setattr(writing, "write", full)
+    monkeypatch.setattr(writing.tempfile, "tempdir", str(elsewhere))
+    done = prosim("render", scene)
+    assert done.exit_code == 1 and "No space left on device" in done.stderr
+    folder = next(elsewhere.iterdir())
+    assert names(folder) == ["scene.exr", "scene.png"] and str(folder / "scene.exr") in done.stderr
+    assert pixels(folder / "scene.exr").shape == (8, 12, 3)
+
+
+BANDS = XML.replace(
+    '"path"/>', '"prosim"><integer name="samples" value="2"/><integer name="band" value="48"/></integrator>'
+)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
+    """One that comes when the first band is done."""
+
+    class Bar(tqdm):
+        def update(self, done):
+            os.kill(os.getpid(), number)
+            return super().update(done)
+
+    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
+    monkeypatch.setattr(os, "_exit", lambda _: None)  # there may be a second band
+    scene.write_text(BANDS)
+    before = signal.getsignal(number)
+    done = prosim("render", scene)
+    assert done.exit_code == 1 and "interrupted" in done.stdout
+    assert signal.getsignal(number) is before
+    image = pixels(scene.with_suffix(".exr"))
+    assert image[0].min() > 0 and image[-1].max() == 0
+
+
+def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):
+    class Bar(tqdm):
+        def update(self, done):
+            os.kill(os.getpid(), signal.SIGHUP)
+            return super().update(done)
+
+    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
+    scene.write_text(BANDS)
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        done = prosim("render", scene)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert done.exit_code == 0 and "interrupted" not in done.stdout
+    assert pixels(scene.with_suffix(".exr")).min() > 0
+
+
+def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):
+    """It holds up Python's signal handlers until it is done, which would take minutes."""
+    scene.write_text(
+        XML.replace('"4"', '"65536"').replace('"12"', '"512"').replace('"8"', '"512"').replace("nrook", "independent")
+    )
+    with subprocess.Popen(
+        [sys.executable, "-m", "prosim_start", "render", scene, "-m", "scalar_rgb", "-v"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        for line in process.stderr:
+            if b"Starting render job" in line:
+                break
+        process.send_signal(signal.SIGTERM)
+        said, _ = process.communicate(timeout=60)
+    assert process.returncode == 1 and said.endswith(b"interrupted\n")
+    assert names(scene.parent) == ["scene.exr", "scene.png", "scene.xml"]
+
+
+def test_suffixes_that_are_no_kind_of_file(tmp_path):
+    assert output.stem("a.b", tmp_path, (".exr",)).name == "a.b"
+    assert output.stem("a.EXR", tmp_path, (".exr",)).name == "a"
+    assert output.stem(None, tmp_path / "c.d", (".exr",)) == tmp_path / "c.d"

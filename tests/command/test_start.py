@@ -1,0 +1,41 @@
+"""How the ``prosim`` command starts and ends, as a process."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+START = [sys.executable, "-m", "prosim_start"]
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from prosim_start.group import prosim; prosim(['-h'], standalone_mode=False); "
+        "print({'mitsuba', 'drjit', 'numpy', 'prosim_scene'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert "compare" in done.stdout and done.stdout.endswith("set()\n")
+
+
+def test_ctrl_c_at_the_start_is_quiet(tmp_path):
+    """While modules are imported, here one that takes a minute; a shell says 130 of a process that ends so."""
+    slow = tmp_path / "mitsuba_prosim"
+    slow.mkdir()
+    (slow / "__init__.py").write_text("import time; print('importing', flush=True); time.sleep(60)")
+    env = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    with subprocess.Popen([*START, "doctor"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env) as process:
+        assert process.stdout.readline() == b"importing\n"
+        process.send_signal(signal.SIGINT)
+        said = process.stderr.read()
+    assert process.returncode == -signal.SIGINT
+    assert said == b""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_standard_output_that_is_full():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*START, "-h"], check=False, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert "No space left on device" in done.stderr and "Traceback" not in done.stderr and done.stderr.count("\n") == 1

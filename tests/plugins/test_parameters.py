@@ -1,0 +1,66 @@
+"""What plugins accept as a number, a whole number or a word, and what they say of anything else."""
+
+import math
+
+import mitsuba as mi
+import pytest
+from mitsuba_prosim.parameters import MISSING, choice, number, reject, whole
+
+
+def properties(**values):
+    props = mi.Properties("prosim_thing")
+    for name, value in values.items():
+        props[name] = value
+    return props
+
+
+@pytest.mark.parametrize("value", (10, 10.0))
+def test_whole_numbers_may_be_written_as_floats(variant_rgb, value):
+    found = whole(properties(n=value), "n", 5, 1)
+    assert found == 10 and type(found) is int
+
+
+def test_defaults(variant_rgb):
+    assert whole(properties(), "n", 5, 1) == 5
+    assert number(properties(), "x", 0.5, 0) == 0.5
+    assert choice(properties(), "word", ("first", "second")) == "first"
+
+
+@pytest.mark.parametrize("value", (2.7, 0, -1, 9, math.nan, math.inf, True, "three"))
+def test_whole_rejects(variant_rgb, value):
+    with pytest.raises(ValueError, match=r'prosim_thing: parameter "n" is .*; allowed: a whole number >= 1 and <= 8\.'):
+        whole(properties(n=value), "n", 5, 1, 8)
+
+
+@pytest.mark.parametrize("value", (0.0, -1, 3.1, math.nan, math.inf, -math.inf, False, "0.5"))
+def test_number_rejects(variant_rgb, value):
+    with pytest.raises(ValueError, match=r'prosim_thing: parameter "x" is .*; allowed: a number > 0 and <= 3\.'):
+        number(properties(x=value), "x", 1.0, 0, 3, open_below=True)
+
+
+def test_number_without_bounds_is_still_finite(variant_rgb):
+    assert number(properties(x=-7), "x", 1.0, -math.inf) == -7.0
+    with pytest.raises(ValueError, match=r"allowed: a number\."):
+        number(properties(x=math.inf), "x", 1.0, -math.inf)
+
+
+@pytest.mark.parametrize("read", (number, whole))
+def test_a_parameter_without_default_must_be_given(variant_rgb, read):
+    with pytest.raises(ValueError, match='parameter "x" is missing; allowed: '):
+        read(properties(), "x", None, 0)
+
+
+def test_choice_rejects(variant_rgb):
+    with pytest.raises(ValueError, match="is 'third'; allowed: first or second"):
+        choice(properties(word="third"), "word", ("first", "second"))
+    with pytest.raises(ValueError, match="is 4; allowed: one of a, b, c"):
+        choice(properties(word=4), "word", ("a", "b", "c"))
+
+
+def test_errors_name_the_plugin_and_its_id(variant_rgb):
+    props = properties()
+    props.set_id("lamp")
+    assert (
+        str(reject(props, "x", MISSING, "a number"))
+        == '"lamp" (prosim_thing): parameter "x" is missing; allowed: a number.'
+    )

@@ -281,3 +281,14 @@ def test_both_targets_are_comparably_bright(tmp_path, variant_rgb):
             scene = mi.load_dict(prosim_scene.load(EXAMPLES / "palito.scn", target=target, resolution=(64, 64)))
         means.append(np.array(mi.render(scene, spp=64)).mean(axis=(0, 1)))
     assert np.allclose(means[0], means[1], rtol=0.25)
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_a_document_stands_for_its_file_and_is_read_once(everything):
+    expected = prosim_scene.translate(everything, tolerance=1).read_bytes()
+    opened = prosim_scene.document(everything)
+    assert opened.scene.name == "tudo" and opened.line("surfaces", 0) == 15
+    everything.rename(everything.with_suffix(".moved"))
+    assert prosim_scene.translate(opened, tolerance=1).read_bytes() == expected
+    assert prosim_scene.check(opened, tolerance=1) == opened.scene
+    assert prosim_scene.load(opened, tolerance=1, transform=lambda m: m)["integrator"]["samples"] == 2

@@ -60,7 +60,9 @@ class BuildHook(BuildHookInterface):
         compiled = Path(self.built.name, "stand_in.so")
         stand_in.compile_stand_in(str(compiled))
         # One file has one place in the table, so each name needs a path of its own.
-        paths = [Path(self.built.name, f"{name}.so") for name in (*stand_in.names_in_source(package), *stand_in.BUNDLED)]
+        paths = [
+            Path(self.built.name, f"{name}.so") for name in (*stand_in.names_in_source(package), *stand_in.BUNDLED)
+        ]
         for path in paths:
             path.hardlink_to(compiled)
         return [str(path) for path in paths]

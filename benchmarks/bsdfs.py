@@ -17,42 +17,65 @@ from turns import compare
 PAIRS = {
     "lambertian": ({"type": "prosim_lambertian"}, {"type": "diffuse"}),
     "conductor, smooth": ({"type": "prosim_conductor", "material": "Cu"}, {"type": "conductor", "material": "Cu"}),
-    "conductor, 0.1": ({"type": "prosim_conductor", "material": "Cu", "alpha": 0.1},
-                       {"type": "roughconductor", "material": "Cu", "alpha": 0.1}),
-    "conductor, 0.4": ({"type": "prosim_conductor", "material": "Cu", "alpha": 0.4},
-                       {"type": "roughconductor", "material": "Cu", "alpha": 0.4}),
-    "conductor, exponent 50": ({"type": "prosim_conductor", "material": "Cu", "exponent": 50.0},
-                               {"type": "roughconductor", "material": "Cu", "alpha": 0.196}),
-    "conductor, gaussian 0.1": ({"type": "prosim_conductor", "material": "Cu", "alpha": 0.1,
-                                 "distribution": "gaussian"},
-                                {"type": "roughconductor", "material": "Cu", "alpha": 0.1}),
+    "conductor, 0.1": (
+        {"type": "prosim_conductor", "material": "Cu", "alpha": 0.1},
+        {"type": "roughconductor", "material": "Cu", "alpha": 0.1},
+    ),
+    "conductor, 0.4": (
+        {"type": "prosim_conductor", "material": "Cu", "alpha": 0.4},
+        {"type": "roughconductor", "material": "Cu", "alpha": 0.4},
+    ),
+    "conductor, exponent 50": (
+        {"type": "prosim_conductor", "material": "Cu", "exponent": 50.0},
+        {"type": "roughconductor", "material": "Cu", "alpha": 0.196},
+    ),
+    "conductor, gaussian 0.1": (
+        {"type": "prosim_conductor", "material": "Cu", "alpha": 0.1, "distribution": "gaussian"},
+        {"type": "roughconductor", "material": "Cu", "alpha": 0.1},
+    ),
     "dielectric, smooth": ({"type": "prosim_dielectric"}, {"type": "dielectric"}),
     "dielectric, 0.1": ({"type": "prosim_dielectric", "alpha": 0.1}, {"type": "roughdielectric", "alpha": 0.1}),
-    "composite, smooth": ({"type": "prosim_composite", "diffuse_reflectance": 0.4}, {"type": "plastic",
-                          "diffuse_reflectance": 0.4}),
-    "composite, 0.1": ({"type": "prosim_composite", "diffuse_reflectance": 0.4, "alpha": 0.1},
-                       {"type": "roughplastic", "diffuse_reflectance": 0.4, "alpha": 0.1}),
-    "phong, exponent 50": ({"type": "prosim_phong", "exponent": 50.0},
-                           {"type": "roughplastic", "alpha": 0.1}),
+    "composite, smooth": (
+        {"type": "prosim_composite", "diffuse_reflectance": 0.4},
+        {"type": "plastic", "diffuse_reflectance": 0.4},
+    ),
+    "composite, 0.1": (
+        {"type": "prosim_composite", "diffuse_reflectance": 0.4, "alpha": 0.1},
+        {"type": "roughplastic", "diffuse_reflectance": 0.4, "alpha": 0.1},
+    ),
+    "phong, exponent 50": ({"type": "prosim_phong", "exponent": 50.0}, {"type": "roughplastic", "alpha": 0.1}),
 }
 
 
 def scene(bsdf, size, spp):
     place = mi.ScalarTransform4f
-    return mi.load_dict({
-        "type": "scene",
-        "integrator": {"type": "path", "max_depth": 6},
-        "sensor": {"type": "perspective", "fov": 35, "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
-                   "sampler": {"type": "independent", "sample_count": spp},
-                   "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}},
-        "material": bsdf | {"id": "material"},
-        "ball": {"type": "sphere", "center": [0, 1, 0], "bsdf": {"type": "ref", "id": "material"}},
-        "floor": {"type": "rectangle", "to_world": place().rotate([1, 0, 0], -90).scale(4),
-                  "bsdf": {"type": "ref", "id": "material"}},
-        "lamp": {"type": "sphere", "center": [2, 4, 2], "radius": 0.5,
-                 "emitter": {"type": "area", "radiance": 20.0}},
-        "sky": {"type": "constant", "radiance": 0.3},
-    })
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 6},
+            "sensor": {
+                "type": "perspective",
+                "fov": 35,
+                "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
+                "sampler": {"type": "independent", "sample_count": spp},
+                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+            },
+            "material": bsdf | {"id": "material"},
+            "ball": {"type": "sphere", "center": [0, 1, 0], "bsdf": {"type": "ref", "id": "material"}},
+            "floor": {
+                "type": "rectangle",
+                "to_world": place().rotate([1, 0, 0], -90).scale(4),
+                "bsdf": {"type": "ref", "id": "material"},
+            },
+            "lamp": {
+                "type": "sphere",
+                "center": [2, 4, 2],
+                "radius": 0.5,
+                "emitter": {"type": "area", "radiance": 20.0},
+            },
+            "sky": {"type": "constant", "radiance": 0.3},
+        }
+    )
 
 
 def main():
@@ -69,7 +92,9 @@ def main():
     print(f"{'material':26}{'time ms':>9}{'time ratio':>12}{'variance ratio':>16}   beside")
     for name, (ours, theirs) in PAIRS.items():
         if options.only in name:
-            seconds, speed, variance = compare(*(scene(x, options.size, options.spp) for x in (ours, theirs)), options.rounds)
+            seconds, speed, variance = compare(
+                *(scene(x, options.size, options.spp) for x in (ours, theirs)), options.rounds
+            )
             print(f"{name:26}{1e3 * seconds:9.0f}{speed:12.2f}{variance:16.2f}   {theirs['type']}", flush=True)
 
 

@@ -44,12 +44,17 @@ def measure(case, size, rounds, seconds, cache, folder, chosen):
     our_transport, their_transport = case.transports
     integrator = next(iter(case.theirs))
     ours = [scene.contestant(Spec(text), our_transport) for text in OURS if chosen(text)]
-    theirs = [scene.contestant(Spec(f"{integrator}:{sampler}"), their_transport, spp=count)
-              for sampler in SAMPLERS for count in COUNTS if chosen(f"{sampler} {count}")]
+    theirs = [
+        scene.contestant(Spec(f"{integrator}:{sampler}"), their_transport, spp=count)
+        for sampler in SAMPLERS
+        for count in COUNTS
+        if chosen(f"{sampler} {count}")
+    ]
     our_best = scene.contestant(Spec("prosim,adaptive=none,samples=12"), our_transport)
     their_best = scene.contestant(Spec(f"{integrator}:multijitter"), their_transport, spp=144)
-    groups = [(ours + theirs, [our_best, their_best])] if case.same_light else \
-        [(ours, [our_best]), (theirs, [their_best])]
+    groups = (
+        [(ours + theirs, [our_best, their_best])] if case.same_light else [(ours, [our_best]), (theirs, [their_best])]
+    )
     references = []
     for k, (contestants, estimators) in enumerate(groups):
         reference = runs.reference(cache, f"{scene.key} {case.transports} {k}", estimators, seconds / len(groups))
@@ -63,8 +68,11 @@ def curves(results):
     """Groups runs that differ in the sample count alone: name -> runs."""
     result = {}
     for run in results:
-        name = run.contestant.name.partition(",threshold")[0] if "threshold" in run.contestant.name else \
-            run.contestant.name.partition(",samples")[0]
+        name = (
+            run.contestant.name.partition(",threshold")[0]
+            if "threshold" in run.contestant.name
+            else run.contestant.name.partition(",samples")[0]
+        )
         result.setdefault(name, []).append(run)
     return result
 
@@ -76,8 +84,10 @@ def gains(run, rivals, measure):
     """
     error, result = run.median(measure), []
     for cost in (lambda r: r.median("cpu"), lambda r: r.samples):
-        found = [measures.relative_cost(cost(run), error, [cost(r) for r in curve], [r.median(measure) for r in curve])
-                 for curve in rivals]
+        found = [
+            measures.relative_cost(cost(run), error, [cost(r) for r in curve], [r.median(measure) for r in curve])
+            for curve in rivals
+        ]
         reached = [ratio for ratio, there in filter(None, found) if there]
         result.append(min(reached) if reached else None if None in found else min(ratio for ratio, _ in found))
     return *result, bool(reached)
@@ -91,9 +101,16 @@ def table(results):
     rows = []
     for run in results:
         name = run.contestant.name
-        row = {"name": name.replace("prosim,", ""), "samples": run.samples, "seconds": run.median("seconds"),
-               "cpu": run.median("cpu"), "fastest": min(run.seconds), "slowest": max(run.seconds), "cold": run.cold,
-               **{m: run.median(m) for m in MEASURES}}
+        row = {
+            "name": name.replace("prosim,", ""),
+            "samples": run.samples,
+            "seconds": run.median("seconds"),
+            "cpu": run.median("cpu"),
+            "fastest": min(run.seconds),
+            "slowest": max(run.seconds),
+            "cold": run.cold,
+            **{m: run.median(m) for m in MEASURES},
+        }
         if name.startswith("prosim"):
             row["gain"] = {m: gains(run, theirs, m) for m in MEASURES}
             if "adaptive=none" not in name:
@@ -104,19 +121,29 @@ def table(results):
 
 def markdown(rows):
     """The table as Markdown."""
+
     def gain(row, m, kind="gain"):
         if kind not in row:
             return ""
         time, _, reached = row[kind][m]
         return "–" if time is None else f"{'' if reached else '>'}{time:.1f}"
 
-    lines = ["| | spp | CPU s | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % "
-             "| own RMSE | tone-m. |",
-             "|---" + "|---:" * 12 + "|"]
+    lines = [
+        "| | spp | CPU s | s | cold s | RMSE | tone-mapped | 99 % | relMSE | gain RMSE | tone-m. | 99 % "
+        "| own RMSE | tone-m. |",
+        "|---" + "|---:" * 12 + "|",
+    ]
     for row in rows:
-        cells = [row["name"], f"{row['samples']:.1f}", f"{row['cpu']:.3f}", f"{row['seconds']:.3f}", f"{row['cold']:.2f}",
-                 *(f"{row[m]:.5f}" for m in MEASURES), *(gain(row, m) for m in list(MEASURES)[:3]),
-                 *(gain(row, m, "gain_over_own_uniform") for m in list(MEASURES)[:2])]
+        cells = [
+            row["name"],
+            f"{row['samples']:.1f}",
+            f"{row['cpu']:.3f}",
+            f"{row['seconds']:.3f}",
+            f"{row['cold']:.2f}",
+            *(f"{row[m]:.5f}" for m in MEASURES),
+            *(gain(row, m) for m in list(MEASURES)[:3]),
+            *(gain(row, m, "gain_over_own_uniform") for m in list(MEASURES)[:2]),
+        ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -124,16 +151,25 @@ def markdown(rows):
 def plot(name, results, path):
     """Curves of two measures against time and samples."""
     import matplotlib
+
     matplotlib.use("Agg")
     from matplotlib import pyplot
+
     figure, axes = pyplot.subplots(2, 2, figsize=(13, 9), sharey="row")
     for row, measure in zip(axes, ("rmse", "tone_mapped_rmse")):
-        for axis, cost, label in zip(row, (lambda r: r.median("cpu"), lambda r: r.samples), ("CPU seconds", "samples a pixel")):
+        for axis, cost, label in zip(
+            row, (lambda r: r.median("cpu"), lambda r: r.samples), ("CPU seconds", "samples a pixel")
+        ):
             for curve, points in curves(results).items():
                 points = sorted(points, key=cost)
                 ours = curve.startswith("prosim")
-                axis.loglog([cost(r) for r in points], [r.median(measure) for r in points], "o-" if ours else "x:",
-                            label=curve.replace("prosim,", "ours, "), linewidth=1.8 if ours else 1)
+                axis.loglog(
+                    [cost(r) for r in points],
+                    [r.median(measure) for r in points],
+                    "o-" if ours else "x:",
+                    label=curve.replace("prosim,", "ours, "),
+                    linewidth=1.8 if ours else 1,
+                )
             axis.set_xlabel(label)
             axis.grid(True, which="both", alpha=0.25)
         row[0].set_ylabel(MEASURES[measure])
@@ -153,8 +189,12 @@ def main():
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--output", type=Path, default=Path("benchmarks/results"))
     parser.add_argument("--cache", type=Path, default=runs.cache_folder())
-    parser.add_argument("--only", metavar="REGEX", default=".", help="contestants: those whose 'prosim,PARAMETERS' or "
-                        "'SAMPLER COUNT' holds a match")
+    parser.add_argument(
+        "--only",
+        metavar="REGEX",
+        default=".",
+        help="contestants: those whose 'prosim,PARAMETERS' or 'SAMPLER COUNT' holds a match",
+    )
     parser.add_argument("--quick", action="store_true", help="64 x 64 pixels, few runs: to see that it works")
     options = parser.parse_args()
     if options.quick:
@@ -166,21 +206,47 @@ def main():
     print(", ".join(f"{key} {value}" for key, value in runs.machine().items()))
     for name in options.scene:
         with tempfile.TemporaryDirectory() as folder:
-            results, references = measure(SCENES[name], options.size, options.rounds, options.reference_seconds,
-                                          options.cache, folder, re.compile(options.only).search)
+            results, references = measure(
+                SCENES[name],
+                options.size,
+                options.rounds,
+                options.reference_seconds,
+                options.cache,
+                folder,
+                re.compile(options.only).search,
+            )
         scale = results[0].contestant.scale
         rows = table(results)
         print(f"\n## {name}, {options.size} x {options.size}\n")
         for reference in references:
-            print(f"Reference: standard error {reference.error * scale:.5f}"
-                  + ("" if reference.disagreement is None else
-                     f"; ours and theirs differ by {reference.disagreement:.2f} times their noise, their means by "
-                     f"{reference.mean_difference:+.1f} standard errors"))
+            print(
+                f"Reference: standard error {reference.error * scale:.5f}"
+                + (
+                    ""
+                    if reference.disagreement is None
+                    else f"; ours and theirs differ by {reference.disagreement:.2f} times their noise, their means by "
+                    f"{reference.mean_difference:+.1f} standard errors"
+                )
+            )
         print("\n" + markdown(rows), flush=True)
         plot(name, results, options.output / f"{name}.png")
-        facts = {"scene": name, "size": options.size, "rounds": options.rounds, "machine": runs.machine(), "scale": scale,
-                 "references": [{"error": r.error, "seconds": r.seconds, "disagreement": r.disagreement,
-                                 "mean_difference": r.mean_difference} for r in references], "rows": rows}
+        facts = {
+            "scene": name,
+            "size": options.size,
+            "rounds": options.rounds,
+            "machine": runs.machine(),
+            "scale": scale,
+            "references": [
+                {
+                    "error": r.error,
+                    "seconds": r.seconds,
+                    "disagreement": r.disagreement,
+                    "mean_difference": r.mean_difference,
+                }
+                for r in references
+            ],
+            "rows": rows,
+        }
         (options.output / f"{name}.json").write_text(json.dumps(facts, indent=1))
 
 

@@ -32,8 +32,12 @@ def area(plugin, **parameters):
 
 
 def pairs():
-    spot = {"type": "spot", "intensity": 15.0, "cutoff_angle": 25.0,
-            "to_world": mi.ScalarTransform4f().look_at(PLACE, [1, 2, 1], [0, 0, 1])}
+    spot = {
+        "type": "spot",
+        "intensity": 15.0,
+        "cutoff_angle": 25.0,
+        "to_world": mi.ScalarTransform4f().look_at(PLACE, [1, 2, 1], [0, 0, 1]),
+    }
     return {
         "point": (point("prosim_point"), point("point")),
         "point, cone": (point("prosim_point", **CONE), spot),
@@ -48,16 +52,22 @@ def pairs():
 
 def scene(source, size, spp):
     place = mi.ScalarTransform4f
-    return mi.load_dict({
-        "type": "scene",
-        "integrator": {"type": "path", "max_depth": 4},
-        "sensor": {"type": "perspective", "fov": 35, "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
-                   "sampler": {"type": "independent", "sample_count": spp},
-                   "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}}},
-        "ball": {"type": "sphere", "center": [0, 1, 0]},
-        "floor": {"type": "rectangle", "to_world": place().rotate([1, 0, 0], -90).scale(4)},
-        "source": source,
-    })
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 4},
+            "sensor": {
+                "type": "perspective",
+                "fov": 35,
+                "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
+                "sampler": {"type": "independent", "sample_count": spp},
+                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+            },
+            "ball": {"type": "sphere", "center": [0, 1, 0]},
+            "floor": {"type": "rectangle", "to_world": place().rotate([1, 0, 0], -90).scale(4)},
+            "source": source,
+        }
+    )
 
 
 def main():
@@ -72,7 +82,9 @@ def main():
 
     print(f"{'source':26}{'time ms':>9}{'time ratio':>12}{'variance ratio':>16}")
     for name, (ours, theirs) in pairs().items():
-        seconds, speed, variance = compare(*(scene(x, options.size, options.spp) for x in (ours, theirs)), options.rounds)
+        seconds, speed, variance = compare(
+            *(scene(x, options.size, options.spp) for x in (ours, theirs)), options.rounds
+        )
         print(f"{name:26}{1e3 * seconds:9.0f}{speed:12.2f}{variance:16.2f}", flush=True)
 
 

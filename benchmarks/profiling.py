@@ -40,6 +40,7 @@ def probe(name, width, height, only_first):
     import mitsuba as mi
     import mitsuba_prosim  # noqa: F401  (registers the plugins)
     import numpy as np
+
     mi.set_variant("llvm_ad_rgb")
     mi.set_log_level(mi.LogLevel.Error)
     from mitsuba_prosim.compare.scenes import Spec
@@ -75,8 +76,14 @@ def probe(name, width, height, only_first):
     before = memory()
     entries, first = history(render)
     jit = [e for e in entries if e["type"] == dr.KernelType.JIT]
-    result = {"first": first, "kernels": len(jit), "memory_before": before, "memory": memory(),
-              "codegen": sum(e["codegen_time"] for e in jit) / 1e3, "backend": sum(e["backend_time"] for e in jit) / 1e3}
+    result = {
+        "first": first,
+        "kernels": len(jit),
+        "memory_before": before,
+        "memory": memory(),
+        "codegen": sum(e["codegen_time"] for e in jit) / 1e3,
+        "backend": sum(e["backend_time"] for e in jit) / 1e3,
+    }
     if only_first:
         return result
 
@@ -138,8 +145,13 @@ def probe(name, width, height, only_first):
 def in_process(home, *arguments):
     """The result of :func:`probe` in another process, whose home folder holds Dr.Jit's kernel cache."""
     # LIBLLVM is named by a start-up file, which does not depend on the home folder.
-    run = subprocess.run([sys.executable, __file__, "--probe", *map(str, arguments)], env=os.environ | {"HOME": home},
-                         check=False, capture_output=True, text=True)
+    run = subprocess.run(
+        [sys.executable, __file__, "--probe", *map(str, arguments)],
+        env=os.environ | {"HOME": home},
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     if run.returncode:
         sys.exit(run.stderr)
     return json.loads(run.stdout.splitlines()[-1])
@@ -157,8 +169,10 @@ def main():
         print(json.dumps(probe(name, int(width), int(height), only_first == "True")))
         return
     print(f"{options.size} x {options.size}, N = 5, adaptive = neighbours\n")
-    print("| | cold s | of it code generation, LLVM | cached s | warm s | launches | overhead | Msamples/s | Mrays/s | "
-          "bare Mrays/s | MB before, after |")
+    print(
+        "| | cold s | of it code generation, LLVM | cached s | warm s | launches | overhead | Msamples/s | Mrays/s | "
+        "bare Mrays/s | MB before, after |"
+    )
     print("|---|" + "---:|" * 10)
     results = {}
     for name in options.scene:
@@ -166,9 +180,12 @@ def main():
             cold = in_process(home, name, options.size, options.size, True)
             r = results[name] = in_process(home, name, options.size, options.size, False)
         rays = f"{r['rays'] / 1e6:.1f}" if r["rays"] else ""
-        print(f"| {name} | {cold['first']:.2f} | {cold['codegen']:.2f}, {cold['backend']:.2f} | {r['first']:.2f} | "
-              f"{r['warm']:.3f} | {r['launches']} | {r['overhead']:.1%} | {r['samples'] / 1e6:.1f} | {rays} | "
-              f"{r['bare'] / 1e6:.1f} | {cold['memory_before']:.0f}, {cold['memory']:.0f} |", flush=True)
+        print(
+            f"| {name} | {cold['first']:.2f} | {cold['codegen']:.2f}, {cold['backend']:.2f} | {r['first']:.2f} | "
+            f"{r['warm']:.3f} | {r['launches']} | {r['overhead']:.1%} | {r['samples'] / 1e6:.1f} | {rays} | "
+            f"{r['bare'] / 1e6:.1f} | {cold['memory_before']:.0f}, {cold['memory']:.0f} |",
+            flush=True,
+        )
     print("\nKernels compiled again:")
     for name, r in results.items():
         print(f"- {name}: " + ", ".join(f"{what} {count}" for what, count in r["compiled_again"].items()))
@@ -177,8 +194,10 @@ def main():
         with tempfile.TemporaryDirectory() as home:
             r = in_process(home, options.scene[0], width, height, True)
         image = width * height * 3 * 4 / (1 << 20)
-        print(f"\n{options.scene[0]} at {width} x {height}: {r['first']:.1f} s, at most {r['memory']:.0f} MB, of which "
-              f"{r['memory_before']:.0f} MB before rendering and {image:.0f} MB are the image")
+        print(
+            f"\n{options.scene[0]} at {width} x {height}: {r['first']:.1f} s, at most {r['memory']:.0f} MB, of which "
+            f"{r['memory_before']:.0f} MB before rendering and {image:.0f} MB are the image"
+        )
 
 
 if __name__ == "__main__":

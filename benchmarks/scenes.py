@@ -34,26 +34,44 @@ def ball(center, radius, bsdf):
 
 
 def lamp(center, radius, radiance):
-    return {"type": "sphere", "center": center, "radius": radius,
-            "emitter": {"type": "area", "radiance": rgb(*[radiance] * 3)}}
+    return {
+        "type": "sphere",
+        "center": center,
+        "radius": radius,
+        "emitter": {"type": "area", "radiance": rgb(*[radiance] * 3)},
+    }
 
 
 def camera(origin, target, fov):
-    return {"type": "perspective", "fov": fov,
-            "to_world": mi.ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 1, 0])}
+    return {
+        "type": "perspective",
+        "fov": fov,
+        "to_world": mi.ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 1, 0]),
+    }
 
 
 def stage(**things):
     """A floor and a wall, seen from the front, and a lamp before them."""
-    return {"sensor": camera([0, 2.2, 6], [0, 0.9, 0], 40), "floor": floor(diffuse(0.6, 0.6, 0.5)),
-            "wall": {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, -2]).scale(6),
-                     "bsdf": diffuse(0.6, 0.45, 0.4)},
-            "lamp": lamp([-3, 3.5, 3], 0.5, 75.0)} | things
+    return {
+        "sensor": camera([0, 2.2, 6], [0, 0.9, 0], 40),
+        "floor": floor(diffuse(0.6, 0.6, 0.5)),
+        "wall": {
+            "type": "rectangle",
+            "to_world": mi.ScalarTransform4f().translate([0, 0, -2]).scale(6),
+            "bsdf": diffuse(0.6, 0.45, 0.4),
+        },
+        "lamp": lamp([-3, 3.5, 3], 0.5, 75.0),
+    } | things
 
 
 def pole():
-    return {"type": "cylinder", "p0": [-1.2, 0, 0.3], "p1": [-1.2, 2.4, 0.3], "radius": 0.12,
-            "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)}}
+    return {
+        "type": "cylinder",
+        "p0": [-1.2, 0, 0.3],
+        "p1": [-1.2, 2.4, 0.3],
+        "radius": 0.12,
+        "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)},
+    }
 
 
 def copper(alpha):
@@ -72,12 +90,15 @@ def copper_ball():
 
 def rough_floor(alpha):
     """Balls above a metal floor (figures 5.3 to 5.5: the same floor at three roughnesses)."""
-    return {"sensor": camera([0, 2.0, 6], [0, 0.6, 0], 38), "floor": floor(copper(alpha), 10),
-            "lamp": lamp([-3, 4, 2], 0.6, 50.0),
-            "sky": {"type": "constant", "radiance": rgb(0.3, 0.36, 0.5)},
-            "red": ball([-1.1, 0.7, 0], 0.7, diffuse(0.8, 0.2, 0.15)),
-            "blue": ball([0.8, 0.9, -0.6], 0.9, diffuse(0.2, 0.3, 0.8)),
-            "green": ball([0.4, 0.35, 1.2], 0.35, diffuse(0.2, 0.7, 0.2))}
+    return {
+        "sensor": camera([0, 2.0, 6], [0, 0.6, 0], 38),
+        "floor": floor(copper(alpha), 10),
+        "lamp": lamp([-3, 4, 2], 0.6, 50.0),
+        "sky": {"type": "constant", "radiance": rgb(0.3, 0.36, 0.5)},
+        "red": ball([-1.1, 0.7, 0], 0.7, diffuse(0.8, 0.2, 0.15)),
+        "blue": ball([0.8, 0.9, -0.6], 0.9, diffuse(0.2, 0.3, 0.8)),
+        "green": ball([0.4, 0.35, 1.2], 0.35, diffuse(0.2, 0.7, 0.2)),
+    }
 
 
 def many_lights():
@@ -93,11 +114,13 @@ def glass():
     v, u = np.mgrid[0:128, 0:256] / np.array([128, 256]).reshape(2, 1, 1)
     sky = (0.08 + 0.25 * ((u * 16) % 1 < 0.5) * (v < 0.7) + 0.1 * v)[..., None] * np.array([0.9, 1.0, 1.1])
     glass = {"type": "dielectric", "int_ior": 1.5}
-    return {"sensor": camera([0, 0.6, 6], [0, 0, 0], 38),
-            "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky.astype(np.float32))},
-            "big": ball([-0.7, 0, 0], 1.2, glass), "hollow": ball([-0.7, 0, 0], 1.0, {"type": "dielectric",
-                                                                                    "int_ior": 1.0, "ext_ior": 1.5}),
-            "small": ball([1.3, -0.3, 0.6], 0.8, glass)}
+    return {
+        "sensor": camera([0, 0.6, 6], [0, 0, 0], 38),
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky.astype(np.float32))},
+        "big": ball([-0.7, 0, 0], 1.2, glass),
+        "hollow": ball([-0.7, 0, 0], 1.0, {"type": "dielectric", "int_ior": 1.0, "ext_ior": 1.5}),
+        "small": ball([1.3, -0.3, 0.6], 0.8, glass),
+    }
 
 
 def cornell_box():
@@ -116,9 +139,15 @@ class BuiltScene(Scene):
     def load(self, sampler):
         scene = self.make()
         scene["sensor"] = scene["sensor"] | {
-            "film": {"type": "hdrfilm", "width": self.size, "height": self.size, "pixel_format": "rgb",
-                     "rfilter": {"type": "box"}},
-            "sampler": {"type": sampler or "independent"}}
+            "film": {
+                "type": "hdrfilm",
+                "width": self.size,
+                "height": self.size,
+                "pixel_format": "rgb",
+                "rfilter": {"type": "box"},
+            },
+            "sampler": {"type": sampler or "independent"},
+        }
         return mi.load_dict({"type": "scene"} | scene)
 
 

@@ -25,8 +25,12 @@ def film():
 
 def camera(origin, target, fov):
     T = mi.ScalarTransform4f
-    return {"type": "perspective", "fov": fov, "film": film(),
-            "to_world": T().look_at(origin=origin, target=target, up=[0, 1, 0])}
+    return {
+        "type": "perspective",
+        "fov": fov,
+        "film": film(),
+        "to_world": T().look_at(origin=origin, target=target, up=[0, 1, 0]),
+    }
 
 
 def lambertian(reflectance):
@@ -38,8 +42,12 @@ def rgb(*value):
 
 
 def checkerboard(a, b, scale):
-    return {"type": "checkerboard", "color0": rgb(*a), "color1": rgb(*b),
-            "to_uv": mi.ScalarTransform4f().scale([scale, scale, 1])}
+    return {
+        "type": "checkerboard",
+        "color0": rgb(*a),
+        "color1": rgb(*b),
+        "to_uv": mi.ScalarTransform4f().scale([scale, scale, 1]),
+    }
 
 
 def floor(bsdf, size=12):
@@ -58,16 +66,31 @@ def ball(bsdf):
 
 
 def lamp(center=(-3, 5, 4), radius=0.9, radiance=28):
-    return {"type": "sphere", "center": list(center), "radius": radius,
-            "emitter": {"type": "prosim_area", "radiance": radiance}}
+    return {
+        "type": "sphere",
+        "center": list(center),
+        "radius": radius,
+        "emitter": {"type": "prosim_area", "radiance": radiance},
+    }
 
 
 def studio(**more):
     """A checkered floor under a blue sky and a spherical lamp."""
-    return {"type": "scene", "sensor": camera([0, 1.9, 5.2], [0, 0.92, 0], 28), "lamp": lamp(),
-            "integrator": {"type": "prosim", "samples": 7, "threshold": 0.003, "max_level": 5, "ambient": 0.25,
-                           "background": rgb(0.30, 0.42, 0.58)},
-            "floor": floor(lambertian(checkerboard((0.45, 0.42, 0.38), (0.12, 0.14, 0.2), 14))), **more}
+    return {
+        "type": "scene",
+        "sensor": camera([0, 1.9, 5.2], [0, 0.92, 0], 28),
+        "lamp": lamp(),
+        "integrator": {
+            "type": "prosim",
+            "samples": 7,
+            "threshold": 0.003,
+            "max_level": 5,
+            "ambient": 0.25,
+            "background": rgb(0.30, 0.42, 0.58),
+        },
+        "floor": floor(lambertian(checkerboard((0.45, 0.42, 0.38), (0.12, 0.14, 0.2), 14))),
+        **more,
+    }
 
 
 def material(entry):
@@ -80,10 +103,15 @@ def texture(entry):
 
 def source(entry):
     """Above a floor before a wall, and seen itself; a ball beside its beam's axis."""
-    return {"type": "scene", "sensor": camera([0, 4, 15], [0, 2.7, 0], 28), "source": entry,
-            "integrator": {"type": "prosim", "samples": 7, "threshold": 0.003, "ambient": 0.04},
-            "floor": floor(lambertian(0.6)), "wall": wall(lambertian(0.5), -2.2),
-            "ball": {"type": "sphere", "center": [0.9, 0.8, 0.4], "radius": 0.8, "bsdf": lambertian(rgb(0.6, 0.3, 0.15))}}
+    return {
+        "type": "scene",
+        "sensor": camera([0, 4, 15], [0, 2.7, 0], 28),
+        "source": entry,
+        "integrator": {"type": "prosim", "samples": 7, "threshold": 0.003, "ambient": 0.04},
+        "floor": floor(lambertian(0.6)),
+        "wall": wall(lambertian(0.5), -2.2),
+        "ball": {"type": "sphere", "center": [0.9, 0.8, 0.4], "radius": 0.8, "bsdf": lambertian(rgb(0.6, 0.3, 0.15))},
+    }
 
 
 def view(entry):
@@ -144,8 +172,9 @@ def main(only):
                 scene = mi.load_dict(scene_of(example(docstring)))
                 image = np.array(mi.render(scene, seed=1))[:, :, :3]
                 exposure = 1.4 if folder in ("bsdfs", "textures", "sensors") else 1 / np.quantile(image, 0.99)
-                mi.Bitmap(image * np.float32(exposure)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True).write(
-                    str(DOCS / "pictures" / f"{name}.jpg"), quality=88)
+                mi.Bitmap(image * np.float32(exposure)).convert(
+                    mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True
+                ).write(str(DOCS / "pictures" / f"{name}.jpg"), quality=88)
     for name, draw in {"nrook.jpg": sampler, "passes.png": passes, "association.png": association}.items():
         if not only or Path(name).stem in only:
             draw().savefig(DOCS / "pictures" / name, dpi=100)

@@ -68,6 +68,7 @@ def draw(name, path, factor):
         image.convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(str(path))
         return
     from matplotlib.figure import Figure
+
     function, inches = DRAWN[name]
     figure = Figure(figsize=inches, layout="constrained")
     function(figure)
@@ -81,8 +82,9 @@ def main(arguments=None):
     parser.add_argument("--only", nargs="+", default=[""], metavar="FIGURE", help="such as 5.1 or 5.18-path")
     parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba (default: %(default)s)")
     options = parser.parse_args(arguments)
-    names = [name for name in [*DRAWN, *RENDERED]
-             if any(only in ("", name, name.split("-")[0]) for only in options.only)]
+    names = [
+        name for name in [*DRAWN, *RENDERED] if any(only in ("", name, name.split("-")[0]) for only in options.only)
+    ]
     if not names:
         parser.error(f"there is no figure {' or '.join(options.only)}; there are {', '.join([*DRAWN, *RENDERED])}")
     mi.set_variant(options.variant)

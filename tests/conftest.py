@@ -58,7 +58,9 @@ def pytest_collection_modifyitems(items):
 
     def place(item):
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
-        return max((VARIANTS.index(v) for name, v in parameters.items() if name.startswith("variant") and v in VARIANTS),
-                   default=0)
+        return max(
+            (VARIANTS.index(v) for name, v in parameters.items() if name.startswith("variant") and v in VARIANTS),
+            default=0,
+        )
 
     items.sort(key=place)

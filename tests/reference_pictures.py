@@ -86,7 +86,11 @@ def main():
         else:
             pixels, mean, largest = changes(image, reference)
             print(f"{name:20}{pixels:9.1%}{mean:10.2%}{largest:10.1%}   {'' if same(image, reference) else 'yes'}")
-            sheet = np.concatenate([reference, image, 0.2 + 4 * np.abs(image - reference)], axis=1).repeat(6, 0).repeat(6, 1)
+            sheet = (
+                np.concatenate([reference, image, 0.2 + 4 * np.abs(image - reference)], axis=1)
+                .repeat(6, 0)
+                .repeat(6, 1)
+            )
             mi.util.write_bitmap(str(SHOWN / f"{name}.png"), sheet.astype(np.float32))
         if options.keep:
             keep(name, image)

@@ -17,9 +17,27 @@ pytestmark = pytest.mark.docs
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     out = tmp_path_factory.mktemp("site")
-    done = subprocess.run([sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(out),
-                           "-D", "notebooks=unrun", "-d", str(out / ".doctrees")],
-                          check=False, capture_output=True, text=True)
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            "-W",
+            "--keep-going",
+            "-q",
+            "-b",
+            "html",
+            str(DOCS),
+            str(out),
+            "-D",
+            "notebooks=unrun",
+            "-d",
+            str(out / ".doctrees"),
+        ],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     return out
 
@@ -50,9 +68,11 @@ def test_the_site_needs_no_network(site):
         text = page.read_text("utf-8")
         fetched = re.findall(r'<(?:script|img|source|iframe)[^>]*\bsrc="([^"]*)"', text)
         fetched += re.findall(r'<link[^>]*\brel="(?:stylesheet|preload|icon)"[^>]*\bhref="([^"]*)"', text)
-        assert fetched and not [link for link in fetched if "//" in link], page.name
+        assert fetched and not [link for link in fetched if re.match("(https?:)?//", link)], page.name
     assert "<math" in (site / "plugins" / "bsdfs.html").read_text("utf-8")
-    assert not [sheet for sheet in site.rglob("*.css") if re.search(r"url\([\"']?(?:https?:)?//", sheet.read_text("utf-8"))]
+    assert not [
+        sheet for sheet in site.rglob("*.css") if re.search(r"url\([\"']?(?:https?:)?//", sheet.read_text("utf-8"))
+    ]
 
 
 def test_every_notebook_has_a_page(site):
@@ -60,3 +80,14 @@ def test_every_notebook_has_a_page(site):
     for notebook in DOCS.parent.glob("examples/*.ipynb"):
         assert f'href="notebooks/{notebook.stem}.html"' in index
         assert 'download="" href="../_downloads' in (site / "notebooks" / f"{notebook.stem}.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_links_of_pages_outside_the_site_lead_somewhere(name):
+    text = (DOCS.parent / name).read_text("utf-8")
+    links = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text)
+    for link in links:
+        if not link.startswith("http"):
+            assert (DOCS.parent / link.partition("#")[0]).exists(), link
+    if name == "README.md":
+        assert links

@@ -23,11 +23,17 @@ def test_nothing_in_a_scene_is_doubtful(path, recwarn):
     assert not [w for w in recwarn if issubclass(w.category, prosim_scene.SceneWarning)]
 
 
-@pytest.mark.parametrize("name", [*figures.DRAWN, pytest.param("5.14-samples", marks=pytest.mark.slow),
-                                  pytest.param("5.18-path", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *figures.DRAWN,
+        pytest.param("5.14-samples", marks=pytest.mark.slow),
+        pytest.param("5.18-path", marks=pytest.mark.slow),
+    ],
+)
 def test_figure_is_drawn(variant_rgb, tmp_path, name):
     path = tmp_path / f"{name}.png"
-    if name == "5.18-path":                                         # 16 samples instead of its many
+    if name == "5.18-path":  # 16 samples instead of its many
         image = scenes.render_path("caustica", 0.1, 16)
     else:
         figures.draw(name, path, 0.1)
@@ -80,7 +86,7 @@ def regions(converged):
 
 
 def rmse(image, reference, where):
-    return np.sqrt(np.mean((image - reference)[where]**2))
+    return np.sqrt(np.mean((image - reference)[where] ** 2))
 
 
 @pytest.mark.slow

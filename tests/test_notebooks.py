@@ -19,8 +19,12 @@ def test_notebook_runs(path, monkeypatch):
     monkeypatch.setenv("PROSIM_SMALL", "1")
     notebook = nbformat.read(path, as_version=4)
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(path.parent)}}).execute()
-    errors = [output for cell in notebook.cells for output in cell.get("outputs", [])
-              if output.output_type == "stream" and output.name == "stderr"]
+    errors = [
+        output
+        for cell in notebook.cells
+        for output in cell.get("outputs", [])
+        if output.output_type == "stream" and output.name == "stderr"
+    ]
     assert not errors
 
 

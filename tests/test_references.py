@@ -10,18 +10,23 @@ import reference_pictures as references
 QUICK = ("caustica", "palito")
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow)
-                                  for name in references.NAMES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in references.NAMES]
+)
 def test_example_is_its_reference(variant_rgb, name):
     if name == "palito" and mi.__version__ == "3.9.0":
         pytest.skip("tangents of meshes, which say how large a pixel is on the stripes, are those of Mitsuba 3.9.1")
     image, reference = references.render(name), references.kept(name)
-    assert reference is not None, f"tests/references has no {name}.exr: python tests/reference_pictures.py --keep {name}"
+    assert reference is not None, (
+        f"tests/references has no {name}.exr: python tests/reference_pictures.py --keep {name}"
+    )
     if not references.same(image, reference):
         pixels, mean, largest = references.changes(image, reference)
         note = f"{pixels:.1%} of the pixels have changed, the mean by {mean:.2%}, one by {largest:.1%}"
         folder = evidence.leave(note, image=image, reference=reference, difference=image - reference)
-        pytest.fail(f"{note}. See {folder}. If that is as it should be: python tests/reference_pictures.py --keep {name}")
+        pytest.fail(
+            f"{note}. See {folder}. If that is as it should be: python tests/reference_pictures.py --keep {name}"
+        )
 
 
 @pytest.mark.parametrize("name", references.NAMES)

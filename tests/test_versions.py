@@ -19,6 +19,12 @@ def test_quick_tests_pass(tmp_path, packages):
     python = tmp_path / "bin" / "python"
     subprocess.run([python, "-m", "pip", "install", "-q", f"{ROOT}[test]", *packages], check=True)
     alone = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "DRJIT_LIBLLVM_PATH")}
-    done = subprocess.run([python, "-m", "pytest", "-p", "no:cacheprovider"], check=False, cwd=ROOT, env=alone,
-                          capture_output=True, text=True)
+    done = subprocess.run(
+        [python, "-m", "pytest", "-p", "no:cacheprovider"],
+        check=False,
+        cwd=ROOT,
+        env=alone,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stdout[-10000:]

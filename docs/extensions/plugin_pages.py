@@ -17,8 +17,16 @@ SOURCES = Path(__file__).parents[2] / "plugins" / "mitsuba_prosim"
 
 #: Where a reference such as ``bsdf-conductor`` is found on Mitsuba's site, by what stands before the hyphen.
 MITSUBA = "https://mitsuba.readthedocs.io/en/stable/src/generated/plugins_{}.html#{}"
-MITSUBA_PAGES = {"bsdf": "bsdfs", "emitter": "emitters", "texture": "textures", "sensor": "sensors",
-                 "sampler": "samplers", "integrator": "integrators", "shape": "shapes", "film": "films"}
+MITSUBA_PAGES = {
+    "bsdf": "bsdfs",
+    "emitter": "emitters",
+    "texture": "textures",
+    "sensor": "sensors",
+    "sampler": "samplers",
+    "integrator": "integrators",
+    "shape": "shapes",
+    "film": "films",
+}
 
 
 def plugins(folder):

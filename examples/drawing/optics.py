@@ -11,8 +11,14 @@ RGB = ("#c33", "#393", "#33c")
 
 
 def fresnel_axes(figure, title):
-    axes = figure.add_subplot(xlim=(0, 90), ylim=(0, 1), title=title, xticks=range(0, 91, 15),
-                              xlabel="angle of incidence (degrees)", ylabel="reflectance")
+    axes = figure.add_subplot(
+        xlim=(0, 90),
+        ylim=(0, 1),
+        title=title,
+        xticks=range(0, 91, 15),
+        xlabel="angle of incidence (degrees)",
+        ylabel="reflectance",
+    )
     axes.grid(alpha=0.3)
     return axes
 
@@ -31,8 +37,11 @@ def dielectric_inside(figure):
     angles = np.linspace(0, 89.99, 500)
     for n in (1.3, 1.5, 2.0, 2.5):
         bsdf = mi.load_dict({"type": "prosim_dielectric", "int_ior": n, "ext_ior": 1.0})
-        axes.plot(angles, np.array(curves.reflectance(bsdf, 180 - angles))[0],
-                  label=f"n = {n}: total\nfrom {np.degrees(np.arcsin(1 / n)):.1f}°")
+        axes.plot(
+            angles,
+            np.array(curves.reflectance(bsdf, 180 - angles))[0],
+            label=f"n = {n}: total\nfrom {np.degrees(np.arcsin(1 / n)):.1f}°",
+        )
     axes.legend(loc="center right")
 
 
@@ -73,8 +82,12 @@ def lobes(figure, incidence):
     models = {
         "Torrance-Sparrow": {"type": "prosim_conductor", "material": "none", "alpha": slope},
         # About the mirror direction a lobe is twice as wide as about the bisector: a quarter of the exponent.
-        "Phong": {"type": "prosim_phong", "diffuse_reflectance": 0.0, "specular_reflectance": 1.0,
-                  "exponent": (2 / slope**2 - 2) / 4},
+        "Phong": {
+            "type": "prosim_phong",
+            "diffuse_reflectance": 0.0,
+            "specular_reflectance": 1.0,
+            "exponent": (2 / slope**2 - 2) / 4,
+        },
     }
     for place, (name, description) in zip((121, 122), models.items()):
         bsdf = mi.load_dict(description)

@@ -17,7 +17,7 @@ def square(figure, place, strata=0, title=None):
 
 
 def numbered(axes, points, color="C0"):
-    for i, (x, y) in enumerate(np.clip(points, 0.04, 0.96)):     # not over the frame
+    for i, (x, y) in enumerate(np.clip(points, 0.04, 0.96)):  # not over the frame
         axes.text(x, y, str(i + 1), color=color, ha="center", va="center", weight="bold")
 
 
@@ -48,7 +48,9 @@ def equal_regions(axes, x, density, regions):
 def importance(figure):
     axes = figure.add_subplot(xlabel="X", ylabel="P(X)")
     x = np.linspace(0, 1, 2001)
-    edges = equal_regions(axes, x, 0.15 + np.exp(-((x - 0.42) / 0.13)**2) + 0.3 * np.exp(-((x - 0.8) / 0.1)**2), 8)
+    edges = equal_regions(
+        axes, x, 0.15 + np.exp(-(((x - 0.42) / 0.13) ** 2)) + 0.3 * np.exp(-(((x - 0.8) / 0.1) ** 2)), 8
+    )
     u = np.random.default_rng(4).random(8)
     axes.plot(edges[:-1] + u * np.diff(edges), np.zeros(8), "ko", clip_on=False, zorder=3)
 
@@ -88,6 +90,7 @@ def rotation(figure):
 def four_rays(figure):
     """In a plane: 4 rays through a pixel, each with a stratum of the pixel, of the source and of the reflected lobe."""
     from matplotlib.patches import Circle
+
     rng = np.random.default_rng(11)
     axes = figure.add_subplot(aspect="equal", xlim=(-0.6, 10.2), ylim=(-0.6, 6.4))
     axes.axis("off")
@@ -97,16 +100,21 @@ def four_rays(figure):
     axes.plot([-0.4, 10], [0, 0], "-", color="0.4", lw=3)
     axes.plot([1.6, 1.6], [2.9, 3.3], "-", color="0.4", lw=3)
     axes.plot(*eye, "ko")
-    for (x, y), name in (((-0.3, 4.7), "eye"), ((0.75, 2.75), "pixel"), ((5.95, 5.5), "source"), ((1.6, -0.45), "rough floor")):
+    for (x, y), name in (
+        ((-0.3, 4.7), "eye"),
+        ((0.75, 2.75), "pixel"),
+        ((5.95, 5.5), "source"),
+        ((1.6, -0.45), "rough floor"),
+    ):
         axes.text(x, y, name)
     pixel, source, lobe = ((rng.permutation(4) + rng.random(4)) / 4 for _ in range(3))
     for i in range(4):
         d = np.array([1.6, 2.9 + 0.4 * pixel[i]]) - eye
         hit = eye - d * eye[1] / d[1]
-        angle = np.arctan2(-d[1], d[0]) + 0.5 * (lobe[i] - 0.5)       # of the ray reflected upwards, within its lobe
+        angle = np.arctan2(-d[1], d[0]) + 0.5 * (lobe[i] - 0.5)  # of the ray reflected upwards, within its lobe
         out = np.array([np.cos(angle), np.sin(angle)])
         b = np.dot(ball - hit, out)
-        inside = radius**2 - np.sum((ball - hit)**2) + b**2
+        inside = radius**2 - np.sum((ball - hit) ** 2) + b**2
         end = hit + out * (b - np.sqrt(inside) if inside > 0 else 5)
         across = np.array([lamp[1], hit[0] - lamp[0]]) / np.hypot(lamp[1], hit[0] - lamp[0])
         axes.plot(*np.stack([eye, hit, end]).T, "-", color=f"C{i}", lw=1)

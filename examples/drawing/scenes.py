@@ -36,12 +36,15 @@ def render_path(name, factor, spp):
     """The same scene by Mitsuba's path tracer. The background lights it; there is no ambient term."""
     description = load(name, factor)
     background = description["integrator"]["background"]
-    description["integrator"] = {"type": "path", "max_depth": description["integrator"]["max_level"] + 2,
-                                 "hide_emitters": True}
+    description["integrator"] = {
+        "type": "path",
+        "max_depth": description["integrator"]["max_level"] + 2,
+        "hide_emitters": True,
+    }
     description["background"] = {"type": "constant", "radiance": background}
     scene = mi.load_dict(description)
     image, done = 0, 0
-    while done < spp:                                # a part at a time, for the memory
+    while done < spp:  # a part at a time, for the memory
         part = min(64, spp - done)
         image = image + part * np.array(mi.render(scene, spp=part, seed=done))
         done += part

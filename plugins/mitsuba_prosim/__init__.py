@@ -4,6 +4,7 @@ Importing this package registers its plugins, now if a variant is set, and again
 
     import mitsuba as mi
     import mitsuba_prosim
+
     mi.set_variant("llvm_ad_rgb")
 
 Mitsuba 3.10 and later find the package by themselves through the entry-point group ``mitsuba``.

@@ -43,7 +43,7 @@ def requirement() -> str:
 
     try:
         wanted = requires("mitsuba-prosim") or []
-    except PackageNotFoundError:                # run from its sources alone
+    except PackageNotFoundError:  # run from its sources alone
         wanted = []
     stated = (line.partition(";")[0].strip() for line in wanted if line.startswith("karellen-llvm-core"))
     return next(stated, "karellen-llvm-core")
@@ -51,14 +51,18 @@ def requirement() -> str:
 
 def problem() -> str | None:
     """Says what is wrong if the LLVM variants would abort the process or can't be had; None if all is well."""
-    advice = (f"Install LLVM {OLDEST_ON_X86} or later (on x86-64 Linux: pip install '{requirement()}'; elsewhere: "
-              "apt install libllvm19, brew install llvm or the like), see that DRJIT_LIBLLVM_PATH is unset or names "
-              "its libLLVM, and start again. The variant scalar_rgb needs none.")
     found = version()
+    if found is not None and (found[0] >= OLDEST_ON_X86 or platform.machine() not in ("x86_64", "AMD64")):
+        return None
+    advice = (
+        f"Install LLVM {OLDEST_ON_X86} or later (on x86-64 Linux: pip install '{requirement()}'; elsewhere: "
+        "apt install libllvm19, brew install llvm or the like), see that DRJIT_LIBLLVM_PATH is unset or names "
+        "its libLLVM, and start again. The variant scalar_rgb needs none."
+    )
     if found is None:
         path = os.environ.get("DRJIT_LIBLLVM_PATH")
         return f"Dr.Jit found no usable LLVM{f' (DRJIT_LIBLLVM_PATH is {path})' if path else ''}. {advice}"
-    if platform.machine() in ("x86_64", "AMD64") and found[0] < OLDEST_ON_X86:
-        return (f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on "
-                f"this processor, it would abort the process. {advice}")
-    return None
+    return (
+        f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on "
+        f"this processor, it would abort the process. {advice}"
+    )

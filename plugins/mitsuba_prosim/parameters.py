@@ -29,8 +29,9 @@ def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueEr
     return ValueError(f'{where}: parameter "{name}" is {value!r}; allowed: {allowed}.')
 
 
-def number(props: mi.Properties, name: str, default: float | None, low: float, high: float = inf,
-           open_below: bool = False) -> float:
+def number(
+    props: mi.Properties, name: str, default: float | None, low: float, high: float = inf, open_below: bool = False
+) -> float:
     """A finite number from ``low`` to ``high``, without ``low`` itself if ``open_below``.
 
     Without a ``default`` (None) the parameter must be given. Raises ValueError for anything else.

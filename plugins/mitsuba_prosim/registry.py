@@ -37,11 +37,13 @@ def plugin(kind: str, name: str) -> Callable[[type], type]:
     merge two equal emitters, and writing XML would fail, if the name were unknown there); so the name is made known
     to that variant too. Only its type is asked for: the real class takes over when ``scalar_rgb`` becomes active.
     """
+
     def register(cls: type) -> type:
         for variant in {mi.variant(), "scalar_rgb"}:
             getattr(getattr(mi, variant), "register_" + kind)(name, cls)
         PLUGINS[name] = cls
         return cls
+
     return register
 
 

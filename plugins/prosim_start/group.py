@@ -28,7 +28,8 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module, _, name = COMMANDS[cmd_name][0].partition(":")
-        return getattr(importlib.import_module(f"mitsuba_prosim.command.{module}"), name)
+        command: click.Command = getattr(importlib.import_module(f"mitsuba_prosim.command.{module}"), name)
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes the list of commands."""

@@ -12,6 +12,18 @@ from .language.files import read, rewrite
 from .language.formatter import format
 from .language.messages import SceneError, SceneWarning
 from .model import Scene
-from .translator import check, load, translate
+from .translator import check, document, load, translate
 
-__all__ = ["Scene", "SceneError", "SceneWarning", "check", "format", "load", "parse", "read", "rewrite", "translate"]
+__all__ = [
+    "Scene",
+    "SceneError",
+    "SceneWarning",
+    "check",
+    "document",
+    "format",
+    "load",
+    "parse",
+    "read",
+    "rewrite",
+    "translate",
+]

@@ -175,8 +175,17 @@ def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[
 # ---- Entry points ----------------------------------------------------------------------------------------------------
 
 
+def document(path: AnyPath) -> Document:
+    """A scene file, read: the scene, and the places of its values.
+
+    :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
+    asked for first is read but once. Raises :class:`SceneError`.
+    """
+    return document_of(read(path), path)
+
+
 def translate(
-    source_path: AnyPath,
+    source: AnyPath | Document,
     out_dir: AnyPath | None = None,
     *,
     target: str = "prosim",
@@ -186,7 +195,7 @@ def translate(
     samples: int | None = None,
     allow_outside: bool = False,
 ) -> Path:
-    """Translates a scene file to ``<out_dir>/<stem>.xml``, whose path it returns, and meshes in ``<stem>-meshes``.
+    """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
     ``out_dir``
         Folder of the result, made if need be; by default the scene's own.
@@ -205,13 +214,6 @@ def translate(
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
     """
-    source_path = Path(source_path)
-    if not xml.can_say(source_path.stem):
-        raise SceneError(
-            f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
-            "it; expected a name of printable characters, in UTF-8",
-            str(source_path),
-        )
     options = Options(
         target=target,
         light_units=light_units,
@@ -220,10 +222,18 @@ def translate(
         samples=samples,
         allow_outside=allow_outside,
     )
-    document = document_of(read(source_path), source_path)
+    opened = source if isinstance(source, Document) else document(source)
+    source_path = Path(opened.source.filename)
+    if not xml.can_say(source_path.stem):
+        raise SceneError(
+            f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
+            "it; expected a name without control characters, in UTF-8",
+            str(source_path),
+        )
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
-    if (folder / f"{stem}.xml").exists() and os.path.samefile(folder / f"{stem}.xml", source_path):
+    result = folder / f"{stem}.xml"
+    if result.exists() and source_path.exists() and result.samefile(source_path):
         raise SceneError(
             f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
             "such as .scn, or choose another folder",
@@ -241,23 +251,23 @@ def translate(
         meshes[file := output.mesh_name(name, content)] = content
         return f"{output.meshes_folder(stem)}/{file}"
 
-    tree = {"mark": Comment(output.MARK), **assemble(document, source_path.parent, options, store, image_path)}
+    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path)}
     try:
         return output.write(folder, stem, xml.write(tree), meshes)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
 
 
-def load(path: AnyPath, *, transform: Callable[[Any], Any] | None = None, **options: Any) -> Node:
+def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None = None, **options: Any) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
 
     The meshes are written to a temporary folder that lives as long as the process. Mitsuba takes its own type alone for
     transforms: ``transform`` turns a 4x4 array into it. By default it is ``mitsuba.ScalarTransform4f`` of the active
     variant where Mitsuba has been imported, and otherwise arrays are left as they are.
     """
-    path = Path(path)
     checked = Options(**options)
-    document = document_of(read(path), path)
+    opened = source if isinstance(source, Document) else document(source)
+    path = Path(opened.source.filename)
     folder = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
@@ -267,7 +277,7 @@ def load(path: AnyPath, *, transform: Callable[[Any], Any] | None = None, **opti
         return str(file)
 
     try:
-        tree = assemble(document, path.parent, checked, store, str)
+        tree = assemble(opened, path.parent, checked, store, str)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
     mitsuba = sys.modules.get("mitsuba")
@@ -276,13 +286,13 @@ def load(path: AnyPath, *, transform: Callable[[Any], Any] | None = None, **opti
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(path: AnyPath, **options: Any) -> Scene:
+def check(source: AnyPath | Document, **options: Any) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
-    path = Path(path)
     checked = Options(**options)
-    document = document_of(read(path), path)
-    assemble(document, path.parent, checked, lambda name, _: name, str)
-    return document.scene
+    opened = source if isinstance(source, Document) else document(source)
+    path = Path(opened.source.filename)
+    assemble(opened, path.parent, checked, lambda name, _: name, str)
+    return opened.scene

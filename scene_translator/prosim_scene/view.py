@@ -60,7 +60,9 @@ class Camera:
         """Whether the convex hull of points (n, 3) may reach into the pyramid that the window shows."""
         x, y, z = np.stack([self.u, self.v, -self.n]) @ (corners - self.eye).T
         x, y = x * self.depth, y * self.depth  # against the window's borders at the depth z
-        return not any(map(np.all, (z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z)))
+        return not any(
+            map(np.all, (z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z))
+        )
 
 
 def camera(document: Document, resolution: tuple[int, int] | None = None) -> Camera:

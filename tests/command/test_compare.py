@@ -332,6 +332,8 @@ def test_page_on_a_phone(report):
     assert seen["wide"] <= 390 and seen["overlaps"] == seen["captions"] == 0
 
 
+@pytest.mark.slow
+@pytest.mark.browser
 @pytest.mark.browser
 @browser
 def test_page_in_a_browser(report):

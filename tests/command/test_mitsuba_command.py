@@ -112,6 +112,7 @@ def test_search_path(tmp_path, variant_rgb):
         assert image[8, 12].mean() == pytest.approx(expected, rel=0.2)  # few samples, but a factor of two apart
 
 
+@pytest.mark.slow
 @linked
 def test_several_scenes_none_twice(tmp_path):
     """A stock scene that the native command has rendered before it met ours is not rendered again."""
@@ -124,6 +125,7 @@ def test_several_scenes_none_twice(tmp_path):
         assert tuple(mi.Bitmap(str(tmp_path / f"{name}.exr")).size()) == (8, 8)
 
 
+@pytest.mark.slow
 @linked
 def test_one_thread_and_output(tmp_path):
     """Mitsuba 3.9.1 alone hangs when it writes an EXR with -t 1."""
@@ -245,6 +247,7 @@ def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, own_stand_in):
         assert launcher.wait() == -signal.SIGTERM
 
 
+@pytest.mark.slow
 @linked
 def test_hang_up_writes_the_image_so_far(tmp_path):
     scene = write(tmp_path, "scene.xml")

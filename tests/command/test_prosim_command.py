@@ -42,6 +42,7 @@ def test_images_agree(scene):
     assert exr.metadata()["prosim.seed"] == "3" and exr.metadata()["prosim.scene"] == str(scene)
 
 
+@pytest.mark.slow
 def test_crop_is_part_of_the_whole(palito):
     for name, crop in ("whole", []), ("part", ["--crop", "10,4,8,6"]):
         done = prosim("render", palito, "-o", palito.with_name(name), "--resolution", "32x32", "--samples", 2, *crop)

@@ -18,19 +18,35 @@ def penumbra(ball=None, size=32, rfilter="box", **integrator):
         "type": "scene",
         "integrator": integrator or {"type": "prosim"},
         "sensor": {
-            "type": "perspective", "fov": 40,
+            "type": "perspective",
+            "fov": 40,
             "to_world": T().look_at([0, 2.2, 6], [0, 0.9, 0], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": size, "height": size, "pixel_format": "rgb",
-                     "component_format": "float32", "rfilter": {"type": rfilter}},
+            "film": {
+                "type": "hdrfilm",
+                "width": size,
+                "height": size,
+                "pixel_format": "rgb",
+                "component_format": "float32",
+                "rfilter": {"type": rfilter},
+            },
             "sampler": {"type": "independent", "sample_count": 16},
         },
-        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(6), "bsdf": diffuse(.6, .6, .5)},
-        "wall": {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(6), "bsdf": diffuse(.6, .45, .4)},
-        "pole": {"type": "cylinder", "p0": [-1.2, 0, .3], "p1": [-1.2, 2.4, .3], "radius": .12,
-                 "bsdf": {"type": "twosided", "bsdf": diffuse(.3, .6, .3)}},
-        "ball": {"type": "sphere", "center": [.5, .8, 0], "radius": .8, "bsdf": ball or diffuse(.2, .5, .8)},
-        "light": {"type": "sphere", "center": [-3, 3.5, 3], "radius": .5,
-                  "emitter": {"type": "area", "radiance": rgb(25, 25, 25)}},
+        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(6), "bsdf": diffuse(0.6, 0.6, 0.5)},
+        "wall": {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(6), "bsdf": diffuse(0.6, 0.45, 0.4)},
+        "pole": {
+            "type": "cylinder",
+            "p0": [-1.2, 0, 0.3],
+            "p1": [-1.2, 2.4, 0.3],
+            "radius": 0.12,
+            "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)},
+        },
+        "ball": {"type": "sphere", "center": [0.5, 0.8, 0], "radius": 0.8, "bsdf": ball or diffuse(0.2, 0.5, 0.8)},
+        "light": {
+            "type": "sphere",
+            "center": [-3, 3.5, 3],
+            "radius": 0.5,
+            "emitter": {"type": "area", "radiance": rgb(25, 25, 25)},
+        },
     }
 
 
@@ -39,5 +55,5 @@ def alone(ball, size=32, **integrator):
     scene = penumbra(ball, size, **integrator)
     for name in ("floor", "wall", "pole"):
         del scene[name]
-    scene["environment"] = {"type": "constant", "radiance": rgb(.3, .4, .5)}
+    scene["environment"] = {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}
     return scene

@@ -17,14 +17,24 @@ def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
     expected = np.full(shape, np.inf)
     for y in range(height):
         for x in range(width):
-            around = np.array([samples[v, u] for v in range(height) for u in range(width)
-                               if max(abs(v - y), abs(u - x)) <= REACH and (v, u) != (y, x)])
+            around = np.array(
+                [
+                    samples[v, u]
+                    for v in range(height)
+                    for u in range(width)
+                    if max(abs(v - y), abs(u - x)) <= REACH and (v, u) != (y, x)
+                ]
+            )
             if len(around) == 0:
                 continue
             expected[y, x] = np.sqrt(around.var() / n) / (2 * np.sqrt(around.mean() + 0.01))
     error = error_of_neighbours(
-        mi.Float(samples.sum(2).ravel()), mi.Float((samples**2).sum(2).ravel()), mi.Float(n),
-        dr.opaque(mi.UInt32, width), dr.opaque(mi.UInt32, height))
+        mi.Float(samples.sum(2).ravel()),
+        mi.Float((samples**2).sum(2).ravel()),
+        mi.Float(n),
+        dr.opaque(mi.UInt32, width),
+        dr.opaque(mi.UInt32, height),
+    )
     assert np.allclose(np.array(error), expected.ravel(), rtol=1e-4)
 
 
@@ -34,11 +44,17 @@ def test_a_pixel_has_no_say_in_its_own_samples(variant_rgb, y, x):
     size = 11
     total = np.full((size, size), 0.5)
     total[y, x] = 100
-    error = np.array(error_of_neighbours(
-        mi.Float(total.ravel()), mi.Float((total**2).ravel()), mi.Float(1), dr.opaque(mi.UInt32, size),
-        dr.opaque(mi.UInt32, size))).reshape(size, size)
+    error = np.array(
+        error_of_neighbours(
+            mi.Float(total.ravel()),
+            mi.Float((total**2).ravel()),
+            mi.Float(1),
+            dr.opaque(mi.UInt32, size),
+            dr.opaque(mi.UInt32, size),
+        )
+    ).reshape(size, size)
     noisy = np.zeros((size, size), dtype=bool)
-    noisy[max(y - 2, 0):y + 3, max(x - 2, 0):x + 3] = True
+    noisy[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3] = True
     noisy[y, x] = False
     assert np.array_equal(error > 1e-2, noisy)
 

@@ -11,8 +11,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.optics import fresnel
 from drawing.curves import interaction
+from mitsuba_prosim.optics import fresnel
 
 LOBES = (
     {"alpha": 0.02},
@@ -175,6 +175,7 @@ REFLECTING = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind, reference, parameters, lobe", [(*row, lobe) for *row, lobes in REFLECTING for lobe in lobes], ids=str
 )
@@ -186,6 +187,7 @@ def test_reflection(variant_rgb, kind, reference, parameters, lobe):
     assert_as_in_double_precision(bsdf, lambda a, b: reference(a, b, lobe), wi, wo, rng)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eta", (2.4, 1 / 1.5, 1.01, 1.001, 1 - 1e-4))
 @pytest.mark.parametrize("lobe", LOBES, ids=str)
 def test_refraction(variant_rgb, lobe, eta):
@@ -250,6 +252,7 @@ def test_every_pair_of_directions_has_a_finite_value(variant_rgb, material):
         assert np.isfinite(value).all() and (value >= 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda m: "-".join(map(str, m.values())))
 def test_samples_at_the_edges_of_the_unit_square(variant_rgb, material):
     """A sample that has a density is a unit vector, its weight finite and its density that of ``pdf``."""

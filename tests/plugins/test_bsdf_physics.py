@@ -8,16 +8,31 @@ from drawing import curves
 from mitsuba_prosim.optics import attenuation, fresnel
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
-LOBES = [{"alpha": 0.05}, {"alpha": 0.3}, {"alpha": 1.0}, {"exponent": 3.0}, {"exponent": 300.0},
-         {"alpha": 0.3, "distribution": "gaussian"}, {"alpha": 1.0, "distribution": "gaussian"}]
-ROUGH = [{"type": "prosim_conductor", **COPPER, **lobe} for lobe in LOBES] \
-    + [{"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.0, **lobe} for lobe in LOBES] \
-    + [{"type": "prosim_composite", "diffuse_reflectance": 0.4, **lobe} for lobe in LOBES] \
-    + [{"type": "prosim_phong", "diffuse_reflectance": 0.6, "specular_reflectance": 0.4, "exponent": n}
-       for n in (0.0, 5.0, 100.0)] \
+LOBES = [
+    {"alpha": 0.05},
+    {"alpha": 0.3},
+    {"alpha": 1.0},
+    {"exponent": 3.0},
+    {"exponent": 300.0},
+    {"alpha": 0.3, "distribution": "gaussian"},
+    {"alpha": 1.0, "distribution": "gaussian"},
+]
+ROUGH = (
+    [{"type": "prosim_conductor", **COPPER, **lobe} for lobe in LOBES]
+    + [{"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.0, **lobe} for lobe in LOBES]
+    + [{"type": "prosim_composite", "diffuse_reflectance": 0.4, **lobe} for lobe in LOBES]
+    + [
+        {"type": "prosim_phong", "diffuse_reflectance": 0.6, "specular_reflectance": 0.4, "exponent": n}
+        for n in (0.0, 5.0, 100.0)
+    ]
     + [{"type": "prosim_lambertian", "reflectance": {"type": "rgb", "value": [0.9, 0.5, 0.1]}}]
-SMOOTH = [{"type": "prosim_conductor", **COPPER}, {"type": "prosim_dielectric"},
-          {"type": "prosim_composite", "diffuse_reflectance": 0.4}, {"type": "prosim_phong"}]
+)
+SMOOTH = [
+    {"type": "prosim_conductor", **COPPER},
+    {"type": "prosim_dielectric"},
+    {"type": "prosim_composite", "diffuse_reflectance": 0.4},
+    {"type": "prosim_phong"},
+]
 FEW = [ROUGH[1], ROUGH[8], ROUGH[19], ROUGH[22], ROUGH[24], *SMOOTH]
 SPECULAR = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.DeltaReflection
 TRANSMITTED = mi.BSDFFlags.GlossyTransmission | mi.BSDFFlags.DeltaTransmission
@@ -64,10 +79,11 @@ def test_reciprocity(variant_rgb, bsdf):
     there, back = spectrum(there), spectrum(back)
     assert (there > 1e-3).any()
     off = ~np.isclose(there, back, rtol=1e-4, atol=1e-4 * there.mean())
-    assert off.mean() < 1e-3                               # floats are coarse at the critical angle
+    assert off.mean() < 1e-3  # floats are coarse at the critical angle
     np.testing.assert_allclose(there, back, rtol=2e-2, atol=1e-4 * there.mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lobe", LOBES, ids=label)
 def test_furnace_of_facets(variant_rgb, lobe):
     """No more light leaves than arrives, at any incidence; without Fresnel's losses what is missing is G's."""
@@ -81,6 +97,7 @@ def test_furnace_of_facets(variant_rgb, lobe):
             assert 0.3 < (back + on)[0] <= 1 + 1e-3
 
 
+@pytest.mark.slow
 @each([b for b in ROUGH if b["type"] in ("prosim_composite", "prosim_phong", "prosim_lambertian")] + SMOOTH)
 def test_furnace_by_sampling(variant_rgb, bsdf):
     """The mean weight of samples is the reflected share of the light."""
@@ -99,10 +116,22 @@ HALVES = {"type": "spectrum", "value": [(400, 0.1), (410, 0.9), (700, 0.1)]}
 GREENISH = {"type": "rgb", "value": [0.05, 0.9, 0.05]}
 
 
-@pytest.mark.parametrize("kd, ks", ((STRIPES, 0.7), (0.4, STRIPES), (STRIPES, STRIPES), (STRIPES, None), (None, STRIPES),
-                                    (PEAKS, 0.5), (PEAKS, {"type": "spectrum", "value": [(400, 0.9), (700, 0.9)]}),
-                                    (HALVES, HALVES | {"value": [(400, 0.1), (690, 0.95), (700, 0.1)]}), (HALVES, GREENISH),
-                                    (GREENISH, {"type": "rgb", "value": [0.95, 0.1, 0.95]})))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kd, ks",
+    (
+        (STRIPES, 0.7),
+        (0.4, STRIPES),
+        (STRIPES, STRIPES),
+        (STRIPES, None),
+        (None, STRIPES),
+        (PEAKS, 0.5),
+        (PEAKS, {"type": "spectrum", "value": [(400, 0.9), (700, 0.9)]}),
+        (HALVES, HALVES | {"value": [(400, 0.1), (690, 0.95), (700, 0.1)]}),
+        (HALVES, GREENISH),
+        (GREENISH, {"type": "rgb", "value": [0.95, 0.1, 0.95]}),
+    ),
+)
 @pytest.mark.parametrize("variant", ("llvm_ad_rgb", "llvm_ad_spectral"))
 def test_paint_creates_no_energy(variant, kd, ks):
     """Whatever the textures or spectra are, no more light leaves at any point, wavelength or angle than arrives."""
@@ -112,7 +141,7 @@ def test_paint_creates_no_energy(variant, kd, ks):
     for lobe in ({}, {"alpha": 0.1}):
         bsdf = mi.load_dict({"type": "prosim_composite", **lobe} | {k: v for k, v in given.items() if v is not None})
         for angle in (0, 60, 85, 89.5):
-            for place in (0.0, 0.1):                       # a stripe of either colour
+            for place in (0.0, 0.1):  # a stripe of either colour
                 si = curves.interaction(curves.direction(angle) + dr.zeros(mi.Vector3f, n))
                 si.uv = mi.Point2f(place, 0)
                 weight = spectrum(bsdf.sample(mi.BSDFContext(), si, *uniform(n, 1))[1])
@@ -123,12 +152,15 @@ def test_paint_creates_no_energy(variant, kd, ks):
 def test_paint_keeps_the_sum_of_textures(variant_rgb):
     """A specular weight that is too high beside the pigment counts as what is left."""
     si = curves.interaction(curves.direction([30.0]))
-    si.uv = mi.Point2f(0.1, 0)                             # 0.9
+    si.uv = mi.Point2f(0.1, 0)  # 0.9
     wo = curves.direction([35.0], -1)
     for kd, ks, same in ((STRIPES, 0.7, 0.1), (0.4, STRIPES, 0.6)):
-        found, expected = (mi.load_dict({"type": "prosim_composite", "alpha": 0.2, "diffuse_reflectance": d,
-                                         "specular_reflectance": s}) for d, s in
-                           ((kd, ks), (0.9 if kd is STRIPES else kd, same)))
+        found, expected = (
+            mi.load_dict(
+                {"type": "prosim_composite", "alpha": 0.2, "diffuse_reflectance": d, "specular_reflectance": s}
+            )
+            for d, s in ((kd, ks), (0.9 if kd is STRIPES else kd, same))
+        )
         np.testing.assert_allclose(*(b.eval(mi.BSDFContext(), si, wo) for b in (found, expected)), rtol=1e-5)
 
 
@@ -147,8 +179,7 @@ def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
         bound = fresnel.conductor(cos, mi.Color3f(COPPER["eta"]["value"]), mi.Color3f(COPPER["k"]["value"]))
     else:
         eta = mi.traverse(bsdf)["eta"]
-        bound = mi.Color3f(fresnel.dielectric(dr.mulsign(cos, wi.z), eta)) * \
-            (0.6 if kind == "prosim_composite" else 1)
+        bound = mi.Color3f(fresnel.dielectric(dr.mulsign(cos, wi.z), eta)) * (0.6 if kind == "prosim_composite" else 1)
     assert dr.all(weight <= bound * (1 + 1e-4) + 1e-5, axis=None)
     if kind == "prosim_dielectric":
         bs, weight = bsdf.sample(only(TRANSMITTED), si, *uniform(50000, 4))
@@ -181,8 +212,12 @@ def rows(value, n):
     return np.broadcast_to(value, (len(value), n))
 
 
-@pytest.mark.parametrize("variant, bsdf", [("llvm_ad_rgb", b) for b in ROUGH + SMOOTH] +
-                         [(v, b) for v in ("llvm_ad_mono", "llvm_ad_spectral") for b in FEW], ids=label)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "variant, bsdf",
+    [("llvm_ad_rgb", b) for b in ROUGH + SMOOTH] + [(v, b) for v in ("llvm_ad_mono", "llvm_ad_spectral") for b in FEW],
+    ids=label,
+)
 def test_samples_agree_with_eval_and_pdf(variant, bsdf):
     """pdf, eval and eval_pdf return what sample stated, whatever components are enabled."""
     mi.set_variant(variant)
@@ -202,14 +237,27 @@ def test_samples_agree_with_eval_and_pdf(variant, bsdf):
 def contexts(bsdf):
     """Every mask of types that can be asked for with a single flag or a pair, and every component's number."""
     flags = mi.BSDFFlags
-    single = (flags.Null, flags.DiffuseReflection, flags.DiffuseTransmission, flags.GlossyReflection,
-              flags.GlossyTransmission, flags.DeltaReflection, flags.DeltaTransmission)
+    single = (
+        flags.Null,
+        flags.DiffuseReflection,
+        flags.DiffuseTransmission,
+        flags.GlossyReflection,
+        flags.GlossyTransmission,
+        flags.DeltaReflection,
+        flags.DeltaTransmission,
+    )
     for mask in {+a | +b for a in single for b in single} | {+flags.All}:
         for component in (0xFFFFFFFF, *range(3)):
             context = mi.BSDFContext()
             context.type_mask, context.component = mask, component
-            yield context, [k for k in range(bsdf.component_count())
-                            if component in (0xFFFFFFFF, k) and +bsdf.flags(k) & +flags.All & ~mask == 0]
+            yield (
+                context,
+                [
+                    k
+                    for k in range(bsdf.component_count())
+                    if component in (0xFFFFFFFF, k) and +bsdf.flags(k) & +flags.All & ~mask == 0
+                ],
+            )
 
 
 @each(FEW)
@@ -239,6 +287,7 @@ def test_a_context_is_honoured_exactly(variant_rgb, bsdf):
             assert not np.array(pdf).any() and not spectrum(weight).any()
 
 
+@pytest.mark.slow
 @each(FEW)
 def test_scalar_variant_agrees(bsdf):
     """scalar_rgb and llvm_ad_rgb say the same."""
@@ -266,15 +315,23 @@ def test_components_add_up(variant_rgb, bsdf):
 
 
 @pytest.mark.parametrize("mode", (mi.TransportMode.Radiance, mi.TransportMode.Importance))
-@pytest.mark.parametrize("ours, theirs", (
-    ({"type": "prosim_lambertian", "reflectance": 0.7}, {"type": "diffuse", "reflectance": 0.7}),
-    ({"type": "prosim_conductor", "material": "Au"}, {"type": "conductor", "material": "Au"}),
-    ({"type": "prosim_conductor", **COPPER, "specular_reflectance": 0.9},
-     {"type": "conductor", **COPPER, "specular_reflectance": 0.9}),
-    ({"type": "prosim_dielectric"}, {"type": "dielectric"}),
-    ({"type": "prosim_dielectric", "int_ior": "water", "ext_ior": "bk7", "specular_transmittance": 0.5},
-     {"type": "dielectric", "int_ior": "water", "ext_ior": "bk7", "specular_transmittance": 0.5}),
-), ids=label)
+@pytest.mark.parametrize(
+    "ours, theirs",
+    (
+        ({"type": "prosim_lambertian", "reflectance": 0.7}, {"type": "diffuse", "reflectance": 0.7}),
+        ({"type": "prosim_conductor", "material": "Au"}, {"type": "conductor", "material": "Au"}),
+        (
+            {"type": "prosim_conductor", **COPPER, "specular_reflectance": 0.9},
+            {"type": "conductor", **COPPER, "specular_reflectance": 0.9},
+        ),
+        ({"type": "prosim_dielectric"}, {"type": "dielectric"}),
+        (
+            {"type": "prosim_dielectric", "int_ior": "water", "ext_ior": "bk7", "specular_transmittance": 0.5},
+            {"type": "dielectric", "int_ior": "water", "ext_ior": "bk7", "specular_transmittance": 0.5},
+        ),
+    ),
+    ids=label,
+)
 def test_equal_to_mitsubas(variant_rgb, ours, theirs, mode):
     ours, theirs = mi.load_dict(ours), mi.load_dict(theirs)
     context = mi.BSDFContext(mode)
@@ -297,8 +354,10 @@ def test_beckmann_equals_mitsubas_but_for_g(variant_rgb, alpha):
     wi, wo = directions(20000, 10), directions(20000, 11, True)
     si = curves.interaction(wi)
     smith = mi.MicrofacetDistribution(mi.MicrofacetType.Beckmann, alpha)
-    for kind, mitsubas, eta in (("prosim_conductor", "roughconductor", 1), ("prosim_dielectric", "roughdielectric",
-                                                                           1.5046 / 1.000277)):
+    for kind, mitsubas, eta in (
+        ("prosim_conductor", "roughconductor", 1),
+        ("prosim_dielectric", "roughdielectric", 1.5046 / 1.000277),
+    ):
         m = dr.normalize(wi + wo * dr.select(wo.z > 0, 1.0, eta))
         m = dr.mulsign(m, m.z)
         i_m, o_m = dr.dot(wi, m), dr.dot(wo, m)

@@ -22,8 +22,7 @@ IOR = 1.5046 / 1.000277
 
 
 def roughness(distribution, alpha):
-    return {"exponent": 2 / alpha**2 - 2} if distribution == "phong" else {"distribution": distribution,
-                                                                           "alpha": alpha}
+    return {"exponent": 2 / alpha**2 - 2} if distribution == "phong" else {"distribution": distribution, "alpha": alpha}
 
 
 def incident(angle):
@@ -48,7 +47,7 @@ def check_facets(bsdf, angle, alpha, ctx=None, eta=None):
     ctx = ctx or mi.BSDFContext()
     wi = incident(angle)
     eta = eta or 1.5
-    side = eta if angle < 90 else 1 / eta                  # index beyond over that on wi's side
+    side = eta if angle < 90 else 1 / eta  # index beyond over that on wi's side
     width = 0.5 * alpha * alpha
     full = 1 - math.exp(-1 / width)
     two = bsdf.component_count() == 2 and mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
@@ -65,7 +64,7 @@ def check_facets(bsdf, angle, alpha, ctx=None, eta=None):
     def pdf(p):
         reflected = p.x < 1
         rest = 1 - (p.x - dr.select(reflected, 0, 1)) * full
-        c = -width * dr.log(rest)                          # 1 - cos
+        c = -width * dr.log(rest)  # 1 - cos
         sin = dr.sqrt(c * (2 - c))
         m = mi.Normal3f(sin * dr.cos(p.y), sin * dr.sin(p.y), 1 - c)
         si = interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(p)))
@@ -106,6 +105,7 @@ def only(flags):
 SPECULAR = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.DeltaReflection
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("distribution", ("beckmann", "phong", "gaussian"))
 def test_conductor(variant_rgb, distribution, alpha):
@@ -114,6 +114,7 @@ def test_conductor(variant_rgb, distribution, alpha):
         check_facets(bsdf, angle, alpha)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("distribution", ("beckmann", "phong", "gaussian"))
 def test_dielectric(variant_rgb, distribution, alpha):
@@ -129,6 +130,7 @@ def test_dielectric_one_component(variant_rgb, flags):
         check_facets(bsdf, angle, 0.3, only(flags), IOR)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("distribution", ("beckmann", "phong", "gaussian"))
 def test_composite_specular(variant_rgb, distribution, alpha):
@@ -137,16 +139,20 @@ def test_composite_specular(variant_rgb, distribution, alpha):
         check_facets(bsdf, angle, alpha, only(SPECULAR))
 
 
-@pytest.mark.parametrize("bsdf", (
-    {"type": "prosim_lambertian"},
-    {"type": "prosim_composite"},
-    {"type": "prosim_composite", "alpha": 0.4},
-    {"type": "prosim_composite", "exponent": 20.0},
-    {"type": "prosim_phong"},
-    {"type": "prosim_phong", "exponent": 0.0},
-    {"type": "prosim_phong", "exponent": 20.0},
-    {"type": "prosim_phong", "exponent": 200.0, "specular_reflectance": 0.5},
-))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "bsdf",
+    (
+        {"type": "prosim_lambertian"},
+        {"type": "prosim_composite"},
+        {"type": "prosim_composite", "alpha": 0.4},
+        {"type": "prosim_composite", "exponent": 20.0},
+        {"type": "prosim_phong"},
+        {"type": "prosim_phong", "exponent": 0.0},
+        {"type": "prosim_phong", "exponent": 20.0},
+        {"type": "prosim_phong", "exponent": 200.0, "specular_reflectance": 0.5},
+    ),
+)
 def test_sphere(variant_rgb, bsdf):
     loaded = mi.load_dict(bsdf)
     mirror = mi.has_flag(loaded.flags(), mi.BSDFFlags.Delta)

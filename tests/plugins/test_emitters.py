@@ -39,20 +39,31 @@ def textured(shape, to_world, plugin="prosim_area"):
 def scene(source, integrator="path", size=16, samples=64, **options):
     """A ball over a floor; the source may be in view."""
     mi_T = mi.ScalarTransform4f()
-    return mi.load_dict({
-        "type": "scene",
-        "integrator": {"type": integrator, **options},
-        "sensor": {
-            "type": "perspective", "fov": 45, "to_world": mi_T.look_at([0, 2.5, 6], [0, 1, 0], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-            "sampler": {"type": "independent", "sample_count": samples},
-        },
-        "floor": {"type": "rectangle", "to_world": mi_T.rotate([1, 0, 0], -90).scale(4),
-                  "bsdf": {"type": "diffuse", "reflectance": rgb(0.6, 0.6, 0.5)}},
-        "ball": {"type": "sphere", "center": [0, 0.8, 0], "radius": 0.8,
-                 "bsdf": {"type": "diffuse", "reflectance": rgb(0.2, 0.5, 0.8)}},
-        "source": source,
-    })
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": integrator, **options},
+            "sensor": {
+                "type": "perspective",
+                "fov": 45,
+                "to_world": mi_T.look_at([0, 2.5, 6], [0, 1, 0], [0, 1, 0]),
+                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
+                "sampler": {"type": "independent", "sample_count": samples},
+            },
+            "floor": {
+                "type": "rectangle",
+                "to_world": mi_T.rotate([1, 0, 0], -90).scale(4),
+                "bsdf": {"type": "diffuse", "reflectance": rgb(0.6, 0.6, 0.5)},
+            },
+            "ball": {
+                "type": "sphere",
+                "center": [0, 0.8, 0],
+                "radius": 0.8,
+                "bsdf": {"type": "diffuse", "reflectance": rgb(0.2, 0.5, 0.8)},
+            },
+            "source": source,
+        }
+    )
 
 
 def image(*args, seed=0, **options):
@@ -85,6 +96,7 @@ def first(value):
 # Against Mitsuba's own sources
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ("path", "direct", "volpath", "ptracer", "prb"))
 def test_equal_to_mitsuba(variant, integrator):
     if variant == "scalar_rgb" and integrator == "prb":
@@ -100,6 +112,7 @@ def test_equal_to_mitsuba(variant, integrator):
         assert np.allclose(image(ours, integrator, size=8, samples=samples), expected, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ("sphere", "rectangle", "cylinder"))
 def test_textured_radiance_equal_to_mitsuba(variant_rgb, shape):
     to_world = mi.ScalarTransform4f().translate(CENTRE).rotate([1, 0, 0], 90).scale(0.4)
@@ -206,8 +219,13 @@ def test_sample_direction_against_pdf(variant_rgb, case):
         return emitter.pdf_direction(it, ds, si.is_valid())
 
     test = mi.chi2.ChiSquareTest(
-        domain=mi.chi2.SphericalDomain(), sample_func=lambda u: emitter.sample_direction(receiver(n=dr.width(u)), u)[0].d,
-        pdf_func=pdf, sample_dim=2, sample_count=200_000, res=101, ires=32,
+        domain=mi.chi2.SphericalDomain(),
+        sample_func=lambda u: emitter.sample_direction(receiver(n=dr.width(u)), u)[0].d,
+        pdf_func=pdf,
+        sample_dim=2,
+        sample_count=200_000,
+        res=101,
+        ires=32,
     )
     assert test.run(significance_level=SIGNIFICANCE, test_count=5), test.messages
 
@@ -286,6 +304,7 @@ def test_narrow_beams(variant_rgb, parameters, direction):
     np.testing.assert_allclose(stated[inside], np.cos(angle[inside]) ** n, rtol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("make", (area, point))
 def test_particle_tracing_agrees_with_path_tracing(variant_rgb, make, name):
@@ -320,20 +339,25 @@ def test_unattenuated_irradiance(variant_rgb, distance):
         assert np.allclose(irradiance, [20, 15, 10], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_unattenuated_is_the_same_by_every_technique(variant_rgb):
     """Sampling the source, sampling the material, and both combined; Z-test of the mean over 8 independent images."""
     results = {}
     for name, counts in (("source", (1, 0)), ("material", (0, 1)), ("both", (1, 1))):
         options = {"emitter_samples": counts[0] * 64, "bsdf_samples": counts[1] * 64}
         source = sphere(area(unattenuated=True, radiance=rgb(1, 1, 1)), 0.8)
-        results[name] = np.array([
-            image(source, "direct", size=8, samples=64, seed=s, hide_emitters=True, **options).mean() for s in range(8)
-        ])
+        results[name] = np.array(
+            [
+                image(source, "direct", size=8, samples=64, seed=s, hide_emitters=True, **options).mean()
+                for s in range(8)
+            ]
+        )
     for name in ("material", "both"):
         error = np.sqrt(sum(results[k].var(ddof=1) / 8 for k in ("source", name)))
         assert abs(results["source"].mean() - results[name].mean()) < 4.5 * error + 1e-4  # t, 7 degrees: under 1 %
-    both = np.array([image(source, "path", size=8, samples=256, seed=s, max_depth=2, hide_emitters=True).mean()
-                     for s in range(8)])
+    both = np.array(
+        [image(source, "path", size=8, samples=256, seed=s, max_depth=2, hide_emitters=True).mean() for s in range(8)]
+    )
     error = np.sqrt((both.var(ddof=1) + results["both"].var(ddof=1)) / 8)
     assert abs(both.mean() - results["both"].mean()) < 4.5 * error + 1e-4
 
@@ -349,10 +373,18 @@ def test_unattenuated_has_no_particles(variant_rgb, make):
 # Derivatives and parameters
 
 
-@pytest.mark.parametrize("make, name, step", (
-    (area, "radiance.value", 1.0), (area, "exponent", 0.2), (area, "direction", 0.02),
-    (point, "intensity.value", 1.0), (point, "exponent", 0.2), (point, "direction", 0.02),
-))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "make, name, step",
+    (
+        (area, "radiance.value", 1.0),
+        (area, "exponent", 0.2),
+        (area, "direction", 0.02),
+        (point, "intensity.value", 1.0),
+        (point, "exponent", 0.2),
+        (point, "direction", 0.02),
+    ),
+)
 def test_derivatives(variant_rgb, make, name, step):
     """Through prb, against central differences with the same samples."""
     source = make(distribution="spot", exponent=6.0, direction=[0, -1, 0])
@@ -386,7 +418,7 @@ def test_parameters_can_be_changed(variant_rgb):
     it = receiver(around(30))
     assert first(emitter.sample_direction(it, mi.Point2f(0.5))[1])[0] == 0
     params["source.angle"] = 35.0
-    params["source.position"] = mi.Point3f(np.array(CENTRE) + [0, 0.1, 0])
+    params["source.position"] = mi.Point3f(np.array(CENTRE) + np.array([0, 0.1, 0]))
     params.update()
     ds, weight = emitter.sample_direction(it, mi.Point2f(0.5))
     assert first(weight)[0] > 0 and ds.p.y[0] == pytest.approx(3.1)
@@ -401,20 +433,23 @@ def test_text(variant):
     assert "exponent" in str(emitter_of(point(**SPOT))[1]) and "radiance" in str(emitter_of(sphere(area()))[1])
 
 
-@pytest.mark.parametrize("parameter, parameters", (
-    ("distribution", {"distribution": "laser"}),
-    ("direction", {**CONE, "direction": [0, 0, 0]}),
-    ("direction", {"direction": [0, 0, 1]}),
-    ("angle", {"distribution": "cone"}),
-    ("angle", {**CONE, "angle": 0.0}),
-    ("angle", {**CONE, "angle": 181.0}),
-    ("angle", {**SPOT, "angle": 91.0}),
-    ("angle", {"angle": 20.0}),
-    ("exponent", {"distribution": "spot"}),
-    ("exponent", {**SPOT, "exponent": -1.0}),
-    ("exponent", {**CONE, "exponent": 3.0}),
-    ("to_world", {"to_world": None}),
-))
+@pytest.mark.parametrize(
+    "parameter, parameters",
+    (
+        ("distribution", {"distribution": "laser"}),
+        ("direction", {**CONE, "direction": [0, 0, 0]}),
+        ("direction", {"direction": [0, 0, 1]}),
+        ("angle", {"distribution": "cone"}),
+        ("angle", {**CONE, "angle": 0.0}),
+        ("angle", {**CONE, "angle": 181.0}),
+        ("angle", {**SPOT, "angle": 91.0}),
+        ("angle", {"angle": 20.0}),
+        ("exponent", {"distribution": "spot"}),
+        ("exponent", {**SPOT, "exponent": -1.0}),
+        ("exponent", {**CONE, "exponent": 3.0}),
+        ("to_world", {"to_world": None}),
+    ),
+)
 @pytest.mark.parametrize("make", (area, point))
 def test_errors(variant_rgb, make, parameter, parameters):
     source = make(**parameters)
@@ -424,23 +459,41 @@ def test_errors(variant_rgb, make, parameter, parameters):
         mi.load_dict(sphere(source) if make is area else source)
 
 
-@pytest.mark.parametrize("parameter, parameters", (
-    ("radius", {"radius": -1.0, "intensity": 1.0}),
-    ("radius", {"radiance": 1.0}),
-    ("radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
-    ("radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),
-    ("intensity", {"intensity": {"type": "checkerboard"}}),
-))
+@pytest.mark.parametrize(
+    "parameter, parameters",
+    (
+        ("radius", {"radius": -1.0, "intensity": 1.0}),
+        ("radius", {"radiance": 1.0}),
+        ("radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
+        ("radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),
+        ("intensity", {"intensity": {"type": "checkerboard"}}),
+    ),
+)
 def test_errors_of_the_point_source(variant_rgb, parameter, parameters):
     with pytest.raises(Exception, match=f'prosim_point.*parameter "{parameter}" is .*; allowed: '):
         mi.load_dict({"type": "prosim_point", **parameters})
 
 
-@pytest.mark.parametrize("value", (-1.0, float("nan"), float("inf"), {"type": "rgb", "value": [1.0, -0.2, 0.3]},
-                                   {"type": "spectrum", "value": [(400, 1.0), (700, -1.0)]}), ids=str)
-@pytest.mark.parametrize("name, source", (
-    ("radiance", area()), ("intensity", {"type": "prosim_point"}), ("radiance", {"type": "prosim_point", "radius": 0.1}),
-), ids=("area", "point", "ball"))
+@pytest.mark.parametrize(
+    "value",
+    (
+        -1.0,
+        float("nan"),
+        float("inf"),
+        {"type": "rgb", "value": [1.0, -0.2, 0.3]},
+        {"type": "spectrum", "value": [(400, 1.0), (700, -1.0)]},
+    ),
+    ids=str,
+)
+@pytest.mark.parametrize(
+    "name, source",
+    (
+        ("radiance", area()),
+        ("intensity", {"type": "prosim_point"}),
+        ("radiance", {"type": "prosim_point", "radius": 0.1}),
+    ),
+    ids=("area", "point", "ball"),
+)
 def test_light_is_finite_and_not_negative(variant_rgb, name, source, value):
     with pytest.raises(Exception, match=f'parameter "{name}" is .*; allowed: finite numbers >= 0'):
         mi.load_dict(source | {name: value})
@@ -453,19 +506,22 @@ def test_an_image_of_light_is_finite_and_not_negative(variant_rgb, texel):
     for nested in (False, True):
         texture = {"type": "bitmap", "raw": True, "data": mi.TensorXf(texels)}
         given = {"type": "prosim_product", "a": texture} if nested else texture
-        with pytest.raises(Exception, match='parameter "radiance" is .*data has .*; allowed: finite numbers >= 0'):
+        with pytest.raises(Exception, match=r'parameter "radiance" is .*data has .*; allowed: finite numbers >= 0'):
             mi.load_dict(sphere(area() | {"radiance": given}))
 
 
 def test_textures_of_light_are_accepted(variant):
     """Also where their numbers become coefficients of spectra, which may be negative."""
     texels = mi.TensorXf(np.random.default_rng(1).random((3, 3, 3)).astype(np.float32))
-    for texture in ({"type": "prosim_brick", "brick": rgb(0.2, 0.4, 0.9), "mortar": 3.0},
-                    {"type": "bitmap", "data": texels}, {"type": "blackbody", "temperature": 3000.0}):
+    for texture in (
+        {"type": "prosim_brick", "brick": rgb(0.2, 0.4, 0.9), "mortar": 3.0},
+        {"type": "bitmap", "data": texels},
+        {"type": "blackbody", "temperature": 3000.0},
+    ):
         loaded, _ = emitter_of(sphere(area() | {"radiance": texture}))
         assert len(loaded.emitters()) == 1
 
 
 def test_a_place_is_finite(variant_rgb):
-    with pytest.raises(Exception, match='parameter "position" is .*; allowed: finite coordinates'):
+    with pytest.raises(Exception, match=r'parameter "position" is .*; allowed: finite coordinates'):
         mi.load_dict({"type": "prosim_point", "position": [0, float("nan"), 0]})

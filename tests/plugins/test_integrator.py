@@ -1,4 +1,6 @@
-"""The prosim integrator: the right image, the same image, adaptively, with derivatives (chapter 4, sections 5.3, 5.4)."""
+"""The prosim integrator: the right image, the same image, adaptively, with derivatives (chapter 4, sections 5.3,
+5.4).
+"""
 
 import threading
 
@@ -21,7 +23,10 @@ def render(scene, seed=0, spp=0, **film):
 
 # ------------------------------------------------------------------ the right image
 
-@pytest.mark.parametrize("rfilter", ["box", "gaussian", "mitchell"])
+
+@pytest.mark.parametrize(
+    "rfilter", ["box", *(pytest.param(f, marks=pytest.mark.slow) for f in ("gaussian", "mitchell"))]
+)
 def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
     direct = renderings(penumbra(rfilter=rfilter, type="direct"), 16, spp=36)
     for adaptive in ("none", "neighbours"):
@@ -29,9 +34,19 @@ def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
         assert same_expectation(direct, ours)
 
 
-@pytest.mark.parametrize("ball", [COPPER, {**COPPER, "alpha": 0.004}, {"type": "conductor", "material": "Cu"},
-                                  {"type": "roughplastic", "alpha": 0.1}, {"type": "dielectric"}, ROUGH_GLASS],
-                         ids=["rough", "nearly smooth", "mirror", "plastic", "glass", "rough glass"])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "ball",
+    [
+        COPPER,
+        {**COPPER, "alpha": 0.004},
+        {"type": "conductor", "material": "Cu"},
+        {"type": "roughplastic", "alpha": 0.1},
+        {"type": "dielectric"},
+        ROUGH_GLASS,
+    ],
+    ids=["rough", "nearly smooth", "mirror", "plastic", "glass", "rough glass"],
+)
 def test_one_specular_object_equals_path(variant_rgb, ball):
     """No highlight is lost or counted twice, whatever the roughness; a tree of depth 8 for glass."""
     path = renderings(alone(ball, type="path", max_depth=10, rr_depth=100), 12, spp=144)
@@ -39,6 +54,7 @@ def test_one_specular_object_equals_path(variant_rgb, ball):
     assert same_expectation(path, ours)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounces", [-1, 20])
 def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
     scene = mi.cornell_box()
@@ -48,10 +64,12 @@ def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
     assert same_expectation(path, ours)
 
 
+@pytest.mark.slow
 def test_specular_and_diffuse_bounces_together_equal_path(variant_rgb):
     path = renderings(penumbra(ROUGH_GLASS, type="path", max_depth=8), 16, spp=64)
-    ours = renderings(penumbra(ROUGH_GLASS, type="prosim", adaptive="none", max_level=6, diffuse_bounces=-1), 16,
-                      spp=64)
+    ours = renderings(
+        penumbra(ROUGH_GLASS, type="prosim", adaptive="none", max_level=6, diffuse_bounces=-1), 16, spp=64
+    )
     assert same_expectation(path, ours)
 
 
@@ -64,30 +82,40 @@ def test_thin_lens_equals_direct(variant_rgb):
     assert same_expectation(*images)
 
 
+@pytest.mark.slow
 def test_every_kind_of_source_equals_path(variant_rgb):
     """A sphere, a point, a rectangle, an environment and a spot at once; more sources than are unrolled.
 
     (Mitsuba 3.9.1's ``direct`` counts point sources several times when ``emitter_samples`` is not 1.)
     """
     images = []
-    for integrator, spp in (({"type": "path", "max_depth": 2}, 400),
-                            ({"type": "prosim", "adaptive": "none", "max_level": 0}, 64)):
+    for integrator, spp in (
+        ({"type": "path", "max_depth": 2}, 400),
+        ({"type": "prosim", "adaptive": "none", "max_level": 0}, 64),
+    ):
         scene = penumbra(**integrator)
         scene["point"] = {"type": "point", "position": [2, 3, 2], "intensity": rgb(3, 1, 1)}
-        scene["window"] = {"type": "rectangle", "emitter": {"type": "area", "radiance": rgb(1, 2, 3)},
-                           "to_world": mi.ScalarTransform4f().translate([3, 3, 0]).rotate([0, 1, 0], -90)}
-        scene["sky"] = {"type": "constant", "radiance": rgb(.1, .1, .2)}
-        scene["spot"] = {"type": "spot", "intensity": rgb(5, 5, 0),
-                         "to_world": mi.ScalarTransform4f().look_at([0, 4, 2], [0, 0, 0], [0, 0, 1])}
+        scene["window"] = {
+            "type": "rectangle",
+            "emitter": {"type": "area", "radiance": rgb(1, 2, 3)},
+            "to_world": mi.ScalarTransform4f().translate([3, 3, 0]).rotate([0, 1, 0], -90),
+        }
+        scene["sky"] = {"type": "constant", "radiance": rgb(0.1, 0.1, 0.2)}
+        scene["spot"] = {
+            "type": "spot",
+            "intensity": rgb(5, 5, 0),
+            "to_world": mi.ScalarTransform4f().look_at([0, 4, 2], [0, 0, 0], [0, 0, 1]),
+        }
         images.append(renderings(scene, 12, spp=spp))
     assert same_expectation(*images)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unrolled", [0, 4])
 def test_sky_on_diffuse_and_rough_surfaces_equals_path(variant_rgb, monkeypatch, unrolled):
     """The sky is sampled by projected solid angle; with and without the loop over sources."""
     monkeypatch.setattr("mitsuba_prosim.light.table.Lights.UNROLLED", unrolled)
-    sky = {"sky": {"type": "constant", "radiance": rgb(.3, .4, .5)}}
+    sky = {"sky": {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}}
     path = renderings({**penumbra(type="path", max_depth=2), **sky}, 12, spp=100)
     ours = renderings({**penumbra(type="prosim", adaptive="none"), **sky}, 12, spp=25)
     assert same_expectation(path, ours)
@@ -104,31 +132,37 @@ def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):
     one, many = render(scene, spp=1), render(scene, spp=100, seed=1)
     # What is left is the change of the irradiance within a pixel.
     assert np.abs(one / many - 1).max() < 0.03
-    cos = 3.5 / np.sqrt(3 ** 2 + 3.5 ** 2 + 3 ** 2)
-    irradiance = np.pi * 25 * 0.5 ** 2 / (3 ** 2 + 3.5 ** 2 + 3 ** 2) * cos
-    assert np.allclose(many[16, 16], np.array([.6, .6, .5]) / np.pi * irradiance, rtol=0.02)
+    cos = 3.5 / np.sqrt(3**2 + 3.5**2 + 3**2)
+    irradiance = np.pi * 25 * 0.5**2 / (3**2 + 3.5**2 + 3**2) * cos
+    assert np.allclose(many[16, 16], np.array([0.6, 0.6, 0.5]) / np.pi * irradiance, rtol=0.02)
 
 
 # ------------------------------------------------------------------ its own terms
 
+
 def test_ambient_background_and_hidden_sources(variant_rgb):
-    scene = penumbra({"type": "prosim_lambertian", "reflectance": rgb(.5, .5, .5), "ambient": rgb(.2, .4, .6)},
-                     type="prosim", ambient=rgb(.5, .5, .5), background=rgb(.1, .2, .3), hide_emitters=True)
+    scene = penumbra(
+        {"type": "prosim_lambertian", "reflectance": rgb(0.5, 0.5, 0.5), "ambient": rgb(0.2, 0.4, 0.6)},
+        type="prosim",
+        ambient=rgb(0.5, 0.5, 0.5),
+        background=rgb(0.1, 0.2, 0.3),
+        hide_emitters=True,
+    )
     scene["light"]["center"] = [0.5, 0.8, 3]  # before the ball, on the optical axis, and too near to light it
     scene["light"]["emitter"]["radiance"] = rgb(0, 0, 0)
     for name in ("floor", "wall", "pole"):
         del scene[name]
     image = render(scene)
-    assert np.allclose(image[16, 19], [.1, .2, .3], atol=1e-6)  # ka I_a: the source in front is not seen
-    assert np.allclose(image[1, 1], [.1, .2, .3], atol=1e-6)  # background
+    assert np.allclose(image[16, 19], [0.1, 0.2, 0.3], atol=1e-6)  # ka I_a: the source in front is not seen
+    assert np.allclose(image[1, 1], [0.1, 0.2, 0.3], atol=1e-6)  # background
 
 
 def test_background_is_seen_in_mirrors_but_lights_nothing(variant_rgb):
-    scene = penumbra({"type": "conductor", "material": "none"}, type="prosim", background=rgb(.1, .2, .3))
+    scene = penumbra({"type": "conductor", "material": "none"}, type="prosim", background=rgb(0.1, 0.2, 0.3))
     del scene["light"]
     image = render(scene)
     assert image[25, 3].max() == 0  # the floor
-    assert np.abs(image[13, 20] - [.1, .2, .3]).max() < 0.2 * 0.3 and image[13, 20].max() > 0
+    assert np.abs(image[13, 20] - [0.1, 0.2, 0.3]).max() < 0.2 * 0.3 and image[13, 20].max() > 0
 
 
 def test_max_level_0_follows_nothing(variant_rgb):
@@ -150,11 +184,14 @@ def test_channels(variant_rgb):
 
 # ------------------------------------------------------------------ the same image, bit by bit
 
+
+@pytest.mark.slow
 @pytest.mark.parametrize("adaptive", ["neighbours", "thesis", "none"])
-@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+@pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
 def test_bands_and_crops_do_not_change_a_bit(variant_rgb, adaptive, rfilter):
     def image(band=1 << 18, **film):
         return render(penumbra(COPPER, rfilter=rfilter, type="prosim", adaptive=adaptive, band=band), width=40, **film)
+
     whole = image()
     assert np.array_equal(whole, image(band=1))
     assert np.array_equal(whole, image(band=333))
@@ -184,8 +221,10 @@ def compiled(scene, seed=0, **film):
 
 def test_nothing_is_compiled_again(variant_rgb):
     """Seeds, bands, passes and thresholds share their kernels."""
+
     def misses(seed, **settings):
         return compiled(penumbra(COPPER, type="prosim", **settings), seed)
+
     misses(1)
     assert misses(2) == 0
     assert misses(3, threshold=0.001) == 0
@@ -205,10 +244,18 @@ def test_resolutions_share_their_kernels(variant_rgb, sensor):
 
 def test_rays_are_those_of_the_perspective_camera(variant_rgb):
     """But for the rounding; with an off-centre view, that Mitsuba's own method would compile for each resolution."""
-    sensor = mi.load_dict({"type": "perspective", "fov": 50, "near_clip": 0.5, "far_clip": 90,
-                           "principal_point_offset_x": 0.2, "principal_point_offset_y": -0.1,
-                           "to_world": mi.ScalarTransform4f().look_at([1, 2, 3], [0, 0.5, 0], [0, 1, 0]),
-                           "film": {"type": "hdrfilm", "width": 30, "height": 20}})
+    sensor = mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": 50,
+            "near_clip": 0.5,
+            "far_clip": 90,
+            "principal_point_offset_x": 0.2,
+            "principal_point_offset_y": -0.1,
+            "to_world": mi.ScalarTransform4f().look_at([1, 2, 3], [0, 0.5, 0], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 30, "height": 20},
+        }
+    )
     position = mi.Point2f([0, 0.3, 1], [0, 0.8, 1])
     ours, theirs = (f(0.5, 0.5, position, mi.Point2f(0))[0] for f in (ray_sampler(sensor), sensor.sample_ray))
     for a, b in ((ours.o, theirs.o), (ours.d, theirs.d), (ours.maxt, theirs.maxt), (ours.time, theirs.time)):
@@ -222,6 +269,7 @@ def test_seed_as_an_array(variant_rgb):
 
 
 # ------------------------------------------------------------------ adaptivity
+
 
 def counts(scene, **film):
     image = render(scene, **film)
@@ -242,6 +290,7 @@ def test_samples_go_where_they_are_needed(variant_rgb, adaptive):
 def test_threshold_and_limits(variant_rgb):
     def mean(**settings):
         return counts(penumbra(type="prosim", aovs="samples", **settings)).mean()
+
     assert mean(threshold=1e9) == 5 and mean(threshold=0.0) > 20
     assert mean(threshold=0.0) >= mean(threshold=0.003) > mean(threshold=0.03)
     assert mean(threshold=1e9, min_passes=2) == 10
@@ -249,14 +298,17 @@ def test_threshold_and_limits(variant_rgb):
     assert mean(adaptive="none", samples=3) == 9
 
 
+@pytest.mark.slow
 def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
     """A pixel's own samples that decide bias it (Kirk and Arvo 1991): up, in the mean of this scene, by some 0.05 %.
 
     The mean of the image over 400 seeds, in standard errors; 3.3 is a two-sided significance of 0.001.
     """
+
     def mean(**settings):
         means = renderings(penumbra(size=16, type="prosim", **settings), 400).mean((1, 2, 3))
         return means.mean(), means.std(ddof=1) / np.sqrt(len(means))
+
     truth, truth_error = mean(adaptive="none", samples=8)
     neighbours, neighbours_error = mean(adaptive="neighbours", samples=4)
     thesis, thesis_error = mean(adaptive="thesis", samples=4, threshold=0.006)
@@ -265,6 +317,7 @@ def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
     assert abs(thesis / truth - 1) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rfilter", ["gaussian", "mitchell"])
 def test_uneven_counts_do_not_bias_the_filter(variant_rgb, rfilter):
     """Pixels with many samples must not outweigh their neighbours: each sample weighs one over its pixel's count."""
@@ -273,6 +326,7 @@ def test_uneven_counts_do_not_bias_the_filter(variant_rgb, rfilter):
     assert same_expectation(even, uneven)
 
 
+@pytest.mark.slow
 def test_error_channel_is_the_error(variant_rgb):
     """Between passes the standard error is estimated without bias: over 60 images it is the spread of the pixels."""
     images = renderings(penumbra(type="prosim", adaptive="none", jitter="uniform", aovs="error"), 60)
@@ -292,6 +346,7 @@ def test_further_channels(variant_rgb):
     assert image[..., -1].min() == 5
 
 
+@pytest.mark.slow
 def test_nested_in_aov(variant_rgb):
     scene = penumbra(type="aov", aovs="depth:depth", image={"type": "prosim", "max_level": 1})
     ours = renderings(scene, 8, spp=36)[..., :3]
@@ -300,6 +355,8 @@ def test_nested_in_aov(variant_rgb):
 
 # ------------------------------------------------------------------ variants and ways to render
 
+
+@pytest.mark.slow
 def test_spectral_and_mono(variant_rgb):
     for variant in ("llvm_ad_spectral", "llvm_ad_mono"):
         mi.set_variant(variant)
@@ -309,6 +366,7 @@ def test_spectral_and_mono(variant_rgb):
         assert same_expectation(direct, renderings(penumbra(type="prosim", adaptive="none"), 12, spp=64))
 
 
+@pytest.mark.slow
 def test_scalar():
     mi.set_variant("scalar_rgb")
     direct = renderings(penumbra(size=16, type="direct"), 4, spp=64)
@@ -326,12 +384,20 @@ def test_develop_false_leaves_the_film(variant_rgb):
     assert np.allclose(np.array(film.bitmap()), expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_several_sensors_and_specfilm(variant_spectral):
     scene = penumbra(type="prosim")
-    scene["second"] = {**scene["sensor"], "film": {
-        "type": "specfilm", "width": 24, "height": 16, "rfilter": {"type": "box"},
-        "low": {"type": "spectrum", "value": [(360, 1.0), (530, 0.0)]},
-        "high": {"type": "spectrum", "value": [(530, 0.0), (800, 1.0)]}}}
+    scene["second"] = {
+        **scene["sensor"],
+        "film": {
+            "type": "specfilm",
+            "width": 24,
+            "height": 16,
+            "rfilter": {"type": "box"},
+            "low": {"type": "spectrum", "value": [(360, 1.0), (530, 0.0)]},
+            "high": {"type": "spectrum", "value": [(530, 0.0), (800, 1.0)]},
+        },
+    }
     loaded = mi.load_dict(scene)
     first, second = np.array(mi.render(loaded, sensor=0)), np.array(mi.render(loaded, sensor=1))
     assert first.shape == (32, 32, 3) and second.shape == (16, 24, 2) and second.mean() > 0
@@ -348,12 +414,14 @@ def test_progress_and_cancel(variant_rgb):
     def stop(part):
         if part > 0.4:
             integrator.cancel()
+
     integrator.progress = stop
     kept = np.array(mi.render(scene))
     assert np.array_equal(kept[:12], whole[:12]) and kept[-8:].max() == 0
 
 
 # ------------------------------------------------------------------ difficult scenes
+
 
 def finite(scene):
     image = render(scene)
@@ -373,14 +441,18 @@ def test_no_light(variant_rgb):
     assert finite(scene).max() == 0
 
 
+@pytest.mark.slow
 def test_200_lights(variant_rgb):
     scene = penumbra(COPPER, type="prosim")
     light = scene.pop("light")
     for k in range(200):
         scene[f"light{k}"] = {**light, "center": [-5 + k % 20 * 0.5, 4 + k // 20 * 0.3, 3], "radius": 0.1}
     image = finite(scene)
-    direct = np.array(mi.render(mi.load_dict(
-        {**scene, "integrator": {"type": "direct", "emitter_samples": 64, "bsdf_samples": 1}}), spp=64))
+    direct = np.array(
+        mi.render(
+            mi.load_dict({**scene, "integrator": {"type": "direct", "emitter_samples": 64, "bsdf_samples": 1}}), spp=64
+        )
+    )
     assert image[-6:].mean() == pytest.approx(direct[-6:].mean(), rel=0.02)
 
 
@@ -393,11 +465,13 @@ def test_grazing_roughness(variant_rgb):
 
 
 def test_wrong_parameters_are_named(variant_rgb):
-    for settings, message in (({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: one of neighbours, thesis, none'),
-                              ({"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
-                              ({"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
-                              ({"channels": "rgx"}, 'parameter "channels"'),
-                              ({"aovs": "sample"}, 'parameter "aovs" is .sample.; allowed: samples, error')):
+    for settings, message in (
+        ({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: one of neighbours, thesis, none'),
+        ({"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
+        ({"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
+        ({"channels": "rgx"}, 'parameter "channels"'),
+        ({"aovs": "sample"}, 'parameter "aovs" is .sample.; allowed: samples, error'),
+    ):
         with pytest.raises(RuntimeError, match=message):
             mi.load_dict({"type": "prosim", **settings})
 
@@ -417,87 +491,3 @@ def test_renders_in_a_thread(variant_rgb):
     worker.start()
     worker.join()
     assert len(images) == 1 and np.array_equal(images[0], render(penumbra(type="prosim")))
-
-
-# ------------------------------------------------------------------ derivatives
-
-def weighted_mean(image):
-    """A loss that is linear in the image, uneven over it."""
-    height, width, channels = image.shape
-    weights = np.linspace(0, 1, height * width * channels, dtype=np.float32).reshape(image.shape)
-    return dr.mean(image * mi.TensorXf(weights), axis=None)
-
-
-@pytest.mark.parametrize("key, ball, settings", [
-    ("ball.bsdf.reflectance.value", None, {}),
-    ("ball.bsdf.reflectance.value", None, {"rfilter": "gaussian"}),
-    ("ball.bsdf.reflectance.value", None, {"diffuse_bounces": -1}),
-    ("light.emitter.radiance.value", COPPER, {}),
-    ("light.to_world", None, {}),
-    ("ball.bsdf.eta.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
-    ("ball.bsdf.k.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0}, {}),
-    ("ball.bsdf.alpha.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
-    ("ball.bsdf.diffuse_reflectance.value",
-     {"type": "prosim_composite", "diffuse_reflectance": 0.4, "specular_reflectance": 0.4, "alpha": 0.2}, {}),
-])
-def test_derivatives_match_finite_differences(variant_rgb, key, ball, settings):
-    """Backward and forward, within 4 standard errors of 4 seeds and 2 % (differences see moving shadows as well)."""
-    rfilter = settings.get("rfilter", "box")
-    integrator = {"type": "prosim", "max_level": 1, **{k: v for k, v in settings.items() if k != "rfilter"}}
-    dictionary = penumbra(ball, size=16, rfilter=rfilter, **integrator)
-    dictionary["ball"] |= {"center": [0, 1, 0], "radius": 1.0}
-    dictionary["sky"] = {"type": "constant", "radiance": rgb(.2, .3, .4)}
-    del dictionary["pole"]
-    scene = mi.load_dict(dictionary)
-    params = mi.traverse(scene)
-    value = type(params[key])(params[key])
-
-    def change(e):
-        params[key] = value @ mi.Transform4f().scale(1 + e) if key == "light.to_world" else value * (1 + e)
-        params.update()
-
-    def difference(seed, h=0.02):
-        sides = []
-        for e in (h, -h):
-            change(e)
-            sides.append(weighted_mean(mi.render(scene, seed=seed, spp=144)).array[0])
-        return (sides[0] - sides[1]) / (2 * h)
-
-    def derivative(seed, forward):
-        e = mi.Float(0)
-        dr.enable_grad(e)
-        change(e)
-        loss = weighted_mean(mi.render(scene, params, seed=seed, seed_grad=seed + 50, spp=144, spp_grad=144))
-        if forward:
-            dr.forward(e)
-            return dr.grad(loss).array[0]
-        dr.backward(loss)
-        return dr.grad(e)[0]
-
-    expected = np.array([difference(seed) for seed in range(4)])
-    backward = np.array([derivative(100 + seed, False) for seed in range(4)])
-    error = np.sqrt((expected.var(ddof=1) + backward.var(ddof=1)) / 4)
-    assert abs(backward.mean() - expected.mean()) < 4 * error + 0.02 * abs(expected.mean())
-    assert derivative(100, True) == pytest.approx(backward[0], rel=1e-3, abs=1e-7)
-
-
-def test_derivatives_beside_own_channels(variant_rgb):
-    """Channels that say how the image was made have no derivatives, and do not disturb those of the image."""
-    def derivatives(**settings):
-        scene = mi.load_dict(penumbra(size=16, type="prosim", **settings))
-        params = mi.traverse(scene)
-        key = "ball.bsdf.reflectance.value"
-        for forward in (False, True):
-            dr.enable_grad(params[key])
-            params.update()
-            image = mi.render(scene, params, seed=1, seed_grad=2)
-            if forward:
-                dr.forward(params[key])
-                yield np.array(dr.grad(image))
-            else:
-                dr.backward(dr.mean(image[:, :, :3], axis=None))
-                yield np.array(dr.grad(params[key]))
-            params[key] = dr.detach(params[key])
-    (back, forward), (back_aovs, forward_aovs) = derivatives(), derivatives(aovs="samples,error")
-    assert np.allclose(back, back_aovs, rtol=1e-5) and np.abs(back).max() > 0
-    assert np.allclose(forward, forward_aovs[..., :3], rtol=1e-5) and forward_aovs[..., 3:].max() == 0

@@ -22,7 +22,7 @@ def roughness(distribution, alpha):
 def polar_grid(alpha, n=20000):
     """Angles with their weights sin dtheta, dense where a distribution of width ``alpha`` is."""
     x = (np.arange(n) + 0.5) / n
-    theta = np.pi / 2 * x**3                               # dense about the pole
+    theta = np.pi / 2 * x**3  # dense about the pole
     return theta, np.sin(theta) * np.pi / 2 * 3 * x**2 / n
 
 
@@ -44,7 +44,7 @@ def test_distributions_follow_their_formulas(variant_rgb):
     theta = np.linspace(0, 1.5, 50)
     cos, tan = np.cos(theta), np.tan(theta)
     m = 0.6
-    beckmann = np.exp(-(tan / m) ** 2) / (np.pi * m**2 * cos**4)
+    beckmann = np.exp(-((tan / m) ** 2)) / (np.pi * m**2 * cos**4)
     np.testing.assert_allclose(DISTRIBUTIONS["beckmann"].D(facet(theta), m), beckmann, rtol=1e-4, atol=1e-7)
     phong = 52 / (2 * np.pi) * cos**50
     np.testing.assert_allclose(DISTRIBUTIONS["phong"].D(facet(theta), 50), phong, rtol=1e-4, atol=1e-7)
@@ -134,9 +134,9 @@ def test_thesis_approximation_needs_a_large_index(variant_rgb):
         args = cos, mi.Color3f(eta), mi.Color3f(k)
         return dr.max(dr.abs(fresnel.conductor(*args) - fresnel.conductor_thesis(*args)), axis=None)
 
-    assert difference(1.5, 7.5) < 5e-3                     # aluminium: good
+    assert difference(1.5, 7.5) < 5e-3  # aluminium: good
     assert difference(0.2, 3.9) < 1e-2
-    assert difference(0.5, 0.5) > 5e-2                     # n² + k² is not large: bad
+    assert difference(0.5, 0.5) > 5e-2  # n² + k² is not large: bad
 
 
 def test_dielectric_curves(variant_rgb):
@@ -172,6 +172,7 @@ def test_off_specular_peak(variant_rgb):
     assert peak(phong, 30) == 30 and peak(phong, 70) == 70
 
 
+@pytest.mark.slow
 def test_documented_losses(variant_rgb):
     """docs/optics.md has two tables of the light lost in cavities, in per cent."""
     page = Path(__file__).parents[2] / "docs" / "optics.md"
@@ -182,8 +183,7 @@ def test_documented_losses(variant_rgb):
     for name, width, *losses in metals:
         width = float(width)
         alpha = math.sqrt(2 / (width + 2)) if name == "phong" else width
-        mirror = mi.load_dict({"type": "prosim_conductor", "distribution": name,
-                               DISTRIBUTIONS[name].parameter: width})
+        mirror = mi.load_dict({"type": "prosim_conductor", "distribution": name, DISTRIBUTIONS[name].parameter: width})
         for angle, loss in zip((0, 30, 45, 60, 75, 85), losses, strict=True):
             assert 100 * (1 - curves.albedo(mirror, angle, alpha)[0][0]) == pytest.approx(float(loss), abs=0.15)
     for alpha, *losses in glasses:

@@ -60,5 +60,7 @@ def test_choice_rejects(variant_rgb):
 def test_errors_name_the_plugin_and_its_id(variant_rgb):
     props = properties()
     props.set_id("lamp")
-    assert str(reject(props, "x", MISSING, "a number")) == \
-        '"lamp" (prosim_thing): parameter "x" is missing; allowed: a number.'
+    assert (
+        str(reject(props, "x", MISSING, "a number"))
+        == '"lamp" (prosim_thing): parameter "x" is missing; allowed: a number.'
+    )

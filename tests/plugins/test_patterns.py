@@ -34,7 +34,7 @@ def test_regular_samples_are_evenly_spaced():
 def test_nrook_has_one_sample_a_row_and_a_column():
     points = np.array([nrook(7, np.random.default_rng(seed)) for seed in range(50)])
     assert np.all(np.sort(np.floor(points * 7), axis=1) == np.arange(7)[:, None])
-    assert len(np.unique(np.floor(points * 7), axis=0)) == 50        # and not the same ones each time
+    assert len(np.unique(np.floor(points * 7), axis=0)) == 50  # and not the same ones each time
 
 
 def test_poisson_disk_samples_keep_their_distance():
@@ -54,7 +54,7 @@ def test_uncorrelated_jittering_associates_spaces_at_random():
     rng = np.random.default_rng(4)
     pairs = [(f(100, rng)[:, 0], f(100, rng)[:, 0]) for f in (jittered, uncorrelated_jittered)]
     same, mixed = (np.corrcoef(a, b)[0, 1] for a, b in pairs)
-    assert same > 0.95 and abs(mixed) < 0.33                        # 3.3 standard deviations of 1/sqrt(99)
+    assert same > 0.95 and abs(mixed) < 0.33  # 3.3 standard deviations of 1/sqrt(99)
 
 
 def product(points):
@@ -66,13 +66,17 @@ def total(points):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pattern, f, expected, remainder", [
-    (random, total, 1 / (6 * 16), 0),
-    (jittered, total, 1 / (6 * 16**2), 0),
-    (nrook, total, 1 / (6 * 16**3), 0),
-    (random, product, 1 / (144 * 16), 0),
-    (nrook, product, 1 / (144 * 15), 1 / 16**2),                    # asymptotic in n: the remainder is relative
-], ids=lambda x: getattr(x, "__name__", None))
+@pytest.mark.parametrize(
+    "pattern, f, expected, remainder",
+    [
+        (random, total, 1 / (6 * 16), 0),
+        (jittered, total, 1 / (6 * 16**2), 0),
+        (nrook, total, 1 / (6 * 16**3), 0),
+        (random, product, 1 / (144 * 16), 0),
+        (nrook, product, 1 / (144 * 15), 1 / 16**2),  # asymptotic in n: the remainder is relative
+    ],
+    ids=lambda x: getattr(x, "__name__", None),
+)
 def test_variance_of_sixteen_samples(pattern, f, expected, remainder):
     """Of x + y: N-rook wins by n², jittering by n. Of (x - 1/2)(y - 1/2): N-rook is no better than random.
 
@@ -80,15 +84,17 @@ def test_variance_of_sixteen_samples(pattern, f, expected, remainder):
     """
     rng = np.random.default_rng(5)
     square = f(np.array([pattern(16, rng) for _ in range(20000)])).mean(axis=1)
-    square = (square - square.mean())**2
+    square = (square - square.mean()) ** 2
     assert abs(square.mean() - expected) < 4 * square.std() / np.sqrt(len(square)) + remainder * expected
 
 
 @pytest.mark.slow
 def test_spacing_beats_chance():
     """Poisson disks have less than half the variance of random samples, for a disc of an eighth of the square."""
+
     def variance(pattern):
         rng = np.random.default_rng(6)
-        inside = [np.mean(np.sum((pattern(16, rng) - 0.5)**2, axis=1) < 1 / (8 * np.pi)) for _ in range(2000)]
+        inside = [np.mean(np.sum((pattern(16, rng) - 0.5) ** 2, axis=1) < 1 / (8 * np.pi)) for _ in range(2000)]
         return np.var(inside)
+
     assert variance(poisson_disk) < 0.5 * variance(random)

@@ -28,12 +28,16 @@ def python(code, **env):
     return subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize("code", [
-    "import mitsuba as mi; import mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
-    "import mitsuba_prosim; import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
-    "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitsuba_prosim",
-    "import drjit; import mitsuba as mi; mi.set_variant('scalar_rgb'); import mitsuba_prosim",
-], ids=["before", "first", "after", "scalar"])
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import mitsuba as mi; import mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
+        "import mitsuba_prosim; import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
+        "import mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitsuba_prosim",
+        "import drjit; import mitsuba as mi; mi.set_variant('scalar_rgb'); import mitsuba_prosim",
+    ],
+    ids=["before", "first", "after", "scalar"],
+)
 def test_any_order_of_imports_renders(code):
     done = python(f"{code}\n{RENDER}")
     assert done.returncode == 0, done.stderr
@@ -64,11 +68,13 @@ def test_registering_again_changes_nothing(variant_rgb):
 
 def test_entry_point_names_this_package():
     from importlib.metadata import entry_points
+
     assert any(e.load() is mitsuba_prosim for e in entry_points(group="mitsuba"))
 
 
 def test_the_version_is_the_distributions():
     from importlib.metadata import version
+
     assert mitsuba_prosim.__version__ == version("mitsuba-prosim")
 
 

@@ -17,17 +17,30 @@ def counts(spp=0, **settings):
     return np.array(mi.render(scene, spp=spp))[..., -1]
 
 
-@pytest.mark.parametrize("settings, expected", [
-    ({"samples": 5, "max_samples": 8}, 8), ({"samples": 5, "max_samples": 13}, 13), ({"samples": 10, "max_samples": 6}, 6),
-    ({"samples": 5, "max_samples": 99}, 25), ({"samples": 3}, 9), ({"spp": 3}, 3), ({"spp": 5}, 5), ({"spp": 8}, 8),
-    ({"spp": 16}, 16)])
+@pytest.mark.parametrize(
+    "settings, expected",
+    [
+        ({"samples": 5, "max_samples": 8}, 8),
+        ({"samples": 5, "max_samples": 13}, 13),
+        ({"samples": 10, "max_samples": 6}, 6),
+        ({"samples": 5, "max_samples": 99}, 25),
+        ({"samples": 3}, 9),
+        ({"spp": 3}, 3),
+        ({"spp": 5}, 5),
+        ({"spp": 8}, 8),
+        ({"spp": 16}, 16),
+    ],
+)
 def test_the_most_samples_are_the_most(variant_rgb, settings, expected):
     assert np.all(counts(**settings) == expected)
 
 
+@pytest.mark.slow
 def test_a_pass_cut_short_biases_nothing(variant_rgb):
-    whole, cut = (renderings(penumbra(type="prosim", adaptive="none"), 24, spp=spp, first_seed=first)
-                  for spp, first in ((64, 0), (13, 1000)))
+    whole, cut = (
+        renderings(penumbra(type="prosim", adaptive="none"), 24, spp=spp, first_seed=first)
+        for spp, first in ((64, 0), (13, 1000))
+    )
     assert same_expectation(cut, whole)
 
 
@@ -42,6 +55,7 @@ def test_noise_of_two_seeds_is_unrelated_wherever_one_is_moved(variant_rgb):
     assert largest < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rfilter", [{"type": "gaussian", "stddev": 0.1}, {"type": "tent", "radius": 0.4}])
 def test_filters_within_a_pixel_weigh_as_mitsuba_has_them(variant_rgb, rfilter):
     scene = penumbra(size=32, rfilter="box")
@@ -49,8 +63,13 @@ def test_filters_within_a_pixel_weigh_as_mitsuba_has_them(variant_rgb, rfilter):
     scene["sensor"]["film"]["width"] = 32
     reference = renderings(scene, 20, spp=64, type="direct")
     assert same_expectation(renderings(scene, 20, spp=25, type="prosim", adaptive="none"), reference)
-    box = renderings({**scene, "sensor": {**scene["sensor"], "film": {**scene["sensor"]["film"], "rfilter": {"type": "box"}}}},
-                     20, spp=25, type="prosim", adaptive="none")
+    box = renderings(
+        {**scene, "sensor": {**scene["sensor"], "film": {**scene["sensor"]["film"], "rfilter": {"type": "box"}}}},
+        20,
+        spp=25,
+        type="prosim",
+        adaptive="none",
+    )
     assert not np.array_equal(box[0], renderings(scene, 1, spp=25, type="prosim", adaptive="none")[0])
 
 
@@ -67,13 +86,26 @@ def test_every_kind_of_sensor_sees(variant_rgb):
     """Also those that have no sample_ray, such as irradiancemeter."""
     film = {"type": "hdrfilm", "width": 4, "height": 2, "rfilter": {"type": "box"}}
     camera = {"type": "perspective", "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]), "film": film}
-    meter = {"type": "rectangle", "to_world": T().translate([0, 0, 3]).rotate([0, 1, 0], 180),
-             "sensor": {"type": "irradiancemeter", "film": film}}
+    meter = {
+        "type": "rectangle",
+        "to_world": T().translate([0, 0, 3]).rotate([0, 1, 0], 180),
+        "sensor": {"type": "irradiancemeter", "film": film},
+    }
     light = {"type": "rectangle", "to_world": T().scale(9), "emitter": {"type": "area", "radiance": 1.0}}
-    for sensor in (meter, {"type": "batch", "a": camera, "b": camera, "film": film},
-                   {"type": "radiancemeter", "origin": [0, 0, 5], "direction": [0, 0, -1], "film": {**film, "width": 1, "height": 1}}):
+    for sensor in (
+        meter,
+        {"type": "batch", "a": camera, "b": camera, "film": film},
+        {
+            "type": "radiancemeter",
+            "origin": [0, 0, 5],
+            "direction": [0, 0, -1],
+            "film": {**film, "width": 1, "height": 1},
+        },
+    ):
         scene = mi.load_dict({"type": "scene", "light": light, "sensor": sensor})
-        ours, theirs = (np.array(mi.load_dict({"type": name}).render(scene, spp=1024)).mean() for name in ("prosim", "path"))
+        ours, theirs = (
+            np.array(mi.load_dict({"type": name}).render(scene, spp=1024)).mean() for name in ("prosim", "path")
+        )
         assert ours == pytest.approx(theirs, rel=0.02)
 
 
@@ -117,7 +149,9 @@ def test_a_frozen_function_is_refused_kindly(variant_rgb):
     assert any("dr.freeze" in str(cause) for cause in causes)
 
 
-@pytest.mark.parametrize("name", ["samples", "min_passes", "max_samples", "max_level", "diffuse_bounces", "rr_depth", "band"])
+@pytest.mark.parametrize(
+    "name", ["samples", "min_passes", "max_samples", "max_level", "diffuse_bounces", "rr_depth", "band"]
+)
 def test_whole_numbers_are_whole(variant_rgb, name):
     integrator = mi.load_dict({"type": "prosim", name: 10.0})
     assert getattr(integrator, name) == 10 and isinstance(getattr(integrator, name), int)

@@ -8,6 +8,8 @@ from mitsuba_prosim.light.spherical_cap import pdf_projected_cap, projected_cap_
 from scipy import integrate, stats
 
 SIGNIFICANCE = 0.01
+
+
 def draw(cos_n, sin2_theta_max, sample):
     return sample_projected_cap(cos_n, dr.safe_sqrt(1 - dr.square(cos_n)), sin2_theta_max, sample)
 
@@ -25,6 +27,7 @@ def quadrature(c, s):
 
     On the circle at angle t from the axis, the height is a + b cos(phi), of which the positive part is integrated.
     """
+
     def ring(t):
         a, b = np.cos(t) * c, np.sin(t) * np.sqrt(1 - c * c)
         if a >= b:
@@ -33,6 +36,7 @@ def quadrature(c, s):
             return 0.0
         cut = np.arccos(-a / b)
         return 2 * (a * cut + b * np.sin(cut)) * np.sin(t)
+
     top = np.arcsin(s)
     kink = abs(np.arcsin(c))  # where a circle begins to be cut
     points = [0, kink, top] if 0 < kink < top else [0, top]
@@ -51,11 +55,13 @@ def test_area_against_quadrature(variant, s):
 def test_area_in_closed_form(variant_rgb):
     assert projected_cap_area(mi.Float(0.6), mi.Float(0.01))[0] == pytest.approx(np.pi * 0.01 * 0.6, rel=1e-6)
     assert projected_cap_area(mi.Float(-0.5), mi.Float(0.2))[0] == 0
-    # With its centre on the horizon, the upper half of the boundary circle turned into a segment: phi - sin phi cos phi.
+    # With its centre on the horizon, the upper half of the boundary circle turned into a segment: phi - sin phi cos
+    # phi.
     phi = np.arcsin(0.8)
     assert projected_cap_area(mi.Float(0), mi.Float(0.64))[0] == pytest.approx(phi - 0.8 * 0.6, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_no_variance_on_a_diffuse_surface(variant_rgb):
     """cos(theta) / pdf is the same for every direction: the projected solid angle."""
     sample = mi.PCG32(10_000)
@@ -73,6 +79,7 @@ def test_no_variance_on_a_diffuse_surface(variant_rgb):
             assert dr.allclose(pdf, expected, rtol=1e-5, atol=0), (c, s)
 
 
+@pytest.mark.slow
 def test_directions_lie_in_the_clipped_cap(variant_rgb):
     rng = mi.PCG32(10_000)
     sample = mi.Point2f(rng.next_float32(), rng.next_float32())
@@ -111,6 +118,7 @@ def parameters_of_area(x, y, c, s):
     return np.interp(y, grid, below / below[-1]), (x - left) / np.maximum(right - left, 1e-300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", (0.05, 0.5, 0.9, 0.9999))
 @pytest.mark.parametrize("height", (-0.8, -0.3, 0.0, 0.02, 0.3, 0.8, 1.0))
 def test_uniform_over_the_projected_region(variant_rgb, s, height):

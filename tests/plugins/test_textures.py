@@ -7,8 +7,11 @@ from mitsuba_prosim.procedural.waves import square_wave
 from scipy import integrate
 
 PLUGINS = ("prosim_brick", "prosim_stripes", "prosim_fractal")
-COLORS = {"prosim_brick": ("mortar", "brick"), "prosim_stripes": ("color1", "color0"),
-          "prosim_fractal": ("color0", "color1")}  # at pattern value 0, 1
+COLORS = {
+    "prosim_brick": ("mortar", "brick"),
+    "prosim_stripes": ("color1", "color0"),
+    "prosim_fractal": ("color0", "color1"),
+}  # at pattern value 0, 1
 
 
 def rgb(*value):
@@ -50,12 +53,27 @@ def test_stripes_across_a_slanted_axis(variant_rgb):
 
 
 def test_brick(variant_rgb):
-    """Rows of 0.3 with joints of 0.1, centred on the origin; every other row is shifted by half a brick of 0.9 + 0.1."""
+    """Rows of 0.3 with joints of 0.1, centred on the origin; every other row is shifted by half a brick of 0.9 +
+    0.1.
+    """
     brick = texture("prosim_brick", brick_width=0.9, brick_height=0.3, mortar_width=0.1)
     expected = {
-        (0.5, 0.2): 1, (0.5, 0.04): 0, (0.5, 0.06): 1, (0.5, 0.34): 1, (0.5, 0.36): 0,
-        (0.04, 0.2): 0, (0.06, 0.2): 1, (0.94, 0.2): 1, (0.96, 0.2): 0, (-0.04, 0.2): 0,
-        (0.5, 0.6): 0, (0.0, 0.6): 1, (0.44, 0.6): 1, (0.46, 0.6): 0, (0.0, -0.2): 1, (0.5, -0.2): 0,
+        (0.5, 0.2): 1,
+        (0.5, 0.04): 0,
+        (0.5, 0.06): 1,
+        (0.5, 0.34): 1,
+        (0.5, 0.36): 0,
+        (0.04, 0.2): 0,
+        (0.06, 0.2): 1,
+        (0.94, 0.2): 1,
+        (0.96, 0.2): 0,
+        (-0.04, 0.2): 0,
+        (0.5, 0.6): 0,
+        (0.0, 0.6): 1,
+        (0.44, 0.6): 1,
+        (0.46, 0.6): 0,
+        (0.0, -0.2): 1,
+        (0.5, -0.2): 0,
     }
     uv = np.array(list(expected)).T
     assert np.allclose(brick.eval_1(at(uv)), list(expected.values()), atol=1e-3)
@@ -65,8 +83,15 @@ def test_solid_brick(variant_rgb):
     """The same in three dimensions, centred on the middle of a brick."""
     brick = texture("prosim_brick", brick_width=0.9, brick_height=0.3, mortar_width=0.1, solid=True)
     expected = {
-        (0, 0, 0): 1, (0.44, 0, 0): 1, (0.46, 0, 0): 0, (0, 0.14, 0): 1, (0, 0.16, 0): 0, (0, 0, 0.44): 1,
-        (0, 0, 0.46): 0, (0, 0.4, 0): 0, (0.1, 0.4, 0): 1,
+        (0, 0, 0): 1,
+        (0.44, 0, 0): 1,
+        (0.46, 0, 0): 0,
+        (0, 0.14, 0): 1,
+        (0, 0.16, 0): 0,
+        (0, 0, 0.44): 1,
+        (0, 0, 0.46): 0,
+        (0, 0.4, 0): 0,
+        (0.1, 0.4, 0): 1,
     }
     p = np.array(list(expected)).T
     assert np.allclose(brick.eval_1(at(p[:2] * 0, p)), list(expected.values()), atol=1e-3)
@@ -76,7 +101,8 @@ def test_solid_brick(variant_rgb):
 @pytest.mark.parametrize("plugin", PLUGINS)
 def test_mean(variant_rgb, plugin, solid):
     """Against the average over 2^20 points in a large region; 4.5 standard errors of independent points (fractal: of
-    its lattice cells)."""
+    its lattice cells).
+    """
     whole = texture(plugin, solid=solid, low=0.1, high=0.7, **({"octaves": 3} if plugin == "prosim_fractal" else {}))
     p = points(1 << 20, 3, high=300)
     values = np.array(whole.eval_1(at(p[:2], p)))
@@ -137,7 +163,8 @@ def test_square_wave_is_averaged_exactly(variant_rgb):
 @pytest.mark.parametrize("plugin", PLUGINS)
 def test_footprint_and_smoothing(variant_rgb, plugin, solid):
     """A footprint known from ray differentials, or the parameter, lessens the contrast and keeps the mean; a huge one
-    leaves the mean alone: no crawling."""
+    leaves the mean alone: no crawling.
+    """
     p = points(20_000, 3, high=30)
     sharp = texture(plugin, solid=solid)
     reference = np.array(sharp.eval_1(at(p[:2], p)))
@@ -165,7 +192,8 @@ def test_to_local(variant_rgb, plugin):
 
 def test_noise(variant_rgb):
     """Zero on the lattice, continuous with its derivative across cells, symmetric about 0, decorrelated by key and by
-    distance: 5 standard errors of 100 000 nearly independent values."""
+    distance: 5 standard errors of 100 000 nearly independent values.
+    """
     for dimensions, deviation in ((2, 0.177), (3, 0.191)):
         x = [mi.Float(v) for v in points(100_000, dimensions, high=1000)]
         values = np.array(gradient_noise(x, mi.UInt32(1)))
@@ -209,17 +237,35 @@ def test_gradient_for_bump_maps(variant_rgb, plugin):
 
 def image(plugin, integrator="path", **parameters):
     names = COLORS[plugin]
-    scene = mi.load_dict({
-        "type": "scene", "integrator": {"type": integrator, "max_depth": 2}, "light": {"type": "constant"},
-        "sensor": {"type": "perspective", "to_world": mi.ScalarTransform4f().look_at([0, -3, 2], [0, 0, 0], [0, 0, 1]),
-                   "film": {"type": "hdrfilm", "width": 8, "height": 8}, "sampler": {"type": "independent",
-                                                                                  "sample_count": 64}},
-        "ball": {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {
-            "type": plugin, names[0]: rgb(0.2, 0.3, 0.4), names[1]: rgb(0.8, 0.7, 0.6), **parameters}}},
-    })
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": integrator, "max_depth": 2},
+            "light": {"type": "constant"},
+            "sensor": {
+                "type": "perspective",
+                "to_world": mi.ScalarTransform4f().look_at([0, -3, 2], [0, 0, 0], [0, 0, 1]),
+                "film": {"type": "hdrfilm", "width": 8, "height": 8},
+                "sampler": {"type": "independent", "sample_count": 64},
+            },
+            "ball": {
+                "type": "sphere",
+                "bsdf": {
+                    "type": "diffuse",
+                    "reflectance": {
+                        "type": plugin,
+                        names[0]: rgb(0.2, 0.3, 0.4),
+                        names[1]: rgb(0.8, 0.7, 0.6),
+                        **parameters,
+                    },
+                },
+            },
+        }
+    )
     return scene, mi.traverse(scene)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", PLUGINS)
 def test_derivatives_of_colours(variant_rgb, plugin):
     """Through prb; the image is linear in them. The two seeds differ: 5 % is five times the noise."""
@@ -242,14 +288,19 @@ def test_derivatives_of_colours(variant_rgb, plugin):
         mean(0)
 
 
-@pytest.mark.parametrize("plugin, name", (
-    *(("prosim_brick", name) for name in ("brick_width", "brick_height", "mortar_width", "smoothing")),
-    *(("prosim_stripes", name) for name in ("frequency", "duty", "axis", "smoothing")),
-    *(("prosim_fractal", name) for name in ("scale", "gain", "lacunarity", "smoothing")),
-))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "plugin, name",
+    (
+        *(("prosim_brick", name) for name in ("brick_width", "brick_height", "mortar_width", "smoothing")),
+        *(("prosim_stripes", name) for name in ("frequency", "duty", "axis", "smoothing")),
+        *(("prosim_fractal", name) for name in ("scale", "gain", "lacunarity", "smoothing")),
+    ),
+)
 def test_derivatives_of_numbers(variant_rgb, plugin, name):
     """Of a weighted mean over a region, against central differences; with edges soft enough to have a derivative, but
-    joints not filled, for the step from one row of bricks to the next has none."""
+    joints not filled, for the step from one row of bricks to the next has none.
+    """
     pattern = texture(plugin, smoothing=0.008 if plugin == "prosim_brick" else 0.05, solid=True)
     params = mi.traverse(pattern)
     p = points(1_000_000, 3, high=0.2, low=0)
@@ -279,8 +330,13 @@ def test_renders_in_every_variant(variant, plugin):
 
 
 def test_product(variant):
-    product = mi.load_dict({"type": "prosim_product", "a": {"type": "prosim_stripes", "color0": 0.3, "color1": 0.8},
-                            "b": {"type": "prosim_stripes", "color0": 0.5, "color1": 0.2}})
+    product = mi.load_dict(
+        {
+            "type": "prosim_product",
+            "a": {"type": "prosim_stripes", "color0": 0.3, "color1": 0.8},
+            "b": {"type": "prosim_stripes", "color0": 0.5, "color1": 0.2},
+        }
+    )
     si = dr.zeros(mi.SurfaceInteraction3f) if variant != "scalar_rgb" else mi.SurfaceInteraction3f()
     si.wavelengths = [450, 520, 580, 640] if variant == "llvm_ad_spectral" else []
     si.duv_dx, si.duv_dy = mi.Vector2f(0), mi.Vector2f(0)
@@ -293,13 +349,25 @@ def test_product(variant):
     assert min(mi.traverse(product).keys()).startswith("a.")
 
 
-@pytest.mark.parametrize("plugin, parameter, value", (
-    ("prosim_brick", "brick_width", 0.0), ("prosim_brick", "brick_height", -1.0), ("prosim_brick", "mortar_width", -0.1),
-    ("prosim_brick", "smoothing", -1.0), ("prosim_stripes", "frequency", 0.0), ("prosim_stripes", "duty", 1.5),
-    ("prosim_stripes", "axis", [0, 0, 1]), ("prosim_fractal", "scale", 0.0), ("prosim_fractal", "octaves", 0),
-    ("prosim_fractal", "octaves", 17), ("prosim_fractal", "octaves", 2.5), ("prosim_fractal", "gain", -1.0),
-    ("prosim_fractal", "lacunarity", 0.0), ("prosim_fractal", "seed", -1),
-))
+@pytest.mark.parametrize(
+    "plugin, parameter, value",
+    (
+        ("prosim_brick", "brick_width", 0.0),
+        ("prosim_brick", "brick_height", -1.0),
+        ("prosim_brick", "mortar_width", -0.1),
+        ("prosim_brick", "smoothing", -1.0),
+        ("prosim_stripes", "frequency", 0.0),
+        ("prosim_stripes", "duty", 1.5),
+        ("prosim_stripes", "axis", [0, 0, 1]),
+        ("prosim_fractal", "scale", 0.0),
+        ("prosim_fractal", "octaves", 0),
+        ("prosim_fractal", "octaves", 17),
+        ("prosim_fractal", "octaves", 2.5),
+        ("prosim_fractal", "gain", -1.0),
+        ("prosim_fractal", "lacunarity", 0.0),
+        ("prosim_fractal", "seed", -1),
+    ),
+)
 def test_errors(variant_rgb, plugin, parameter, value):
     with pytest.raises(Exception, match=f'{plugin}.*parameter "{parameter}" is .*; allowed: '):
         mi.load_dict({"type": plugin, parameter: value})

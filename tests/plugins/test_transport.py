@@ -1,6 +1,7 @@
-"""Surfaces of every kind in the tree and along paths: BSDFs within BSDFs, such as have no separate lobes, the ambient term."""
+"""Surfaces of every kind in the tree and along paths: BSDFs within BSDFs, such as have no separate lobes, the ambient
+term.
+"""
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scenes import penumbra
 
 def T():
     return mi.ScalarTransform4f()
+
 
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 PRINCIPLED = {"type": "principled", "base_color": {"type": "rgb", "value": 0.5}, "roughness": 0.4}
@@ -25,56 +27,108 @@ def card(bsdf, **others):
     """A card before the camera; a rough metal ball out of sight lets the scene have every kind of lobe."""
     return {
         "type": "scene",
-        "sensor": {"type": "perspective", "fov": 20, "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-                   "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}},
+        "sensor": {
+            "type": "perspective",
+            "fov": 20,
+            "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}},
+        },
         "card": {"type": "rectangle", "to_world": T().scale(3), "bsdf": bsdf},
-        "ball": {"type": "sphere", "center": [90, 0, 0], "bsdf": {"type": "roughconductor"}}, **others}
+        "ball": {"type": "sphere", "center": [90, 0, 0], "bsdf": {"type": "roughconductor"}},
+        **others,
+    }
 
 
 def equal_in_the_mean(scene, a, b, spp=256, count=6, significance=1e-3):
     """Whether two integrators may have the same mean image: Welch's test on the means of ``count`` images of each."""
     from scipy import stats
+
     means = [renderings(scene, count, spp=spp, **integrator).mean((1, 2, 3)) for integrator in (a, b)]
     if means[0].std() < 1e-6 and means[1].std() < 1e-6:
         return np.allclose(means[0].mean(), means[1].mean(), rtol=1e-4)
     return stats.ttest_ind(*means, equal_var=False).pvalue > significance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounces", [0, 8, -1])
-@pytest.mark.parametrize("bsdf", [
-    {"type": "mask", "opacity": 0.25, "b": BLACK}, {"type": "mask", "opacity": 1.0, "b": BLACK},
-    {"type": "mask", "opacity": 0.75, "b": {"type": "prosim_composite", "alpha": 0.1, "diffuse_reflectance": 0.0}},
-    {"type": "null"}, {"type": "thindielectric"}],
-    ids=["mask .25", "mask 1", "mask of composite", "null", "thindielectric"])
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        {"type": "mask", "opacity": 0.25, "b": BLACK},
+        {"type": "mask", "opacity": 1.0, "b": BLACK},
+        {"type": "mask", "opacity": 0.75, "b": {"type": "prosim_composite", "alpha": 0.1, "diffuse_reflectance": 0.0}},
+        {"type": "null"},
+        {"type": "thindielectric"},
+    ],
+    ids=["mask .25", "mask 1", "mask of composite", "null", "thindielectric"],
+)
 def test_what_is_seen_through_is_counted_once(variant_rgb, bsdf, bounces):
-    scene = card(bsdf, light={"type": "rectangle", "to_world": T().translate([0, 0, -1]).scale(9),
-                              "emitter": {"type": "area", "radiance": 1.0}})
-    assert equal_in_the_mean(scene, {"type": "prosim", "adaptive": "none", "diffuse_bounces": bounces},
-                             {"type": "path", "max_depth": 8})
+    scene = card(
+        bsdf,
+        light={
+            "type": "rectangle",
+            "to_world": T().translate([0, 0, -1]).scale(9),
+            "emitter": {"type": "area", "radiance": 1.0},
+        },
+    )
+    assert equal_in_the_mean(
+        scene, {"type": "prosim", "adaptive": "none", "diffuse_bounces": bounces}, {"type": "path", "max_depth": 8}
+    )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounces", [0, 20, -1])
-@pytest.mark.parametrize("bsdf", [
-    PRINCIPLED, {"type": "twosided", "b": PRINCIPLED}, {"type": "mask", "opacity": 0.5, "b": PRINCIPLED},
-    {"type": "blendbsdf", "weight": 0.5, "a": PRINCIPLED, "b": {"type": "diffuse"}},
-    {"type": "hair", "eumelanin": 0.2}, {"type": "pplastic", "alpha": 0.2}],
-    ids=["principled", "twosided", "mask", "blendbsdf", "hair", "pplastic"])
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        PRINCIPLED,
+        {"type": "twosided", "b": PRINCIPLED},
+        {"type": "mask", "opacity": 0.5, "b": PRINCIPLED},
+        {"type": "blendbsdf", "weight": 0.5, "a": PRINCIPLED, "b": {"type": "diffuse"}},
+        {"type": "hair", "eumelanin": 0.2},
+        {"type": "pplastic", "alpha": 0.2},
+    ],
+    ids=["principled", "twosided", "mask", "blendbsdf", "hair", "pplastic"],
+)
 def test_lobes_that_cannot_be_told_apart_are_counted_once(variant_rgb, bsdf, bounces):
-    scene = card(bsdf, sky={"type": "constant", "radiance": 0.5},
-                 light={"type": "sphere", "center": [1.5, 1.5, 3.0], "radius": 0.3,
-                        "emitter": {"type": "area", "radiance": 10.0}})
-    assert equal_in_the_mean(scene, {"type": "prosim", "adaptive": "none", "max_level": 6, "diffuse_bounces": bounces},
-                             {"type": "path", "max_depth": 8}, spp=400)
+    scene = card(
+        bsdf,
+        sky={"type": "constant", "radiance": 0.5},
+        light={
+            "type": "sphere",
+            "center": [1.5, 1.5, 3.0],
+            "radius": 0.3,
+            "emitter": {"type": "area", "radiance": 10.0},
+        },
+    )
+    assert equal_in_the_mean(
+        scene,
+        {"type": "prosim", "adaptive": "none", "max_level": 6, "diffuse_bounces": bounces},
+        {"type": "path", "max_depth": 8},
+        spp=400,
+    )
 
 
 @pytest.mark.parametrize("variant_name", ["llvm_ad_rgb", "scalar_rgb"])
-@pytest.mark.parametrize("wrap, expected", [
-    (lambda b: b, 0.5), (lambda b: {"type": "mask", "opacity": 0.25, "b": b}, 0.125),
-    (lambda b: {"type": "twosided", "b": b}, 0.5), (lambda b: {"type": "normalmap", "normalmap": flat_normals(), "b": b}, 0.5),
-    (lambda b: {"type": "bumpmap", "texture": flat_normals(), "b": b}, 0.5),
-    (lambda b: {"type": "blendbsdf", "weight": 0.75, "a": b, "b": {"type": "diffuse"}}, 0.125),
-    (lambda b: {"type": "twosided", "b": {"type": "blendbsdf", "weight": 0.75, "a": {"type": "diffuse"}, "b": b}}, 0.375)],
-    ids=["plain", "mask", "twosided", "normalmap", "bumpmap", "blendbsdf", "twosided blendbsdf"])
+@pytest.mark.parametrize(
+    "wrap, expected",
+    [
+        (lambda b: b, 0.5),
+        (lambda b: {"type": "mask", "opacity": 0.25, "b": b}, 0.125),
+        (lambda b: {"type": "twosided", "b": b}, 0.5),
+        (lambda b: {"type": "normalmap", "normalmap": flat_normals(), "b": b}, 0.5),
+        (lambda b: {"type": "bumpmap", "texture": flat_normals(), "b": b}, 0.5),
+        (lambda b: {"type": "blendbsdf", "weight": 0.75, "a": b, "b": {"type": "diffuse"}}, 0.125),
+        (
+            lambda b: {
+                "type": "twosided",
+                "b": {"type": "blendbsdf", "weight": 0.75, "a": {"type": "diffuse"}, "b": b},
+            },
+            0.375,
+        ),
+    ],
+    ids=["plain", "mask", "twosided", "normalmap", "bumpmap", "blendbsdf", "twosided blendbsdf"],
+)
 def test_ambient_light_is_reflected_through_nested_bsdfs(variant_name, wrap, expected):
     mi.set_variant(variant_name)
     scene = card(wrap(LAMBERTIAN), integrator={"type": "prosim", "ambient": 1.0, "max_level": 0})
@@ -92,16 +146,32 @@ def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):
 @pytest.mark.parametrize("hidden", [False, True])
 def test_nothing_is_seen_beyond_far_clip(variant_rgb, sensor, hidden):
     """A wall at 5 is not seen with the far plane at 3, but at 7; nor behind a hidden lamp."""
+
     def image(far):
         lens = {"aperture_radius": 0.01, "focus_distance": 5.0} if sensor == "thinlens" else {}
         lamp = {"type": "rectangle", "to_world": T().translate([0, 0, 4]), "emitter": {"type": "area"}}
-        return np.array(mi.render(mi.load_dict({
-            "type": "scene", "integrator": {"type": "prosim", "ambient": 1.0, "max_level": 0, "hide_emitters": hidden},
-            "sensor": {"type": sensor, "near_clip": 0.1, "far_clip": far, **lens,
-                       "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-                       "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}},
-            "wall": {"type": "rectangle", "to_world": T().scale(9), "bsdf": LAMBERTIAN},
-            **({"lamp": lamp} if hidden else {})}), spp=4))
+        return np.array(
+            mi.render(
+                mi.load_dict(
+                    {
+                        "type": "scene",
+                        "integrator": {"type": "prosim", "ambient": 1.0, "max_level": 0, "hide_emitters": hidden},
+                        "sensor": {
+                            "type": sensor,
+                            "near_clip": 0.1,
+                            "far_clip": far,
+                            **lens,
+                            "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
+                            "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
+                        },
+                        "wall": {"type": "rectangle", "to_world": T().scale(9), "bsdf": LAMBERTIAN},
+                        **({"lamp": lamp} if hidden else {}),
+                    }
+                ),
+                spp=4,
+            )
+        )
+
     assert np.all(image(3.0) == 0) and np.allclose(image(7.0), 0.5, atol=1e-5)
 
 
@@ -109,23 +179,43 @@ def test_a_scene_is_looked_through_once_a_render_in_scalar_variants(monkeypatch)
     mi.set_variant("scalar_rgb")
     looked = []
     of = scene_facts.SceneFacts.of.__func__
-    monkeypatch.setattr(scene_facts.SceneFacts, "of", classmethod(lambda cls, *args: looked.append(1) or of(cls, *args)))
+    monkeypatch.setattr(
+        scene_facts.SceneFacts, "of", classmethod(lambda cls, *args: looked.append(1) or of(cls, *args))
+    )
     mi.render(mi.load_dict(penumbra(size=4, type="prosim")), spp=4)
     assert len(looked) == 1
 
 
 def test_a_hidden_ball_does_not_move_what_is_behind(variant_rgb):
     """Shading behind hidden lamps is that of the scene without them, for a surface that is no mesh."""
+
     def image(**lamps):
-        return np.array(mi.render(mi.load_dict({
-            "type": "scene", "integrator": {"type": "prosim", "max_level": 0, "hide_emitters": True, "adaptive": "none"},
-            "sensor": {"type": "perspective", "fov": 30, "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-                       "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}}},
-            "ball": {"type": "sphere", "radius": 1.0, "bsdf": LAMBERTIAN},
-            "point": {"type": "point", "position": [2.0, 2.0, 4.0], "intensity": 5.0}, **lamps}), spp=16))
+        return np.array(
+            mi.render(
+                mi.load_dict(
+                    {
+                        "type": "scene",
+                        "integrator": {"type": "prosim", "max_level": 0, "hide_emitters": True, "adaptive": "none"},
+                        "sensor": {
+                            "type": "perspective",
+                            "fov": 30,
+                            "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
+                            "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
+                        },
+                        "ball": {"type": "sphere", "radius": 1.0, "bsdf": LAMBERTIAN},
+                        "point": {"type": "point", "position": [2.0, 2.0, 4.0], "intensity": 5.0},
+                        **lamps,
+                    }
+                ),
+                spp=16,
+            )
+        )
+
     black = {"type": "area", "radiance": 0.0}
-    lamps = {"a": {"type": "sphere", "center": [0, 0, 3.0], "radius": 0.2, "emitter": black},
-             "b": {"type": "sphere", "center": [0, 0, 2.0], "radius": 0.2, "emitter": black}}
+    lamps = {
+        "a": {"type": "sphere", "center": [0, 0, 3.0], "radius": 0.2, "emitter": black},
+        "b": {"type": "sphere", "center": [0, 0, 2.0], "radius": 0.2, "emitter": black},
+    }
     alone, hidden = image(), image(**lamps)
     # The lamps' shadow on the ball is theirs; where there is none the images agree but for rounding.
     agree = np.abs(alone - hidden).max(2) < 1e-3 * alone.max()

@@ -230,6 +230,7 @@ def test_large_files_are_refused(tmp_path):
     assert time.perf_counter() - start < 20  # it is not read at all
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize(
     "text, words",
@@ -252,6 +253,7 @@ def test_monstrous_input_ends_soon_with_a_short_message(text, words):
     assert len(str(error.value)) < 2000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", ["+ " * 100_000 + "CUBE 0 " * 100_001, "- CUBE 0 " * 100_000 + "CUBE 0"])
 def test_a_tree_of_100000_levels(tree):
     scene = prosim_scene.parse(with_line(4, "CSG-TREE " + tree))

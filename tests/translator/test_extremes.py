@@ -83,6 +83,7 @@ WITHIN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITHIN)
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_rgb):
@@ -94,7 +95,7 @@ def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_r
     assert np.isfinite(np.array(mi.render(scene, spp=4))).all()
 
 
-NAMES = ["a$b", "$width", "a&b <c>", "a--b", "-", "a 'b'", "ação", "a\\$b", "a;b", "%20"]
+NAMES = ["a$b", "$width", "a&b <c>", "a--b", "-", "a 'b'", "ação", "a\\$b", "a;b", "%20", "a\u202fb\xa0c", "\U0001f3a8"]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -24,6 +24,7 @@ PRIMITIVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", PRIMITIVES)
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (2, 0.5, -1)])
 def test_canonical_solids(shape, scale):
@@ -62,6 +63,7 @@ def test_cylinder_through_a_cube():
     assert np.all(np.einsum("tci,tci->tc", mesh.normals, mesh.positions * [1, 1, 0]) < 0)
 
 
+@pytest.mark.slow
 def test_union_of_two_spheres():
     meshes = list(solids(scene("+ SPHERE 0 SPHERE 1", ["", "TRANSLATE (1 0 0)"]), tolerance=0.002).values())
     assert_closed(meshes)
@@ -153,6 +155,7 @@ def test_coincident_faces_in_a_large_union():
             assert face[i] == pytest.approx(1.5 - lost)
 
 
+@pytest.mark.slow
 def test_coincident_caps():
     # Discs of a cylinder and a cone in the plane z = 1 on a box whose face lies there too: the cylinder owns its disc,
     # the cone what sticks out of that, the box the rest.
@@ -203,6 +206,7 @@ def inside(text, points):
     return stack.pop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_trees_contain_the_right_points(seed):
     rng = random.Random(seed)
@@ -252,6 +256,7 @@ def test_random_trees_contain_the_right_points(seed):
     assert np.mean((winding > 0.5) != expected) < 0.01  # only points closer to a face than the chords may differ
 
 
+@pytest.mark.slow
 def test_long_alternating_chains_give_what_the_definition_gives():
     rng = random.Random(7)
     count = 60
@@ -312,6 +317,7 @@ def test_what_vanishes_is_reported():
         assert solids(scene("- CUBE 0 CUBE 0", [""])) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tree", ["+ " * 3000 + "CUBE 0 " * 3001, "+ CUBE 0 " * 3000 + "CUBE 0", "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"]
 )

@@ -195,6 +195,7 @@ def judge(text):
         assert prosim_scene.parse(prosim_scene.format(text, "x.scn"), "x.scn") == scene
 
 
+@pytest.mark.slow
 @quick
 @given(texts(), st.data())
 def test_mutated_scenes_raise_scene_errors_or_nothing(text, data):
@@ -209,6 +210,7 @@ def test_mutated_scenes_raise_scene_errors_or_nothing(text, data):
     judge(text)
 
 
+@pytest.mark.slow
 @quick
 @given(
     st.lists(
@@ -222,6 +224,7 @@ def test_any_text_raises_scene_errors_or_nothing(text):
     judge(text)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(scenes())
 def test_whole_translations_raise_scene_errors_or_nothing(tmp_path_factory, tokens):

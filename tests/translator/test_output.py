@@ -84,6 +84,7 @@ def load_silently(load, *arguments, **options):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target, units", [("prosim", "calibrated"), ("prosim", "unattenuated"), ("stock", "radiance")])
 def test_mitsuba_loads_the_xml_without_a_warning(everything, target, units, tmp_path):
@@ -210,6 +211,7 @@ def test_alike_surfaces_share_a_mesh(tmp_path):
     assert sorted(p.name.split("-")[0] for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0", "surface_2"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "light, irradiance",
     [
@@ -270,6 +272,7 @@ def test_light_units(units, tmp_path, variant_rgb):
     assert np.array(image).mean() == pytest.approx(expected / math.pi, rel=0.02)
 
 
+@pytest.mark.slow
 def test_both_targets_are_comparably_bright(tmp_path, variant_rgb):
     means = []
     for target in ("prosim", "stock"):
@@ -278,3 +281,14 @@ def test_both_targets_are_comparably_bright(tmp_path, variant_rgb):
             scene = mi.load_dict(prosim_scene.load(EXAMPLES / "palito.scn", target=target, resolution=(64, 64)))
         means.append(np.array(mi.render(scene, spp=64)).mean(axis=(0, 1)))
     assert np.allclose(means[0], means[1], rtol=0.25)
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_a_document_stands_for_its_file_and_is_read_once(everything):
+    expected = prosim_scene.translate(everything, tolerance=1).read_bytes()
+    opened = prosim_scene.document(everything)
+    assert opened.scene.name == "tudo" and opened.line("surfaces", 0) == 15
+    everything.rename(everything.with_suffix(".moved"))
+    assert prosim_scene.translate(opened, tolerance=1).read_bytes() == expected
+    assert prosim_scene.check(opened, tolerance=1) == opened.scene
+    assert prosim_scene.load(opened, tolerance=1, transform=lambda m: m)["integrator"]["samples"] == 2

@@ -30,6 +30,7 @@ def rotation(axis, degrees):
     return m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", INSIDE)
 def test_silhouette(variant_rgb, tmp_path, shape):
     """Against the solid itself, by points along the rays of the formula; only pixels on the outline may differ."""

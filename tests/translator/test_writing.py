@@ -126,6 +126,7 @@ prosim_scene.translate(sys.argv[1], tolerance=1)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", range(4))
 def test_killed_at_any_step_the_xml_keeps_its_meshes(scene, after):
     xml = prosim_scene.translate(scene, tolerance=1)
@@ -142,6 +143,7 @@ def test_killed_at_any_step_the_xml_keeps_its_meshes(scene, after):
     assert sorted(everything(scene.parent)) == sorted(["s.scn", "s.xml", *named(xml)])
 
 
+@pytest.mark.slow
 def test_translations_at_the_same_time_all_succeed(scene):
     code = """
 import sys, prosim_scene

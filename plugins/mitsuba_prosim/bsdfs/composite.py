@@ -29,7 +29,8 @@ class Composite(Pigmented):
 
      * - specular_reflectance
        - |spectrum| or |texture|
-       - Weight of the specular lobe, :math:`k_s`. The sum of the two is at most 1: numbers and colours that exceed it are
+       - Weight of the specular lobe, :math:`k_s`. The sum of the two is at most 1: numbers and colours that exceed it
+       are
          an error, also if :math:`k_d` is left at its default, and where textures or spectra do, :math:`k_s` is
          :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
        - |exposed|, |differentiable|
@@ -104,8 +105,14 @@ class Composite(Pigmented):
         self.set_components(glossy=self.roughness is not None)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(callback, diffuse_reflectance=self.diffuse_reflectance, specular_reflectance=self.specular_reflectance,
-               ambient=self.ambient, eta=self.eta, **{self.distribution.parameter: self.roughness})
+        expose(
+            callback,
+            diffuse_reflectance=self.diffuse_reflectance,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            eta=self.eta,
+            **{self.distribution.parameter: self.roughness},
+        )
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times ks, which is at most 1 - kd at every point and wavelength."""
@@ -124,13 +131,20 @@ class Composite(Pigmented):
         m = torrance_sparrow.sample(si.wi, sample2, self.distribution, self.roughness.eval_1(si, active))
         return mi.reflect(si.wi, m)
 
-    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-                          active: mi.Bool) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+    def specular_eval_pdf(
+        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
         width = self.roughness.eval_1(si, active)
         i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
         return self.reflected(si, i_m, active) * value, pdf
 
     def to_string(self) -> str:
-        return describe(self, diffuse_reflectance=self.diffuse_reflectance,
-                        specular_reflectance=self.specular_reflectance, ambient=self.ambient, eta=self.eta,
-                        distribution=self.distribution.name, **{self.distribution.parameter: self.roughness})
+        return describe(
+            self,
+            diffuse_reflectance=self.diffuse_reflectance,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            eta=self.eta,
+            distribution=self.distribution.name,
+            **{self.distribution.parameter: self.roughness},
+        )

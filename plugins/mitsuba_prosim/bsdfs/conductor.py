@@ -104,8 +104,14 @@ class Conductor(mi.BSDF):
         self.m_flags = self.m_components[0]
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(callback, eta=self.eta, k=self.k, specular_reflectance=self.specular_reflectance,
-               ambient=self.ambient, **{self.distribution.parameter: self.roughness})
+        expose(
+            callback,
+            eta=self.eta,
+            k=self.k,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            **{self.distribution.parameter: self.roughness},
+        )
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times the user's factor."""
@@ -113,8 +119,14 @@ class Conductor(mi.BSDF):
         f = FRESNEL[self.fresnel](cos, self.eta.eval(si, active) * scale, self.k.eval(si, active) * scale)
         return f if self.specular_reflectance is None else f * self.specular_reflectance.eval(si, active)
 
-    def sample(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f,
-               active: mi.Bool = True) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         active &= si.wi.z > GRAZING
         if active is False or not ctx.is_enabled(self.specular_type, 0):
@@ -139,16 +151,19 @@ class Conductor(mi.BSDF):
         weight = attenuation.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
         return bs, mi.depolarizer(self.reflected(si, i_m, active) * weight) & active
 
-    def eval(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-             active: mi.Bool = True) -> mi.Spectrum:
+    def eval(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-            active: mi.Bool = True) -> mi.Float:
+    def pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Float:
         return self.eval_pdf(ctx, si, wo, active)[1]
 
-    def eval_pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-                 active: mi.Bool = True) -> tuple[mi.Spectrum, mi.Float]:
+    def eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> tuple[mi.Spectrum, mi.Float]:
         active &= (si.wi.z > GRAZING) & (wo.z > 0)
         if active is False or self.roughness is None or not ctx.is_enabled(self.specular_type, 0):
             return mi.Spectrum(0), mi.Float(0)
@@ -157,6 +172,14 @@ class Conductor(mi.BSDF):
         return mi.depolarizer(self.reflected(si, i_m, active) * value) & active, dr.select(active, pdf, 0)
 
     def to_string(self) -> str:
-        return describe(self, eta=self.eta, k=self.k, ext_ior=self.ext_ior, fresnel=self.fresnel,
-                        distribution=self.distribution.name, specular_reflectance=self.specular_reflectance,
-                        ambient=self.ambient, **{self.distribution.parameter: self.roughness})
+        return describe(
+            self,
+            eta=self.eta,
+            k=self.k,
+            ext_ior=self.ext_ior,
+            fresnel=self.fresnel,
+            distribution=self.distribution.name,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            **{self.distribution.parameter: self.roughness},
+        )

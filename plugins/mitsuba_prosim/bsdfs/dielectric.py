@@ -99,9 +99,14 @@ class Dielectric(mi.BSDF):
         self.m_flags = self.m_components[0] | self.m_components[1]
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(callback, eta=self.eta, specular_reflectance=self.specular_reflectance,
-               specular_transmittance=self.specular_transmittance, ambient=self.ambient,
-               **{self.distribution.parameter: self.roughness})
+        expose(
+            callback,
+            eta=self.eta,
+            specular_reflectance=self.specular_reflectance,
+            specular_transmittance=self.specular_transmittance,
+            ambient=self.ambient,
+            **{self.distribution.parameter: self.roughness},
+        )
 
     def enabled(self, ctx: mi.BSDFContext) -> tuple[bool, bool]:
         """Whether ``ctx`` asks for the reflected, and for the transmitted component."""
@@ -111,21 +116,36 @@ class Dielectric(mi.BSDF):
         """Probability of the component that was chosen, given Fresnel's reflectance ``f``."""
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
-    def energy(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, reflected: mi.Bool, f: mi.Float, eta: mi.Float,
-               active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    def energy(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        reflected: mi.Bool,
+        f: mi.Float,
+        eta: mi.Float,
+        active: mi.Bool,
+    ) -> mi.UnpolarizedSpectrum:
         """Share of the light that a facet reflects or transmits, as a spectrum.
 
         ``eta`` is the index on wo's side over that on wi's: radiance that crosses is divided by its square, for it
         fills another solid angle; importance is not.
         """
-        r, t = (1 if texture is None else texture.eval(si, active)
-                for texture in (self.specular_reflectance, self.specular_transmittance))
+        r, t = (
+            1 if texture is None else texture.eval(si, active)
+            for texture in (self.specular_reflectance, self.specular_transmittance)
+        )
         if ctx.mode == mi.TransportMode.Radiance:
             t = t * dr.square(dr.rcp(eta))
         return mi.UnpolarizedSpectrum(dr.select(reflected, f * r, (1 - f) * t))
 
-    def sample(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f,
-               active: mi.Bool = True) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
         active &= dr.abs(si.wi.z) > GRAZING
@@ -157,8 +177,16 @@ class Dielectric(mi.BSDF):
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, share, 1)) & active
 
-    def facets(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, m: mi.Vector3f, i_m: mi.Float, o_m: mi.Float,
-               reflected: mi.Bool, width: mi.Float) -> tuple[mi.Float, mi.Float]:
+    def facets(
+        self,
+        si: mi.SurfaceInteraction3f,
+        wo: mi.Vector3f,
+        m: mi.Vector3f,
+        i_m: mi.Float,
+        o_m: mi.Float,
+        reflected: mi.Bool,
+        width: mi.Float,
+    ) -> tuple[mi.Float, mi.Float]:
         """``(value, pdf)`` of the facets ``m`` that send light from ``wo`` to ``wi``, without Fresnel's share.
 
         Both are D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations 14 and
@@ -167,7 +195,7 @@ class Dielectric(mi.BSDF):
         """
         cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
         a, b = dr.abs(i_m), dr.maximum(dr.abs(o_m), 1e-30)
-        seen = dr.minimum(a / cos_i, 2 * m.z)                  # G1 <wi, m> / cos_i
+        seen = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
         eta = dr.select(si.wi.z > 0, self.eta, dr.rcp(self.eta))
         spread = (a + eta * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, self.eta)), 1e-7)
         jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta * spread) * b)
@@ -175,16 +203,19 @@ class Dielectric(mi.BSDF):
         lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * attenuation.g1(cos_o, m.z, b))
         return density * lit, density * seen
 
-    def eval(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-             active: mi.Bool = True) -> mi.Spectrum:
+    def eval(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-            active: mi.Bool = True) -> mi.Float:
+    def pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Float:
         return self.eval_pdf(ctx, si, wo, active)[1]
 
-    def eval_pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-                 active: mi.Bool = True) -> tuple[mi.Spectrum, mi.Float]:
+    def eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> tuple[mi.Spectrum, mi.Float]:
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)
         active &= (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
@@ -201,6 +232,12 @@ class Dielectric(mi.BSDF):
         return mi.depolarizer(value) & active, dr.select(active, density * self.share(ctx, reflected, f), 0)
 
     def to_string(self) -> str:
-        return describe(self, eta=self.eta, specular_reflectance=self.specular_reflectance,
-                        specular_transmittance=self.specular_transmittance, ambient=self.ambient,
-                        distribution=self.distribution.name, **{self.distribution.parameter: self.roughness})
+        return describe(
+            self,
+            eta=self.eta,
+            specular_reflectance=self.specular_reflectance,
+            specular_transmittance=self.specular_transmittance,
+            ambient=self.ambient,
+            distribution=self.distribution.name,
+            **{self.distribution.parameter: self.roughness},
+        )

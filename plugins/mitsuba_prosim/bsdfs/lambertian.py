@@ -60,8 +60,14 @@ class Lambertian(mi.BSDF):
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, reflectance=self.reflectance, ambient=self.ambient)
 
-    def sample(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f,
-               active: mi.Bool = True) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return bs, mi.Spectrum(0)
@@ -74,19 +80,22 @@ class Lambertian(mi.BSDF):
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active
 
-    def eval(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-             active: mi.Bool = True) -> mi.Spectrum:
+    def eval(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-            active: mi.Bool = True) -> mi.Float:
+    def pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Float:
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return mi.Float(0)
         active &= (si.wi.z > 0) & (wo.z > 0)
         return dr.select(active, mi.warp.square_to_cosine_hemisphere_pdf(wo), 0)
 
-    def eval_pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-                 active: mi.Bool = True) -> tuple[mi.Spectrum, mi.Float]:
+    def eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> tuple[mi.Spectrum, mi.Float]:
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return mi.Spectrum(0), mi.Float(0)
         active &= (si.wi.z > 0) & (wo.z > 0)

@@ -82,23 +82,34 @@ class Phong(Pigmented):
         self.set_components(glossy=self.exponent is not None)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(callback, diffuse_reflectance=self.diffuse_reflectance, specular_reflectance=self.specular_reflectance,
-               ambient=self.ambient, exponent=self.exponent)
+        expose(
+            callback,
+            diffuse_reflectance=self.diffuse_reflectance,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            exponent=self.exponent,
+        )
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.specular_reflectance.eval(si, active)
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        sin, cos = cosine.sample(sample2.x, self.exponent.eval_1(si, active))     # equation 4.10
+        sin, cos = cosine.sample(sample2.x, self.exponent.eval_1(si, active))  # equation 4.10
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample2.y)
         return mi.Frame3f(mi.reflect(si.wi)).to_world(mi.Vector3f(sin * cos_phi, sin * sin_phi, cos))
 
-    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-                          active: mi.Bool) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+    def specular_eval_pdf(
+        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
         n = self.exponent.eval_1(si, active)
         lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
         return self.specular_reflectance.eval(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe
 
     def to_string(self) -> str:
-        return describe(self, diffuse_reflectance=self.diffuse_reflectance,
-                        specular_reflectance=self.specular_reflectance, ambient=self.ambient, exponent=self.exponent)
+        return describe(
+            self,
+            diffuse_reflectance=self.diffuse_reflectance,
+            specular_reflectance=self.specular_reflectance,
+            ambient=self.ambient,
+            exponent=self.exponent,
+        )

@@ -120,8 +120,9 @@ class Area(mi.Emitter):
         self.beam.make_opaque()
         super().parameters_changed(keys)
 
-    def emitted(self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f,
-                active: mi.Bool) -> mi.Spectrum:
+    def emitted(
+        self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
+    ) -> mi.Spectrum:
         """Radiance in the direction ``d``, as ``receiver`` sees it."""
         value = self.radiance.eval(si, active) * self.beam.towards(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
@@ -137,8 +138,9 @@ class Area(mi.Emitter):
         si = mi.SurfaceInteraction3f(ds, it.wavelengths)
         return self.emitted(si, -ds.d, it.p, active & (dr.dot(ds.d, ds.n) < 0))
 
-    def sample_direction(self, it: mi.Interaction3f, sample: mi.Point2f,
-                         active: mi.Bool = True) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    def sample_direction(
+        self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         # Dr.Jit traces every emitter that exists, also one that no shape has taken.
         if self.get_shape() is None:
             return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
@@ -181,8 +183,9 @@ class Area(mi.Emitter):
         cap = (1 + dr.safe_sqrt(1 - sin2)) / (dr.two_pi * dr.maximum(sin2, 1e-30))
         return dr.select((sin2 < 0.9) & (pdf > 0), cap, pdf)
 
-    def sample_position(self, time: mi.Float, sample: mi.Point2f,
-                        active: mi.Bool = True) -> tuple[mi.PositionSample3f, mi.Float]:
+    def sample_position(
+        self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.PositionSample3f, mi.Float]:
         if self.get_shape() is None:
             return dr.zeros(mi.PositionSample3f), mi.Float(0)
         sample_position = self.sample_texture if self.textured else self.get_shape().sample_position
@@ -212,8 +215,9 @@ class Area(mi.Emitter):
         pdf = self.radiance.pdf_position(uv, active) / dr.maximum(stretch, 1e-30)
         return dr.select(si.is_valid(), pdf, mi.Float(0))
 
-    def sample_ray(self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f,
-                   active: mi.Bool = True) -> tuple[mi.Ray3f, mi.Spectrum]:
+    def sample_ray(
+        self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
         ps, weight = self.sample_position(time, sample2, active)
@@ -228,8 +232,9 @@ class Area(mi.Emitter):
         si.wavelengths, spectrum = sample_spectrum(self.radiance, si, sample1, active)
         return si.spawn_ray(d), mi.depolarizer(spectrum * weight)
 
-    def sample_wavelengths(self, si: mi.SurfaceInteraction3f, sample: mi.Float,
-                           active: mi.Bool = True) -> tuple[mi.Color0f, mi.Spectrum]:
+    def sample_wavelengths(
+        self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
+    ) -> tuple[mi.Color0f, mi.Spectrum]:
         wavelengths, weight = sample_spectrum(self.radiance, si, sample, active)
         # The particle tracer, alone to ask for this, gives the direction towards the camera in world coordinates.
         return wavelengths, weight * self.beam.towards(si.wi)

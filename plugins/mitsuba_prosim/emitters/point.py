@@ -137,16 +137,18 @@ class Point(mi.Emitter):
         self.beam.make_opaque()
         super().parameters_changed(keys)
 
-    def sample_ray(self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f,
-                   active: mi.Bool = True) -> tuple[mi.Ray3f, mi.Spectrum]:
+    def sample_ray(
+        self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
         d, total = self.beam.sample(sample3)
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         return mi.Ray3f(self.position, d, time, wavelengths), mi.depolarizer(weight * total)
 
-    def sample_direction(self, it: mi.Interaction3f, sample: mi.Point2f,
-                         active: mi.Bool = True) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    def sample_direction(
+        self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         ds = mi.DirectionSample3f()
         ds.p, ds.n, ds.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
         ds.time = it.time
@@ -169,8 +171,9 @@ class Point(mi.Emitter):
             value /= dr.maximum(dr.squared_norm(ds.p - it.p), 1e-30)
         return mi.depolarizer(value)
 
-    def sample_position(self, time: mi.Float, sample: mi.Point2f,
-                        active: mi.Bool = True) -> tuple[mi.PositionSample3f, mi.Float]:
+    def sample_position(
+        self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.PositionSample3f, mi.Float]:
         ps = mi.PositionSample3f()
         ps.p, ps.n, ps.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
         ps.time = time
@@ -181,8 +184,9 @@ class Point(mi.Emitter):
     def pdf_position(self, ps: mi.PositionSample3f, active: mi.Bool = True) -> mi.Float:
         return mi.Float(0)
 
-    def sample_wavelengths(self, si: mi.SurfaceInteraction3f, sample: mi.Float,
-                           active: mi.Bool = True) -> tuple[mi.Color0f, mi.Spectrum]:
+    def sample_wavelengths(
+        self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
+    ) -> tuple[mi.Color0f, mi.Spectrum]:
         wavelengths, weight = sample_spectrum(self.intensity, si, sample, active)
         return wavelengths, weight * self.scale
 
@@ -194,5 +198,11 @@ class Point(mi.Emitter):
         return mi.ScalarBoundingBox3f(p)
 
     def to_string(self) -> str:
-        return describe(self, position=self.position, **{self.quantity: self.intensity}, radius=self.radius or None,
-                        **self.beam.values(), unattenuated=self.unattenuated)
+        return describe(
+            self,
+            position=self.position,
+            **{self.quantity: self.intensity},
+            radius=self.radius or None,
+            **self.beam.values(),
+            unattenuated=self.unattenuated,
+        )

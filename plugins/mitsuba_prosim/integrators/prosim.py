@@ -1,12 +1,17 @@
 """The stochastic ray tracer of the thesis, with adaptive N-rook sampling (chapter 4, sections 5.3 and 5.4)."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
 from ..light.emission import read_emission
 from ..parameters import choice, describe, expose, number, reject, whole
 from ..registry import plugin
-from ..rendering import bands
+from ..rendering import bands, collector
 from ..rendering.accumulate import Image
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.derivatives import Derivatives
@@ -119,13 +124,19 @@ class Prosim(mi.SamplingIntegrator):
     the number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` given to ``render()``
     replaces :monosp:`max_samples`, and :monosp:`samples` by its square root, rounded up.
 
-    The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no separate
-    lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within others) are
-    taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where they are smooth.
+    The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no
+    separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
+    others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
+    they are smooth.
 
     Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
     within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
     The back of a one-sided surface reflects none.
+
+    Derivatives, forward and backward, are those of the samples that the image is made of, by any parameter of materials
+    and sources, and by the places of sources, of what they light, and of mirrors. Left out is what a moving edge covers
+    or uncovers: silhouettes as the camera sees them, shadows, and the edges of objects in glossy and diffuse
+    reflections, except those of sources.
 
     In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
     sample count of the sensor's sampler, and that sampler's samples.
@@ -150,11 +161,12 @@ class Prosim(mi.SamplingIntegrator):
             }
     """
 
-    def __init__(self, props):
+    def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         if mi.is_polarized:
-            raise ValueError("prosim: light is unpolarised here (thesis, section 2.2.3); use a variant without "
-                             "'polarized'.")
+            raise ValueError(
+                "prosim: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
+            )
 
         self.samples = whole(props, "samples", 5, 1)
         self.adaptive = choice(props, "adaptive", tuple(POLICIES))
@@ -164,8 +176,12 @@ class Prosim(mi.SamplingIntegrator):
         self.max_level = whole(props, "max_level", 4, -1)
         self.diffuse_bounces = whole(props, "diffuse_bounces", 0, -1)
         if self.diffuse_bounces == 0 and not 0 <= self.max_level <= DEEPEST_TREE:
-            raise reject(props, "max_level", self.max_level,
-                         f"0 to {DEEPEST_TREE} for a ray tree (-1, any level, goes with diffuse_bounces)")
+            raise reject(
+                props,
+                "max_level",
+                self.max_level,
+                f"0 to {DEEPEST_TREE} for a ray tree (-1, any level, goes with diffuse_bounces)",
+            )
         self.shadows = props.get("shadows", True)
         self.ambient = read_emission(props, "ambient")
         self.background = read_emission(props, "background")
@@ -190,53 +206,96 @@ class Prosim(mi.SamplingIntegrator):
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
         self.cancelled = False
-        self._image = None  # what is being rendered, in JIT variants
-        self._transport = None  # in scalar variants, while an image is rendered
+        self._image: tuple[mi.Film, Image] | None = None  # what is being rendered, in JIT variants
+        self._transport: Transport | None = None  # in scalar variants, while an image is rendered
 
-    def traverse(self, callback):
+    def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=self.ambient, background=self.background)
 
-    def to_string(self):
-        names = ("samples", "adaptive", "threshold", "min_passes", "max_samples", "max_level", "shadows", "ambient",
-                 "background", "diffuse_bounces", "cutoff", "rr_depth", "hide_emitters", "jitter", "channels")
+    def to_string(self) -> str:
+        names = (
+            "samples",
+            "adaptive",
+            "threshold",
+            "min_passes",
+            "max_samples",
+            "max_level",
+            "shadows",
+            "ambient",
+            "background",
+            "diffuse_bounces",
+            "cutoff",
+            "rr_depth",
+            "hide_emitters",
+            "jitter",
+            "channels",
+        )
         return describe(self, **{name: getattr(self, name) for name in names}, aovs=self.aov_names())
 
-    def aov_names(self):
+    def aov_names(self) -> list[str]:
         others = self.mitsuba_aovs.aov_names() if self.mitsuba_aovs is not None else []
         return list(others) + self.own_aovs
 
-    def cancel(self):
+    def cancel(self) -> None:
         """Ends a rendering in progress after the current band; the film keeps what was finished."""
         self.cancelled = True
+        super().cancel()  # the loop of scalar variants
 
-    def flush(self):
-        """Puts the image so far into the film; for ``progress`` to call. Does nothing where no image is being made, or one
-        that is only for derivatives."""
+    def flush(self) -> None:
+        """Puts the image so far into the film; for ``progress`` to call. Does nothing where no image is being made, or
+        one that is only for derivatives.
+        """
         if self._image is not None:
             self._put(*self._image)
 
     # ---------------------------------------------------------------- radiance along a ray
 
-    def sample(self, scene, sampler, ray, medium=None, active=True):
+    @collector.suspended()
+    def sample(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.RayDifferential3f,
+        medium: mi.Medium | None = None,
+        active: mi.Bool = True,
+    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         transport = self._transport or Transport(self._settings(), scene)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
 
-    def _settings(self):
-        return Settings(self.max_level, self.shadows, self.ambient, self.background, self.diffuse_bounces, self.cutoff,
-                        self.rr_depth, self.hide_emitters)
+    def _settings(self) -> Settings:
+        return Settings(
+            self.max_level,
+            self.shadows,
+            self.ambient,
+            self.background,
+            self.diffuse_bounces,
+            self.cutoff,
+            self.rr_depth,
+            self.hide_emitters,
+        )
 
     # ---------------------------------------------------------------- rendering
 
-    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> mi.TensorXf:
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
         if dr.flag(dr.JitFlag.FreezingScope):
-            raise RuntimeError("prosim: an image can't be rendered within a function that dr.freeze records, because how "
-                               "many samples are taken is decided on the way; render it outside of that function.")
+            raise RuntimeError(
+                "prosim: an image can't be rendered within a function that dr.freeze records, because how "
+                "many samples are taken is decided on the way; render it outside of that function."
+            )
         film = sensor.film()
         film.prepare(self.aov_names())
         plan, estimator = self._plan(scene, sensor, seed, spp)
@@ -256,7 +315,7 @@ class Prosim(mi.SamplingIntegrator):
             dr.sync_thread()
         return image
 
-    def _render_scalar(self, scene, *arguments):
+    def _render_scalar(self, scene: mi.Scene, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
         if self._transport is not None:  # Mitsuba calls render() of this class once more
             return super().render(scene, *arguments)
@@ -266,30 +325,46 @@ class Prosim(mi.SamplingIntegrator):
         finally:
             self._transport = None
 
-    def _plan(self, scene, sensor, seed, spp):
+    def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
         """``(plan, estimator)``: which samples are taken, and what takes them."""
-        plan = Plan.of(Sampling(self.samples, self.adaptive, self.threshold, self.min_passes, self.max_samples, self.jitter,
-                                self.band), sensor.film(), seed, spp)
+        plan = Plan.of(
+            Sampling(
+                self.samples, self.adaptive, self.threshold, self.min_passes, self.max_samples, self.jitter, self.band
+            ),
+            sensor.film(),
+            seed,
+            spp,
+        )
         channels = Channels(sensor.film(), self.channels, self.mitsuba_aovs)
         return plan, Estimator(plan, scene, sensor, Transport(self._settings(), scene), channels)
 
-    def _fill(self, image, plan, estimator, own_aovs):
-        """Renders ``image``."""
+    def _fill(
+        self,
+        image: Image,
+        plan: Plan,
+        estimator: Estimator,
+        own_aovs: Sequence[str],
+        counts: list[mi.UInt32] | None = None,
+    ) -> None:
+        """Renders ``image``; ``counts`` as for :func:`.bands.render`."""
         self.cancelled = False
         policy = POLICIES[self.adaptive](plan, self.threshold)
         with uncropped(estimator.sensor):
             estimator.rays = ray_sampler(estimator.sensor)
-            bands.render(plan, policy, estimator, image, own_aovs, self.progress, lambda: self.cancelled)
+            bands.render(plan, policy, estimator, image, own_aovs, self.progress, lambda: self.cancelled, counts)
 
     @staticmethod
-    def _put(film, image):
+    def _put(film: mi.Film, image: Image) -> None:
         """Makes ``image`` what ``film`` holds."""
         film.clear()
         film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))
 
     # ---------------------------------------------------------------- derivatives
 
-    def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
+    @collector.suspended()
+    def render_forward(
+        self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+    ) -> mi.TensorXf:
         derivatives = self._derivatives(scene, sensor, seed, spp)
         image = derivatives.develop(derivatives.attached_storage(), self.aov_names())
         dr.forward_to(image)
@@ -302,20 +377,30 @@ class Prosim(mi.SamplingIntegrator):
         dr.scatter(complete, gradient.array, i // channels * all_channels + i % channels)
         return mi.TensorXf(complete, (height, width, all_channels))
 
-    def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
+    @collector.suspended()
+    def render_backward(
+        self,
+        scene: mi.Scene,
+        params: Any,
+        grad_in: mi.TensorXf,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+    ) -> None:
         derivatives = self._derivatives(scene, sensor, seed, spp)
         storage = mi.TensorXf(derivatives.storage)
         dr.enable_grad(storage)
         image = derivatives.develop(storage, self.aov_names())
-        dr.backward(dr.sum(image * grad_in[:, :, :image.shape[2]], axis=None))
+        dr.backward(dr.sum(image * grad_in[:, :, : image.shape[2]], axis=None))
         derivatives.backward(dr.grad(storage))
 
-    def _derivatives(self, scene, sensor, seed, spp):
+    def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
+        counts: list[mi.UInt32] = []
         with dr.suspend_grad():
             plan, estimator = self._plan(scene, sensor, seed, spp)
-            image = Image(plan.window, estimator.channels.names, 1)
-            self._fill(image, plan, estimator, ["samples"])
+            image = Image(plan.window, estimator.channels.names, 0)
+            self._fill(image, plan, estimator, [], counts)
         estimator.transport = Transport(self._settings(), scene, attached=True)
-        return Derivatives(plan, estimator, image)
+        return Derivatives(plan, estimator, image, dr.concat(counts))

@@ -6,9 +6,12 @@ Dachsbacher 2019).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 
+from .motion import with_ball
 from .sample import LightSample, direction_sample, weighed
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
 
@@ -23,8 +26,10 @@ class Balls:
     whole_sphere = False
     #: Whether it can tell beforehand that a ray meets none of its sources.
     can_foresee = True
+    #: Whether :meth:`carried` needs to know the point of the surface.
+    follows_shape = False
 
-    def __init__(self, emitters):
+    def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         self.balls = [ball(emitter) for emitter in emitters]
         if self.balls and dr.is_jit_v(mi.Float):
             self.centers = mi.Point3f(*(dr.concat([mi.Float(c[axis]) for c, _ in self.balls]) for axis in range(3)))
@@ -32,7 +37,7 @@ class Balls:
             dr.make_opaque(self.centers, self.radii)
 
     @staticmethod
-    def takes(emitter) -> bool:
+    def takes(emitter: mi.Emitter | mi.EmitterPtr) -> bool:
         """Whether ``emitter`` is a sphere that emits outwards, the same everywhere."""
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != "Sphere" or shape.has_flipped_normals():
@@ -40,29 +45,58 @@ class Balls:
         # What varies over the sphere would need the texture coordinates.
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
 
-    def ball(self, number, active=True):
+    def ball(self, number: int | mi.UInt32, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
         """Center and radius of the source ``number``, a Python integer or a Dr.Jit array."""
         if isinstance(number, int):
             return self.balls[number]
         return dr.gather(mi.Point3f, self.centers, number, active), dr.gather(mi.Float, self.radii, number, active)
 
-    def sample(self, number, emitter, si, n, sample, active, attached=False) -> LightSample:
+    def sample(
+        self,
+        number: int | mi.UInt32,
+        emitter: mi.Emitter | mi.EmitterPtr,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> LightSample:
         """A point of the source ``number``, which is ``emitter``, seen from ``si``.
 
-        ``n``: unit normal on the viewer's side, above whose horizon points are taken; ``sample``: a point in [0, 1)²;
-        ``attached``: whether the weight shall have derivatives by the sphere's size and place.
+        ``n``: unit normal on the viewer's side, above whose horizon points are taken; ``sample``: a point in [0, 1)².
         """
         center, radius = self.ball(number)
-        ds = direction_to_ball(si, center, radius, n, sample)
-        if attached:  # a drawn direction has no derivative, the area that it was drawn from has
-            ds.pdf = pdf_of_ball(si, center, radius, n, ds.d)
-        return weighed(emitter, si, ds, active)
+        return weighed(emitter, si, direction_to_ball(si, center, radius, n, sample), active)
 
-    def pdf(self, number, si, n, ds, active):
+    def pdf(
+        self,
+        number: int | mi.UInt32,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        ds: mi.DirectionSample3f,
+        active: mi.Bool,
+    ) -> mi.Float:
         """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
         return pdf_of_ball(si, *self.ball(number, active), n, ds.d)
 
-    def may_meet(self, number, o, d):
+    def carried(
+        self,
+        number: int | mi.UInt32,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        d: mi.Vector3f,
+        met: mi.SurfaceInteraction3f | None,
+        active: mi.Bool,
+    ) -> tuple[mi.DirectionSample3f, mi.Float]:
+        """The direction ``d`` from ``si`` to a point of the source ``number``, carried along: see :mod:`.motion`.
+
+        Returns a ``mi.DirectionSample3f`` and the Jacobian, both with derivatives.
+        """
+        d, jacobian = with_ball(si.p, n, *self.ball(number, active), d)
+        ds = direction_sample(si, d)
+        ds.n = -d
+        return ds, jacobian
+
+    def may_meet(self, number: int | mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets the source ``number``, as far as nothing is in the way."""
         center, radius = self.ball(number)
         to_center = center - o
@@ -73,13 +107,15 @@ class Balls:
         return near & (b > -radius)
 
 
-def ball(emitter):
+def ball(emitter: mi.Emitter | mi.EmitterPtr) -> tuple[mi.Point3f, mi.Float]:
     """``(center, radius)`` of the sphere that emits: ``mi.Point3f``, ``mi.Float``."""
     to_world = mi.traverse(emitter.get_shape())["to_world"]
     return to_world @ mi.Point3f(0), dr.norm(to_world @ mi.Vector3f(1, 0, 0))
 
 
-def pdf_of_ball(si, center, radius, n, d):
+def pdf_of_ball(
+    si: mi.SurfaceInteraction3f, center: mi.Point3f, radius: mi.Float, n: mi.Normal3f, d: mi.Vector3f
+) -> mi.Float:
     """Density per solid angle with which :func:`direction_to_ball` takes the direction ``d``."""
     to_center = center - si.p
     inv_d2 = dr.rcp(dr.squared_norm(to_center))
@@ -87,7 +123,9 @@ def pdf_of_ball(si, center, radius, n, d):
     return pdf_projected_cap(cos_n, dr.square(radius) * inv_d2, dr.dot(n, d))
 
 
-def direction_to_ball(si, center, radius, n, sample):
+def direction_to_ball(
+    si: mi.SurfaceInteraction3f, center: mi.Point3f, radius: mi.Float, n: mi.Normal3f, sample: mi.Point2f
+) -> mi.DirectionSample3f:
     """``mi.DirectionSample3f`` from ``si`` to a sphere, by projected solid angle above the horizon of ``n``."""
     to_center = center - si.p
     d2 = dr.squared_norm(to_center)

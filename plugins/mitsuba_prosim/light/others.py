@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import drjit as dr
 import mitsuba as mi
 
-from .sample import LightSample
+from .motion import with_surface
+from .sample import LightSample, direction_sample
 
 
 class Others:
@@ -16,6 +18,8 @@ class Others:
     whole_sphere = True
     #: Whether it can tell beforehand that a ray meets none of its sources.
     can_foresee = False
+    #: Whether :meth:`carried` needs to know the point of the surface.
+    follows_shape = True
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         pass
@@ -33,7 +37,6 @@ class Others:
         n: mi.Normal3f,
         sample: mi.Point2f,
         active: mi.Bool,
-        attached: bool = False,
     ) -> LightSample:
         """A point of ``emitter``, seen from ``si``; see :meth:`.balls.Balls.sample`."""
         ds, weight = emitter.sample_direction(si, sample, active)
@@ -53,3 +56,20 @@ class Others:
     def may_meet(self, number: int | mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets the source ``number``: it can't be told."""
         return mi.Bool(True)
+
+    def carried(
+        self,
+        number: int | mi.UInt32,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        d: mi.Vector3f,
+        met: mi.SurfaceInteraction3f,
+        active: mi.Bool,
+    ) -> tuple[mi.DirectionSample3f, mi.Float]:
+        """The direction ``d`` from ``si`` to the point ``met`` of a source, carried along; see
+        :meth:`.balls.Balls.carried`.
+        """
+        moved, jacobian = with_surface(si.p, met)
+        ds = direction_sample(si, dr.replace_grad(d, moved))
+        ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(met.p - si.p)
+        return ds, jacobian

@@ -37,18 +37,16 @@ class Lamp:
         both_sides: mi.Bool | bool,
         sample: mi.Point2f,
         active: mi.Bool,
-        attached: bool = False,
     ) -> LightSample:
         """A point of the source, seen from ``si``.
 
         ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
-        reaches too (rough glass), or False where there is none; ``sample``: a point in [0, 1)²; ``attached``: whether
-        the weight shall have derivatives by the source's size and place.
+        reaches too (rough glass), or False where there is none; ``sample``: a point in [0, 1)².
         """
         if self.strategy.whole_sphere or both_sides is False:
-            return self.strategy.sample(self.number, self.emitter, si, n, sample, active, attached)
-        above = self.strategy.sample(self.number, self.emitter, si, n, sample, but_not(active, both_sides), attached)
-        whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides, attached)
+            return self.strategy.sample(self.number, self.emitter, si, n, sample, active)
+        above = self.strategy.sample(self.number, self.emitter, si, n, sample, but_not(active, both_sides))
+        whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides)
         return dr.select(both_sides, whole, above)
 
 
@@ -103,7 +101,8 @@ class Lights:
 
     def _tabulate(self, scene: mi.Scene) -> None:
         """Pointers by the number of the source, and for many sources the way back from Dr.Jit's identity of an emitter.
-        (That table's size has to be waited for.)
+
+        That table's size has to be waited for.
         """
         in_scene = scene.emitters()
         order = mi.UInt32([in_scene.index(emitter) for emitter in self.emitters])
@@ -126,14 +125,21 @@ class Lights:
         return number
 
     def for_each(
-        self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, groups: list[Group] | None = None
+        self,
+        body: Callable[[Lamp, Any], Any],
+        total: Any,
+        active: mi.Bool,
+        groups: list[Group] | None = None,
+        attached: bool = False,
     ) -> Any:
         """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a
         :class:`Lamp`.
+
+        ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
         """
         for strategy, first, end in self.groups if groups is None else groups:
             if self.jit and self.lamps > self.UNROLLED:
-                total = self._loop(body, strategy, first, end, total, active)
+                total = self._loop(body, strategy, first, end, total, active, attached)
             else:
                 for k in range(first, end):
                     total = body(Lamp(k, self.emitters[k], strategy, k - first), total)
@@ -147,6 +153,7 @@ class Lights:
         end: int,
         total: Any,
         active: mi.Bool,
+        attached: bool,
     ) -> Any:
         first, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
 
@@ -155,7 +162,11 @@ class Lights:
             return k + 1, body(Lamp(k, emitter, strategy, k - first), total)
 
         return dr.while_loop(
-            (mi.UInt32(first), total), lambda k, total: active & (k < end), step, labels=("k", "total")
+            (mi.UInt32(first), total),
+            lambda k, total: active & (k < end),
+            step,
+            labels=("k", "total"),
+            mode="evaluated" if attached else None,
         )[1]
 
     def sample_sky(
@@ -199,6 +210,20 @@ class Lights:
             if not idle(rest):
                 pdf = dr.select(rest, WHOLE.pdf(k, si, n, ds, rest), pdf)
         return pdf
+
+    def carried(
+        self, si: mi.SurfaceInteraction3f, n: mi.Normal3f, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
+    ) -> tuple[mi.Vector3f, mi.Float]:
+        """The direction ``d`` from ``si`` to the point ``met`` of a lamp, carried along with that lamp, and the
+        Jacobian of the map, both with derivatives; see :mod:`.motion`.
+        """
+        k = self.number_of(met.shape.emitter(), active)
+        moved, jacobian = mi.Vector3f(d), mi.Float(1)
+        for strategy, first, end in self.groups:
+            mine = active & (first <= k) & (k < end)
+            ds, stretch = strategy.carried(dr.clip(k - first, 0, end - 1 - first), si, n, d, met, mine)
+            moved, jacobian = dr.select(mine, ds.d, moved), dr.select(mine, stretch, jacobian)
+        return moved, jacobian
 
     def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets a source, as far as nothing is in the way; where the table ``can_foresee``."""

@@ -31,7 +31,7 @@ def power(versine: mi.Float, exponent: mi.Float) -> mi.Float:
 
 def share(versine: mi.Float, exponent: mi.Float) -> mi.Float:
     """Share of the integral of cos^n sin from 0 to 90 degrees that lies within the angle: 1 - cos^(n + 1)."""
-    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)       # below, it is 1
+    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below, it is 1
     return -2 * dr.sinh(h) * dr.exp(h)
 
 
@@ -39,4 +39,4 @@ def sample(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
     """``(sin, cos)`` of an angle with the density of cos^n sin, whose `share` is ``u`` in [0, 1); it grows with u."""
     h = -log1p(-u) / (exponent + 1)
     cos = dr.exp(-h)
-    return dr.sqrt(dr.maximum(2 * cos * dr.sinh(h), 0)), cos     # 1 - cos², without its cancellation
+    return dr.sqrt(dr.maximum(2 * cos * dr.sinh(h), 0)), cos  # 1 - cos², without its cancellation

@@ -21,8 +21,8 @@ from . import cosine
 class Distribution(NamedTuple):
     """A distribution, and how a plugin's parameters speak of it."""
 
-    name: str                        #: value of the parameter ``distribution``
-    parameter: str                   #: what its roughness is called
+    name: str  #: value of the parameter ``distribution``
+    parameter: str  #: what its roughness is called
     range: tuple[float, float, str]  #: lowest and highest roughness, and that in words
     D: Callable[[mi.Vector3f, mi.Float], mi.Float]
     polar: Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]
@@ -36,7 +36,7 @@ def sin2(m: mi.Vector3f) -> mi.Float:
 def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
     """exp(-tan² / alpha²) / (pi alpha² cos⁴), alpha the RMS slope (the thesis's m)."""
     cos2 = dr.maximum(m.z * m.z, 1e-8)
-    alpha2 = dr.maximum(alpha * alpha, 1e-8)      # a texture may be 0 somewhere
+    alpha2 = dr.maximum(alpha * alpha, 1e-8)  # a texture may be 0 somewhere
     return dr.exp(-sin2(m) / (cos2 * alpha2)) / (dr.pi * alpha2 * cos2 * cos2)
 
 
@@ -66,7 +66,7 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 
     Term by term, the integral of t^k exp(-t) is k! exp(-s) (1 + s + ... + s^k / k!).
     """
-    s = dr.minimum(s, 40)                         # exp(-40) is nothing beside 1, s^8 still a float
+    s = dr.minimum(s, 40)  # exp(-40) is nothing beside 1, s^8 still a float
     total, power, term, partial = 0.0, 1.0, 1.0, 1.0
     for k, c in enumerate(SINE):
         total += c * power * partial
@@ -78,7 +78,7 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 
 def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
     """``(alpha², tail from 90 degrees on, integral up to there)``, for `gaussian_tail`."""
-    alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))   # beyond 2, float's cancellation shows
+    alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # beyond 2, float's cancellation shows
     low = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
     return alpha2, low, gaussian_tail(0, alpha2) - low
 
@@ -103,8 +103,10 @@ def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
     alpha2, low, total = gaussian_limits(alpha)
     rate = 1 + (2 / 3) * alpha2
     s = -dr.log(1 - u * (1 - dr.exp(-rate * dr.square(0.5 * dr.pi) / alpha2))) / rate
-    y = dr.minimum(-alpha2 * dr.log(1 - u * (1 - dr.exp(-1 / alpha2))),
-                   dr.square(dr.sin(dr.minimum(dr.sqrt(alpha2 * s), 0.5 * dr.pi))))
+    y = dr.minimum(
+        -alpha2 * dr.log(1 - u * (1 - dr.exp(-1 / alpha2))),
+        dr.square(dr.sin(dr.minimum(dr.sqrt(alpha2 * s), 0.5 * dr.pi))),
+    )
     target = low + (1 - u) * total
     for _ in range(2):
         y = dr.clip(y, 1e-12, 1 - 1e-6)
@@ -116,8 +118,11 @@ def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
     return dr.sqrt(y), dr.sqrt(1 - y)
 
 
-DISTRIBUTIONS = {d.name: d for d in (
-    Distribution("beckmann", "alpha", (0, 1e3, "a number >= 0"), beckmann, beckmann_polar),
-    Distribution("gaussian", "alpha", (0, 2, "a number between 0 and 2"), gaussian, gaussian_polar),
-    Distribution("phong", "exponent", (0, 1e6, "a number between 0 and 1e6"), phong, phong_polar),
-)}
+DISTRIBUTIONS = {
+    d.name: d
+    for d in (
+        Distribution("beckmann", "alpha", (0, 1e3, "a number >= 0"), beckmann, beckmann_polar),
+        Distribution("gaussian", "alpha", (0, 2, "a number between 0 and 2"), gaussian, gaussian_polar),
+        Distribution("phong", "exponent", (0, 1e6, "a number between 0 and 1e6"), phong, phong_polar),
+    )
+}

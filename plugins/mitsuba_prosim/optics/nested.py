@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
+from typing import Any
 
 import mitsuba as mi
 
 
 @functools.cache
-def _callback(variant):
-    """The class that gathers what a BSDF shows of itself, for the active variant. (One class for all calls: each would
-    be garbage with a reference to the BSDF, until Python collects it.)"""
-    class Parts(mi.TraversalCallback):
-        def __init__(self):
-            super().__init__()
-            self.found = {}
+def _callback(variant: str) -> type:
+    """The class that gathers what a BSDF shows of itself, for the active variant.
 
-        def put(self, name, value, flags, *_):
+    One class for all calls: each would be garbage with a reference to the BSDF, until Python collects it.
+    """
+
+    class Parts(mi.TraversalCallback):
+        def __init__(self) -> None:
+            super().__init__()
+            self.found: dict[str, Any] = {}
+
+        def put(self, name: str, value: Any, flags: Any, *_: Any) -> None:
             self.found[name] = value
 
     return Parts
 
 
-def parts(bsdf: mi.BSDF) -> dict:
+def parts(bsdf: mi.BSDF) -> dict[str, Any]:
     """What ``bsdf`` consists of, by the names that ``mi.traverse`` has: BSDFs, textures, numbers."""
     callback = _callback(mi.variant())()
     bsdf.traverse(callback)

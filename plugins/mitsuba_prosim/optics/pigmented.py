@@ -35,8 +35,9 @@ class Pigmented(mi.BSDF):
         """A direction drawn from the specular lobe."""
         raise NotImplementedError
 
-    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-                          active: mi.Bool) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+    def specular_eval_pdf(
+        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
         """The specular lobe times the cosine of ``wo``, and the density with which it is drawn."""
         raise NotImplementedError
 
@@ -44,8 +45,9 @@ class Pigmented(mi.BSDF):
         """Whether ``ctx`` asks for the specular, and for the diffuse component."""
         return ctx.is_enabled(self.specular_type, 0), ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 1)
 
-    def share(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, kd: mi.UnpolarizedSpectrum,
-              active: mi.Bool) -> mi.Float:
+    def share(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, kd: mi.UnpolarizedSpectrum, active: mi.Bool
+    ) -> mi.Float:
         """Probability with which the specular component is sampled: 1 or 0 if it is the only one, or not, enabled."""
         specular, diffuse = self.enabled(ctx)
         if specular != diffuse:
@@ -54,8 +56,14 @@ class Pigmented(mi.BSDF):
         total = ks + dr.mean(kd)
         return dr.select(total > 0, ks / dr.maximum(total, 1e-8), 0.5)
 
-    def sample(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f,
-               active: mi.Bool = True) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         active &= si.wi.z > GRAZING
         specular, diffuse = self.enabled(ctx)
@@ -63,7 +71,7 @@ class Pigmented(mi.BSDF):
             return bs, mi.Spectrum(0)
         kd = self.diffuse_reflectance.eval(si, active)
         p = self.share(ctx, si, kd, active)
-        chosen = sample1 < p                           # the specular component
+        chosen = sample1 < p  # the specular component
         bs.eta = 1
         bs.sampled_component = dr.select(chosen, mi.UInt32(0), mi.UInt32(1))
         bs.sampled_type = dr.select(chosen, mi.UInt32(+self.specular_type), mi.UInt32(+mi.BSDFFlags.DiffuseReflection))
@@ -81,8 +89,9 @@ class Pigmented(mi.BSDF):
         bs.pdf = dr.select(active, pdf, 0)
         return bs, value / dr.select(active, pdf, 1) & active
 
-    def eval_pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-                 active: mi.Bool = True) -> tuple[mi.Spectrum, mi.Float]:
+    def eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> tuple[mi.Spectrum, mi.Float]:
         specular, diffuse = self.enabled(ctx)
         active &= (si.wi.z > GRAZING) & (wo.z > 0)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
@@ -100,12 +109,14 @@ class Pigmented(mi.BSDF):
             pdf += p * density
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
 
-    def eval(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-             active: mi.Bool = True) -> mi.Spectrum:
+    def eval(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Spectrum:
         return self.eval_pdf(ctx, si, wo, active)[0]
 
-    def pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f,
-            active: mi.Bool = True) -> mi.Float:
+    def pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
+    ) -> mi.Float:
         return self.eval_pdf(ctx, si, wo, active)[1]
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 import mitsuba as mi
 
 from ..parameters import choice, constant, reject, shown
 from .facets import DISTRIBUTIONS, Distribution
+from .nested import parts
 
 
 @overload
@@ -41,8 +42,9 @@ def conserve(props: mi.Properties, **defaults: float | None) -> bool:
     implied = {name: default for name, default in defaults.items() if default is not None and name not in props}
     values = [[implied[name]] if name in implied else constant(props, name) for name in defaults]
     channels = max(map(len, values))
-    if any(len(v) > 1 and hasattr(props.get(name), "values") for name, v in zip(defaults, values, strict=True)) or \
-            not all(values):
+    if any(
+        len(v) > 1 and hasattr(props.get(name), "values") for name, v in zip(defaults, values, strict=True)
+    ) or not all(values):
         return False
     sums = [sum(v[i % len(v)] for v in values) for i in range(channels)]
     if max(sums) > 1 + 1e-6:
@@ -51,8 +53,7 @@ def conserve(props: mi.Properties, **defaults: float | None) -> bool:
     return channels == 1 or not mi.is_spectral
 
 
-def roughness(props: mi.Properties,
-              allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, mi.Texture | None]:
+def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
     """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
 
     The texture is None for an ideally smooth surface, i.e. if the roughness is absent or ``alpha`` is 0. An
@@ -111,19 +112,15 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     except RuntimeError as error:
         names = metals()
         if not names:
-            raise reject(props, "material", material, "none, for the tables of metals in Mitsuba's folder data/ior "
-                         "are not found") from error
+            raise reject(
+                props, "material", material, "none, for the tables of metals in Mitsuba's folder data/ior are not found"
+            ) from error
         if material in names:
-            raise RuntimeError(f'{props.plugin_name()}: the table of the metal "{material}" can\'t be loaded: '
-                               f"{error}") from None
+            raise RuntimeError(
+                f'{props.plugin_name()}: the table of the metal "{material}" can\'t be loaded: {error}'
+            ) from None
         raise reject(props, "material", material, "none, " + ", ".join(names)) from None
-    found = {}
-
-    class Textures(mi.TraversalCallback):
-        def put(self, name, value, flags):
-            found[name] = value
-
-    conductor.traverse(Textures())
+    found = parts(conductor)
     return found["eta"], found["k"]
 
 

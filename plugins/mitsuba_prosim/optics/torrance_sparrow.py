@@ -13,8 +13,9 @@ def sample(wi: mi.Vector3f, u: mi.Point2f, facets: Distribution, roughness: mi.F
     return mi.Normal3f(visible.sample(wi, u, facets.polar, roughness))
 
 
-def eval_pdf(wi: mi.Vector3f, wo: mi.Vector3f, facets: Distribution,
-             roughness: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
+def eval_pdf(
+    wi: mi.Vector3f, wo: mi.Vector3f, facets: Distribution, roughness: mi.Float
+) -> tuple[mi.Float, mi.Float, mi.Float]:
     """``(i_m, value, pdf)`` for a pair of unit directions above the surface, the cosine of ``wi`` above
     `half_vectors.GRAZING`.
 

@@ -25,7 +25,7 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     s = 2 * u - 1
     v = dr.pi * dr.abs(s)
     bound = dr.maximum(t, 1)
-    edge = dr.acos(1 / bound)                                 # both facets are visible from here to pi - edge
+    edge = dr.acos(1 / bound)  # both facets are visible from here to pi - edge
     y = v - edge + dr.sqrt(bound * bound - 1)
     width = dr.pi - 2 * edge
     p = dr.clip((v - 2 * edge) / width, 0, 1)

@@ -24,10 +24,10 @@ class Mixture(mi.Texture):
     its ``__init__``, and defines `value` and `average`.
     """
 
-    BASE: str                      #: name of the attribute that is the texture where the pattern is 0
-    TOP: str                       #: ... where it is 1
+    BASE: str  #: name of the attribute that is the texture where the pattern is 0
+    TOP: str  #: ... where it is 1
     NUMBERS: tuple[str, ...] = ()  #: names of the attributes that are the pattern's own parameters
-    STEP = 1e-3                    #: of the differences that `eval_1_grad` takes, in units of (u, v)
+    STEP = 1e-3  #: of the differences that `eval_1_grad` takes, in units of (u, v)
 
     def __init__(self, props: mi.Properties) -> None:
         """Reads ``solid``, ``to_local`` and ``smoothing``."""

@@ -23,7 +23,8 @@ def gradient_noise(coordinates: Sequence[mi.Float], key: mi.UInt32) -> mi.Float:
         fade = f * f * f * (f * (f * 6 - 15) + 10)
         corners = [
             (combine(hashed, cell + side), weight * (fade if side else 1 - fade), (*offset, f - side))
-            for hashed, weight, offset in corners for side in (0, 1)
+            for hashed, weight, offset in corners
+            for side in (0, 1)
         ]
     total = mi.Float(0)
     for hashed, weight, offset in corners:

@@ -16,7 +16,7 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
     x -= dr.floor(x)
     low = 0.5 - duty / 2
 
-    def integral(x):
+    def integral(x: mi.Float) -> mi.Float:
         whole = dr.floor(x)
         return whole * duty + dr.clip(x - whole - low, 0, duty)
 

@@ -61,12 +61,6 @@ class Image:
         dr.eval(self.values)
         dr.sync_thread()
 
-    def plane(self, channel: int) -> mi.Float:
-        """One channel, pixel by pixel."""
-        return dr.gather(
-            mi.Float, self.values, dr.arange(mi.UInt32, self.width * self.height) * self.channels + channel
-        )
-
     def tensor(self) -> mi.TensorXf:
         """Shape (height, width, channels), the integrator's own channels multiplied by the weight, as films expect."""
         values = self.values

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
+from . import collector
 from .accumulate import Image
-from .estimate import Estimator
-from .plan import Plan, pixels, widened
+from .estimate import Estimate, Estimator
+from .plan import Plan, Rectangle, index_within, pixels, widened
 
 
-def render(plan: Plan, policy, estimator: Estimator, image: Image, own_aovs, progress=None, cancelled=lambda: False):
+def render(
+    plan: Plan,
+    policy: Any,
+    estimator: Estimator,
+    image: Image,
+    own_aovs: Sequence[str],
+    progress: Callable[[float], None] | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
+    counts: list | None = None,
+) -> None:
     """Renders ``image``, by ``policy`` (see :mod:`.policies`).
 
     ``own_aovs``: names of the channels that say how the image was made, see :func:`own_channel`; ``progress``: called
-    after each band with the part done, 0 to 1; ``cancelled``: asked before each band whether to stop.
+    after each band with the part done, 0 to 1; ``cancelled``: asked before each band whether to stop; ``counts``: a
+    list that gets the number of samples of each pixel, band by band, which together are those of ``plan.region``.
     """
     left, top, right, bottom = plan.region
     rows = max(1, plan.band // (right - left))
@@ -24,17 +38,27 @@ def render(plan: Plan, policy, estimator: Estimator, image: Image, own_aovs, pro
         end = min(begin + rows, bottom)
         band = (left, begin, right, end)
         outer, estimate = take(plan, policy, estimator, band)
+        if counts is not None:
+            x, y, *_ = pixels(band)
+            counts.append(dr.gather(mi.UInt32, estimate.count, index_within(outer, x, y)))
         inverse = dr.rcp(mi.Float(estimate.count))
-        image.add(outer, band, [s * inverse for s in estimate.sums],
-                  [own_channel(name, estimate, plan.n) for name in own_aovs], plan.reach)
+        image.add(
+            outer,
+            band,
+            [s * inverse for s in estimate.sums],
+            [own_channel(name, estimate, plan.n) for name in own_aovs],
+            plan.reach,
+        )
         if progress is not None or end < bottom:
             image.wait()  # bounds the memory, and lets progress be true
         if progress is not None:
             progress((end - top) / (bottom - top))
 
 
-def take(plan: Plan, policy, estimator: Estimator, band):
-    """The samples of the pixels of ``band``, wave by wave: ``(outer, estimate)``, laid out over the rectangle ``outer``.
+@collector.suspended()
+def take(plan: Plan, policy: Any, estimator: Estimator, band: Rectangle) -> tuple[Rectangle, Estimate]:
+    """The samples of the pixels of ``band``, wave by wave: ``(outer, estimate)``, laid out over the rectangle
+    ``outer``.
 
     The neighbours around the band that the policy looks at are taken too: samples are pure, so they are the same as in
     their own band.
@@ -44,6 +68,8 @@ def take(plan: Plan, policy, estimator: Estimator, band):
     estimate = estimator.take(x, y, 0, policy.first, policy.quiet)
     dr.eval(estimate)
     for where, begin, end in policy.waves(estimate, x, y, size, band):
+        if dr.width(where) == 0:
+            continue
         more = estimator.take(dr.gather(mi.Int32, x, where), dr.gather(mi.Int32, y, where), begin, end, policy.quiet)
         dr.eval(more)
         estimate.add(more, where)
@@ -54,6 +80,6 @@ def take(plan: Plan, policy, estimator: Estimator, band):
 OWN_AOVS = ("samples", "error")
 
 
-def own_channel(name, estimate, n):
+def own_channel(name: str, estimate: Estimate, n: int) -> mi.Float:
     """``samples``: of each pixel; ``error``: the standard error of its luminance."""
     return mi.Float(estimate.count) if name == "samples" else estimate.error(n)

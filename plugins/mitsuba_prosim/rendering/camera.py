@@ -15,11 +15,10 @@ if TYPE_CHECKING:
 
 
 def ray_sampler(sensor: mi.Sensor) -> RaySampler:
-    """What ``sensor.sample_ray_differential`` is, but for the differentials, for a film without a crop window. (Not
-    every sensor has a ``sample_ray``.)
+    """What ``sensor.sample_ray_differential`` is, but for the differentials, for a film without a crop window.
 
-    Mitsuba's perspective camera has the film's size as a constant in its code, so that each resolution would be
-    compiled anew: its rays are made here, by its own matrices.
+    Not every sensor has a ``sample_ray``. Mitsuba's perspective camera has the film's size as a
+    constant in its code, so that each resolution would be compiled anew: its rays are made here, by its own matrices.
     """
     if sensor.class_name() != "PerspectiveCamera":
         return sensor.sample_ray_differential

@@ -2,60 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import drjit as dr
 import mitsuba as mi
 
 from .accumulate import Image
 from .camera import ray_sampler, uncropped
 from .estimate import Estimator
-from .plan import Plan, pixels
+from .plan import Plan, index_within, pixels
 
 
 class Derivatives:
     """An image that was rendered without derivatives, so that the number of samples in each pixel is known.
 
-    ``image``: that image, with the number of samples as its only own channel; ``estimator``: one whose transport is
-    attached.
+    ``image``: that image, without own channels; ``counts``: the number of samples of each pixel of ``plan.region``;
+    ``estimator``: one whose transport is attached.
     """
 
-    def __init__(self, plan: Plan, estimator: Estimator, image: Image):
+    def __init__(self, plan: Plan, estimator: Estimator, image: Image, counts: mi.UInt32) -> None:
         self.plan, self.estimator, self.sensor, self.film = plan, estimator, estimator.sensor, estimator.sensor.film()
-        self.counts = image.plane(image.sampled)
+        self.counts = counts
         #: The film's values of that image.
-        self.storage = image.tensor()[:, :, :image.sampled]
+        self.storage = image.tensor()
 
-    def develop(self, storage, aov_names):
+    def develop(self, storage: mi.TensorXf, aov_names: Sequence[str]) -> mi.TensorXf:
         """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
-        self.film.prepare(aov_names[:storage.shape[2] - self.estimator.channels.names.index("W") - 1])
+        self.film.prepare(aov_names[: storage.shape[2] - self.estimator.channels.names.index("W") - 1])
         self.film.put_block(mi.ImageBlock(storage, mi.ScalarPoint2i(self.film.crop_offset()), border=False))
         return self.film.develop()
 
-    def samples(self):
-        """Yields ``(values, weights, pixel)`` for each pass: the film's values of one sample a lane, with derivatives;
-        and for each pixel of the window within the filter's reach the weight of the sample and the pixel's index."""
-        x0, y0, right, bottom = self.plan.window
-        width, height, n, reach = right - x0, bottom - y0, self.plan.n, self.plan.reach
-        x, y, *_ = pixels(self.plan.window)
+    def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
+        """Yields ``(values, weights)`` for each pass: the film's values of one sample a lane, with derivatives; and for
+        each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's index
+        in the window.
+        """
+        plan = self.plan
+        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in plan.window)
+        offsets = range(-plan.reach, plan.reach + 1)
+        x, y, *_ = pixels(plan.region)
         with uncropped(self.sensor):
             self.estimator.rays = ray_sampler(self.sensor)
-            for r in range(-(-self.plan.most // n)):
-                taken = dr.compress(self.counts > r * n + 0.5)
+            for r in range(-(-plan.most // plan.n)):
+                taken = dr.compress(self.counts > r * plan.n)
                 if dr.width(taken) == 0:
                     break
-                lane = dr.arange(mi.UInt32, dr.width(taken) * n)
-                pixel = dr.gather(mi.UInt32, taken, lane // n)
+                lane = dr.arange(mi.UInt32, dr.width(taken) * plan.n)
+                pixel = dr.gather(mi.UInt32, taken, lane // plan.n)
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                values, _, position = self.estimator.sample(px, py, dr.opaque(mi.UInt32, r), lane % n)
-                share = dr.rcp(dr.gather(mi.Float, self.counts, pixel))
+                i = lane % plan.n
+                values, _, position = self.estimator.sample(px, py, dr.opaque(mi.UInt32, r), i)
+                count = dr.gather(mi.UInt32, self.counts, pixel)
+                share = dr.select(r * plan.n + i < count, dr.rcp(mi.Float(count)), 0)  # the last pass may be cut short
                 spread = []
-                for k, (weight, _) in enumerate(self.estimator.spread([mi.Float(1)], position)):
-                    tx = px - x0 + k % (2 * reach + 1) - reach
-                    ty = py - y0 + k // (2 * reach + 1) - reach
-                    there = (tx >= 0) & (tx < width) & (ty >= 0) & (ty < height)
-                    spread.append((dr.select(there, weight * share, 0), mi.UInt32(dr.select(there, ty * width + tx, 0))))
+                targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
+                for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
+                    there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
+                    spread.append(
+                        (dr.select(there, weight * share, 0), dr.select(there, index_within(plan.window, tx, ty), 0))
+                    )
                 yield values, spread
 
-    def backward(self, gradient):
+    def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""
         channels = gradient.shape[2]
         gradient = gradient.array
@@ -66,8 +74,9 @@ class Derivatives:
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
             # The passes share the graph behind the scene's parameters: its edges must stay.
             dr.backward(dr.sum(loss), flags=dr.ADFlag.ClearVertices)
+            dr.eval()  # what was scattered to the parameters, so that no pass adds to the kernel of another
 
-    def attached_storage(self):
+    def attached_storage(self) -> mi.TensorXf:
         """The film's values as a tensor that depends on the scene's parameters."""
         height, width, channels = self.storage.shape
         total = dr.zeros(mi.Float, width * height * channels)

@@ -107,3 +107,9 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32, mi.UInt32, mi.UInt
     y = i // width
     x = i - y * width
     return mi.Int32(x) + dr.opaque(mi.Int32, left), mi.Int32(y) + dr.opaque(mi.Int32, top), width, height
+
+
+def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
+    """Number of the pixel (x, y) in the order of :func:`pixels`."""
+    left, top, width = (dr.opaque(mi.Int32, v) for v in (rectangle[0], rectangle[1], rectangle[2] - rectangle[0]))
+    return mi.UInt32((y - top) * width + x - left)

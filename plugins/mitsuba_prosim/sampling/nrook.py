@@ -99,7 +99,7 @@ class NRook:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/node.py``)."""
+        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/stage.py``)."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
@@ -129,9 +129,11 @@ class SamplerPoints:
         self.sampler = sampler
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+        """The sampler's next point, whatever the ``space``."""
         return self.sampler.next_2d(active)
 
     def choice(self, space: int | mi.UInt32) -> mi.Float:
+        """The sampler's next number."""
         return self.sampler.next_1d()
 
 

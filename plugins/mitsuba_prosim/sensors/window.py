@@ -81,8 +81,9 @@ class Window(mi.Sensor):
         x, y = [p * (float(crop) / float(size)) + float(offset) / float(size) for p, offset, crop, size in axes]
         return dr.normalize(mi.Vector3f(-dr.lerp(self.left, self.right, x), dr.lerp(self.top, self.bottom, y), 1))
 
-    def sample_ray(self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f,
-                   active: mi.Bool = True) -> tuple[mi.Ray3f, mi.Spectrum]:
+    def sample_ray(
+        self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
+    ) -> tuple[mi.Ray3f, mi.Spectrum]:
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         d = self.direction(sample2)
         to_world = self.world_transform()

@@ -1,282 +1,122 @@
-"""One node of the ray tree, or vertex of a path: what it adds to the radiance, and the rays that go on from it."""
+"""One node of the ray tree, or vertex of a path: what it adds to the radiance."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
 from ..optics import ambient
-from . import lobes
-from .indivisible import belongs_to, is_whole
-from .scene_facts import SceneFacts
-from .settings import Settings
+from ..sampling.nrook import NRook, SamplerPoints
+from .direct import direct_light
+from .ray import Node, Ray, mis
+from .stage import Stage
 from .surroundings import background_radiance
 
-#: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
-PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
 
-#: Spaces of a node, before those of the sources.
-REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
-
-
-@dataclass
-class Ray:
-    """A ray of the tree or path, with what its node needs. All fields are Dr.Jit arrays of one width."""
-
-    o: mi.Point3f
-    d: mi.Vector3f
-    #: ``mi.Spectrum``: factor from the radiance of this ray to that of the camera ray.
-    throughput: mi.Spectrum
-    #: Number of the node. In a tree as in a heap: 1 is the camera's, 2 n and 2 n + 1 the reflected and refracted one
-    #: of n.
-    node: mi.UInt32
-    #: Number of reflections and refractions before this ray: 0 is the camera's.
-    level: mi.UInt32
-    #: Density per solid angle with which a lobe drew ``d``; of no meaning unless ``shares``.
-    pdf: mi.Float
-    #: Whether a source that it meets could have been sampled at its origin too, and shares its light with that.
-    shares: mi.Bool
-    #: Whether a source that it meets counts at all; not where the sources were sampled in full.
-    counts: mi.Bool
-    #: Normal of the surface that the ray leaves, on the viewer's side.
-    n: mi.Normal3f
-    #: Whether light from both of the sides of that surface was sampled.
-    both_sides: mi.Bool
-
-    @classmethod
-    def first(cls, camera: mi.Ray3f) -> Ray:
-        """The camera's ray."""
-        return cls(camera.o, camera.d, mi.Spectrum(1), mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Bool(False),
-                   mi.Bool(True), mi.Normal3f(camera.d), mi.Bool(False))
-
-
-@dataclass
-class Node:
-    """What a ray has met, for the rays that go on from there."""
-
-    si: mi.SurfaceInteraction3f
-    bsdf: mi.BSDFPtr
-    #: The lanes that met a surface.
-    surface: mi.Bool
-
-
-def mis(pdf, other):
-    """Weight of a sample of density ``pdf`` that ``other`` could have given too: power heuristic (Veach 1997)."""
-    a, b = dr.square(pdf), dr.square(other)
-    return dr.detach(dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0))
-
-
-@dataclass(frozen=True)
-class Nodes:
-    """The nodes of ``scene`` under ``settings``.
-
-    ``attached``: whether derivatives are wanted; directions are then detached and their weights evaluated anew.
+def shade(
+    stage: Stage, ray: Ray, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool
+) -> tuple[mi.Spectrum, Node]:
+    """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
+    direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths.
     """
+    settings, lights = stage.settings, stage.facts.lights
+    ray3, si = meet(stage, ray, camera, active)
+    if settings.hide_emitters and not lights.only_points:
+        si = past_emitters(stage, ray3, si, active & (ray.level == 0))
+    surface = active & si.is_valid()
+    inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
+    L = mi.Spectrum(0)
+    if not lights.only_points:
+        L += emission(stage, ray, si, active)
+    if settings.background is not None:
+        escaped = but_not(inside, surface)
+        L += dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
+    surface_inside = surface & inside
+    if idle(surface_inside):
+        return ray.throughput * L, Node(si, None, False)
+    bsdf = si.bsdf()
+    if settings.ambient is not None:
+        L += ambient_term(stage, si, bsdf, surface_inside)
+    L += direct_light(stage, ray, si, bsdf, points, surface_inside)
+    return ray.throughput * L, Node(si, bsdf, surface)
 
-    scene: mi.Scene
-    settings: Settings
-    facts: SceneFacts
-    attached: bool = False
 
-    def space(self, node, k):
-        """Number of the ``k``-th space of a node."""
-        return CAMERA_SPACES + node * (NODE_SPACES + self.facts.lights.count) + k
+def meet(stage: Stage, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
+    """The ``mi.Ray3f`` of a :class:`Ray`, and its interaction with the scene."""
+    ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
+    ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
+    return ray3, stage.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
-    def shade(self, ray: Ray, camera, points, active):
-        """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
-        direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths.
-        """
-        settings, lights = self.settings, self.facts.lights
-        ray3, si = self.meet(ray, camera, active)
-        if settings.hide_emitters and not lights.only_points:
-            si = self.past_emitters(ray3, si, active & (ray.level == 0))
-        surface = active & si.is_valid()
-        inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
-        L = mi.Spectrum(0)
-        if not lights.only_points:
-            L += self.emission(ray, si, active)
-        if settings.background is not None:
-            escaped = but_not(inside, surface)
-            L += dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
-        surface_inside = surface & inside
-        if idle(surface_inside):
-            return ray.throughput * L, Node(si, None, False)
-        bsdf = si.bsdf()
-        if settings.ambient is not None:
-            L += self.ambient_term(si, bsdf, surface_inside)
-        L += self.direct(ray, si, bsdf, points, surface_inside)
-        return ray.throughput * L, Node(si, bsdf, surface)
 
-    def meet(self, ray: Ray, camera, active):
-        """The ``mi.Ray3f`` of a :class:`Ray`, and its interaction with the scene."""
-        ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
-        ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
-        return ray3, self.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
+def past_emitters(stage: Stage, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
+    """The interaction behind all emitters that the camera ray ``ray`` meets first.
 
-    def past_emitters(self, ray, si, active):
-        """The interaction behind all emitters that the camera ray ``ray`` meets first.
+    (Mitsuba 3.9's ``skip_area_emitters`` counts the distance from the last emitter, so that what is behind is
+    found in a wrong place, and knows no ``maxt``.)
+    """
+    hidden = active & si.is_valid()
+    if idle(hidden):
+        return si
+    hidden &= si.shape.is_emitter()
 
-        (Mitsuba 3.9's ``skip_area_emitters`` counts the distance from the last emitter, so that what is behind is
-        found in a wrong place, and knows no ``maxt``.)
-        """
-        hidden = active & si.is_valid()
-        if idle(hidden):
-            return si
-        hidden &= si.shape.is_emitter()
+    def beyond(o: mi.Point3f) -> mi.Ray3f:
+        """The rest of the ray, from ``o`` on."""
+        rest = mi.Ray3f(ray)
+        rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
+        return rest
 
-        def beyond(o):
-            """The rest of the ray, from ``o`` on."""
-            rest = mi.Ray3f(ray)
-            rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
-            return rest
+    def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
+        pi = stage.scene.ray_intersect_preliminary(beyond(o), active=blocked)
+        blocked = blocked & pi.is_valid()
+        if idle(blocked):
+            return o, blocked
+        blocked &= pi.shape.is_emitter()
+        front = pi.compute_surface_interaction(beyond(o), mi.RayFlags.Minimal, blocked)
+        return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
 
-        def step(o, blocked):
-            pi = self.scene.ray_intersect_preliminary(beyond(o), active=blocked)
-            blocked = blocked & pi.is_valid()
-            if idle(blocked):
-                return o, blocked
-            blocked &= pi.shape.is_emitter()
-            front = pi.compute_surface_interaction(beyond(o), mi.RayFlags.Minimal, blocked)
-            return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
-
+    with dr.suspend_grad(when=stage.attached):
         o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
-        return dr.select(hidden, self.scene.ray_intersect(beyond(o), hidden), si)
-
-    def end(self, ray: Ray, camera, active):
-        """What a ray adds that can only end in a source."""
-        _, si = self.meet(ray, camera, active)
-        return ray.throughput * self.emission(ray, si, active)
-
-    def emission(self, ray: Ray, si, active):
-        """Radiance of a source that ``ray`` meets, shared with the sampling of the sources at the ray's origin."""
-        lights = self.facts.lights
-        emitter = si.emitter(self.scene)
-        active = active & ray.counts
-        if self.settings.hide_emitters:
-            active &= ray.level > 0
-        if idle(active) or emitter is None:
-            return mi.Spectrum(0)
-        L = emitter.eval(si, active)
-        shares = active & ray.shares
-        if lights.sky is not None:
-            shares &= si.is_valid()
-        origin = dr.zeros(mi.Interaction3f)
-        origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
-        ds = mi.DirectionSample3f(self.scene, si, origin)
-        pdf = lights.pdf(origin, ray.n, ray.both_sides if self.facts.both_sides else False, ds, shares)
-        return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
-
-    def ambient_term(self, si, bsdf, active):
-        """The ambient term ka I_a."""
-        if dr.is_jit_v(mi.Float):
-            ka = dr.dispatch(bsdf, ambient.reflectance, si, active)
-        else:
-            ka = ambient.reflectance(bsdf, si, active)
-        return ka * self.settings.ambient.eval(si, active)
-
-    def direct(self, ray: Ray, si, bsdf, points, active):
-        """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1)."""
-        lights, alone = self.facts.lights, self.facts.alone
-        flags = bsdf.flags()
-        active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
-        n = viewer_side(si)
-        both_sides = active & lobes.has_any(flags, *lobes.BOTH_SIDES) if self.facts.both_sides else False
-        first_space = self.space(ray.node, NODE_SPACES)
-        whole = active & is_whole(bsdf, active) if self.facts.indivisible else mi.Bool(False)
-
-        def light(lamp, L):
-            sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active, self.attached)
-            lit = active & (sample.pdf > 0)
-            wo = si.to_local(sample.d)
-            f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
-            for lobe in self.facts.partners:
-                f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit)
-                f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
-            if self.facts.indivisible:
-                f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-            return L + self.unless_in_shadow(si, sample.p, f * sample.weight, lit)
-
-        L = lights.for_each(light, mi.Spectrum(0), active)
-        if lights.sky is not None and alone is not None:
-            # The rays that are drawn from the other lobes meet the sky by themselves.
-            active = active & (lobes.has_any(flags, *lobes.DIFFUSE) | whole)
-            if self.facts.both_sides:
-                both_sides &= active & (lobes.has_any(flags, "DiffuseTransmission") | whole)
-            sample = lights.sample_sky(si, n, both_sides, points(first_space + lights.lamps, active), active)
-            lit, wo = active & (sample.pdf > 0), si.to_local(sample.d)
-            f = bsdf.eval(alone, si, wo, lit)
-            if self.facts.indivisible:
-                f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-            L += self.unless_in_shadow(si, sample.p, f * sample.weight, lit)
-        return L
-
-    def unless_in_shadow(self, si, p, L, active):
-        """``L`` where nothing is between ``si`` and the point ``p``, else 0."""
-        if self.settings.shadows:
-            active &= dr.max(dr.abs(L)) > 0
-            active = but_not(active, self.scene.ray_test(si.spawn_ray_to(p), active))
-        return dr.select(active, L, 0)
-
-    def follow(self, lobe, k, ray: Ray, node: Node, points, active):
-        """Draws the ray that goes on from ``node`` through the lobes of the ``mi.BSDFContext`` ``lobe``.
-
-        Returns the ray, the lanes that follow it and the ratio of the indices that it crosses. ``k``: its space in the
-        node.
-        """
-        if idle(active):
-            return ray, active, mi.Float(1)
-        settings, lights, si, bsdf = self.settings, self.facts.lights, node.si, node.bsdf
-        space = self.space(ray.node, CHOICE)
-        # Only whole BSDFs choose among lobes often enough for strata to pay.
-        choice = points(space, active).x if lobes.is_everything(lobe) else points.choice(space)
-        sample = points(self.space(ray.node, k), active)
-        counts = mi.Bool(True)
-        with dr.suspend_grad(when=self.attached):
-            bs, weight = bsdf.sample(lobe, si, choice, sample, active)
-            # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their
-            # own.
-            belongs = (bs.sampled_type & lobe.type_mask) != 0
-            if self.facts.indivisible:
-                whole = active & is_whole(bsdf, active)
-                bs, weight, belongs = self.sample_whole(lobe, si, bsdf, choice, sample, whole, (bs, weight, belongs))
-                counts = but_not(counts, but_not(whole, lobes.has_any(bs.sampled_type, "Delta", "Null")))
-            d = si.to_world(bs.wo)
-        ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
-        if self.attached:
-            f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(d), but_not(active, ideal))
-            _, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
-            if self.facts.indivisible:
-                f_whole, pdf_whole = bsdf.eval_pdf(lobes.everything(), si, si.to_local(d), but_not(whole, ideal))
-                _, ideal_whole = bsdf.sample(lobes.everything(), si, choice, sample, whole & ideal)
-                f, pdf, ideal_weight = dr.select(whole, (f_whole, pdf_whole, ideal_whole), (f, pdf, ideal_weight))
-            weight = dr.select(ideal, ideal_weight, f / dr.detach(dr.select(pdf > 0, pdf, 1)))
-        throughput, o = ray.throughput * weight, dr.detach(si.spawn_ray(d).o)
-        active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
-        if settings.max_level >= 0 and lights.can_foresee:
-            # The rays below the deepest level can only end in a source.
-            active &= (ray.level < settings.max_level) | lights.may_meet(o, d)
-        following = replace(ray, o=o, d=d, throughput=throughput, level=ray.level + 1,
-                            node=ray.node * 2 + (k == REFRACTED), pdf=bs.pdf, shares=but_not(mi.Bool(True), ideal), counts=counts,
-                            n=viewer_side(si))
-        if self.facts.both_sides:
-            following.both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES)
-        return following, active, bs.eta
-
-    @staticmethod
-    def sample_whole(lobe, si, bsdf, choice, sample, whole, others):
-        """``(bs, weight, belongs)``: ``others`` but for the lanes ``whole``, where all lobes of ``bsdf`` are sampled,
-        and
-        ``belongs`` says whether the sample counts for ``lobe``.
-        """
-        if idle(whole):
-            return others
-        bs, weight = bsdf.sample(lobes.everything(), si, choice, sample, whole)
-        return tuple(dr.select(whole, a, b) for a, b in zip((bs, weight, belongs_to(lobe, si.wi, bs)), others))
+    if stage.attached:
+        o = dr.replace_grad(o, ray.o + ray.d * dr.norm(o - dr.detach(ray.o)))
+    return dr.select(hidden, stage.scene.ray_intersect(beyond(o), hidden), si)
 
 
-def viewer_side(si):
-    """Shading normal, turned to the side that the surface is seen from."""
-    return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
+def end(stage: Stage, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> mi.Spectrum:
+    """What a ray adds that can only end in a source."""
+    _, si = meet(stage, ray, camera, active)
+    return ray.throughput * emission(stage, ray, si, active)
+
+
+def emission(stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Spectrum:
+    """Radiance of a source that ``ray`` meets, shared with the sampling of the sources at the ray's origin."""
+    lights = stage.facts.lights
+    emitter = si.emitter(stage.scene)
+    active = active & ray.counts
+    if stage.settings.hide_emitters:
+        active &= ray.level > 0
+    if idle(active) or emitter is None:
+        return mi.Spectrum(0)
+    L = emitter.eval(si, active)
+    shares = active & ray.shares
+    if lights.sky is not None:
+        shares &= si.is_valid()
+    origin = dr.zeros(mi.Interaction3f)
+    origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
+    ds = mi.DirectionSample3f(stage.scene, si, origin)
+    if stage.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
+        ds.d = dr.replace_grad(ds.d, ray.d)
+    pdf = lights.pdf(origin, ray.n, ray.both_sides if stage.facts.both_sides else False, ds, shares)
+    return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
+
+
+def ambient_term(
+    stage: Stage, si: mi.SurfaceInteraction3f, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool
+) -> mi.UnpolarizedSpectrum:
+    """The ambient term ka I_a."""
+    assert stage.settings.ambient is not None
+    if dr.is_jit_v(mi.Float):
+        ka = dr.dispatch(bsdf, ambient.reflectance, si, active)
+    else:
+        ka = ambient.reflectance(bsdf, si, active)
+    return ka * stage.settings.ambient.eval(si, active)

@@ -9,7 +9,10 @@ import mitsuba as mi
 
 from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
-from .node import CHOICE, DIFFUSE, REFLECTED, ROULETTE, Node, Nodes, Ray
+from .following import follow
+from .node import shade
+from .ray import Node, Ray
+from .stage import CHOICE, DIFFUSE, REFLECTED, ROULETTE, Stage
 from .walk import walk
 
 
@@ -29,48 +32,48 @@ class State:
 
 
 def radiance(
-    nodes: Nodes, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
+    stage: Stage, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by one path: ``(L, hit)``; see :class:`.Transport`."""
-    settings = nodes.settings
+    settings = stage.settings
 
     def step(state: State) -> State:
         ray = state.ray
-        L, node = nodes.shade(ray, camera, points, state.active)
+        L, node = shade(stage, ray, camera, points, state.active)
         hit = state.hit | (ray.level == 0) & node.surface
         surface, bounces = node.surface, state.bounces
         if settings.max_level >= 0:
             surface &= ray.level <= settings.max_level
         if settings.diffuse_bounces < 0:
-            following, going, passed = nodes.follow(lobes.everything(), DIFFUSE, ray, node, points, surface)
+            following, going, passed = follow(stage, lobes.everything(), DIFFUSE, ray, node, points, surface)
         else:
-            following, going, passed, bounces = one_of_two(nodes, ray, node, points, surface, bounces)
+            following, going, passed, bounces = one_of_two(stage, ray, node, points, surface, bounces)
         following.node = ray.node + 1
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
         eta = state.eta * passed
-        following, going = roulette(nodes, following, going, eta, points.choice(nodes.space(ray.node, ROULETTE)))
+        following, going = roulette(stage, following, going, eta, points.choice(stage.space(ray.node, ROULETTE)))
         return State(state.L + L, hit, following, going, bounces, eta, state.sampler)
 
     state = State(
         mi.Spectrum(0), mi.Bool(False), Ray.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler
     )
-    return walk(nodes, step, state, camera)
+    return walk(stage, step, state, camera)
 
 
 def one_of_two(
-    nodes: Nodes, ray: Ray, node: Node, points: NRook | SamplerPoints, surface: mi.Bool, bounces: mi.UInt32
+    stage: Stage, ray: Ray, node: Node, points: NRook | SamplerPoints, surface: mi.Bool, bounces: mi.UInt32
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
     """Draws a specular and, up to ``diffuse_bounces``, a diffuse ray, and follows one of the two."""
-    following, going, passed = nodes.follow(lobes.specular(), REFLECTED, ray, node, points, surface)
-    scattered, scatters, _ = nodes.follow(
-        lobes.diffuse(), DIFFUSE, ray, node, points, surface & (bounces < nodes.settings.diffuse_bounces)
+    following, going, passed = follow(stage, lobes.specular(), REFLECTED, ray, node, points, surface)
+    scattered, scatters, _ = follow(
+        stage, lobes.diffuse(), DIFFUSE, ray, node, points, surface & (bounces < stage.settings.diffuse_bounces)
     )
     # The sources were sampled in full for the diffuse component: what this ray meets is no source.
     scattered = replace(scattered, counts=mi.Bool(False))
     a = dr.select(going, dr.max(following.throughput), 0)
     b = dr.select(scatters, dr.max(scattered.throughput), 0)
     p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
-    choose = points.choice(nodes.space(ray.node, CHOICE)) < p
+    choose = points.choice(stage.space(ray.node, CHOICE)) < p
     following = dr.select(choose, scattered, following)
     following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
     return (
@@ -81,9 +84,9 @@ def one_of_two(
     )
 
 
-def roulette(nodes: Nodes, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
+def roulette(stage: Stage, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
     """The ray and its lanes after Russian roulette, from level ``rr_depth`` on."""
     survival = dr.detach(dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95))
-    plays = ray.level >= nodes.settings.rr_depth
+    plays = ray.level >= stage.settings.rr_depth
     throughput = dr.select(plays, ray.throughput / dr.maximum(survival, 1e-8), ray.throughput)
     return replace(ray, throughput=throughput), active & dr.select(plays, sample < survival, True)

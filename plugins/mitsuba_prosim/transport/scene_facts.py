@@ -20,6 +20,8 @@ class SceneFacts:
     #: Whether any surface has a specular lobe of reflection, of transmission.
     reflects: bool
     refracts: bool
+    #: Whether any surface has a lobe of one direction: a mirror, ideal glass, what passes straight through.
+    ideal: bool
     #: Whether light from both of its sides reaches any surface's smooth lobes.
     both_sides: bool
     #: Whether any BSDF is taken whole, see :mod:`.indivisible`.
@@ -51,6 +53,7 @@ class SceneFacts:
             lights,
             reflects,
             refracts,
+            lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
             lobes.has_any(flags, *lobes.BOTH_SIDES),
             settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)),
             alone,

@@ -6,19 +6,20 @@ import mitsuba as mi
 
 from ..sampling.nrook import NRook, SamplerPoints
 from . import path, tree
-from .node import Nodes
 from .scene_facts import SceneFacts
 from .settings import Settings
+from .stage import Stage
 
 
 class Transport:
     """Estimates radiance in ``scene`` under ``settings``; made once a render.
 
-    ``attached``: whether derivatives are wanted; directions are then detached and their weights evaluated anew.
+    ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
+    (:mod:`.moving`), and their weights evaluated anew.
     """
 
     def __init__(self, settings: Settings, scene: mi.Scene, attached: bool = False) -> None:
-        self._nodes = Nodes(scene, settings, SceneFacts.of(scene, settings), attached)
+        self._stage = Stage(scene, settings, SceneFacts.of(scene, settings), attached)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(
@@ -30,4 +31,4 @@ class Transport:
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
-        return self._radiance(self._nodes, ray, points, active, sampler)
+        return self._radiance(self._stage, ray, points, active, sampler)

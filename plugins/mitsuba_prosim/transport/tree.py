@@ -10,7 +10,10 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
-from .node import REFLECTED, REFRACTED, Nodes, Ray
+from .following import follow
+from .node import shade
+from .ray import Ray
+from .stage import REFLECTED, REFRACTED, Stage
 from .walk import walk
 
 
@@ -55,24 +58,24 @@ class State:
 
 
 def radiance(
-    nodes: Nodes, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
+    stage: Stage, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
-    facts, max_level = nodes.facts, nodes.settings.max_level
+    facts, max_level = stage.facts, stage.settings.max_level
     first = Ray.first(camera)
     waiting = Waiting([first] * ((max_level + 1) if facts.reflects and facts.refracts else 0), mi.UInt32(0))
 
     def step(state: State) -> State:
         ray = state.ray
-        L, node = nodes.shade(ray, camera, points, state.active)
+        L, node = shade(stage, ray, camera, points, state.active)
         hit = state.hit | (ray.level == 0) & node.surface
         inside = node.surface & (ray.level <= max_level)
         reflected, reflects = ray, mi.Bool(False)
         refracted, refracts = ray, mi.Bool(False)
         if facts.reflects:
-            reflected, reflects, _ = nodes.follow(lobes.reflected(), REFLECTED, ray, node, points, inside)
+            reflected, reflects, _ = follow(stage, lobes.reflected(), REFLECTED, ray, node, points, inside)
         if facts.refracts:
-            refracted, refracts, _ = nodes.follow(lobes.refracted(), REFRACTED, ray, node, points, inside)
+            refracted, refracts, _ = follow(stage, lobes.refracted(), REFRACTED, ray, node, points, inside)
         following, going, waiting = state.waiting.turn(reflected, reflects, refracted, refracts, state.active)
         return State(state.L + L, hit, following, going, waiting, state.sampler)
 
@@ -80,4 +83,4 @@ def radiance(
     if not (facts.reflects or facts.refracts):
         state = step(state)
         return state.L, state.hit
-    return walk(nodes, step, state, camera, branches=bool(waiting.rays))
+    return walk(stage, step, state, camera, branches=bool(waiting.rays))

@@ -8,11 +8,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .node import Nodes
+from .node import end
+from .stage import Stage
 
 
 def walk(
-    nodes: Nodes, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
+    stage: Stage, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Takes ``state`` from node to node by ``step`` and returns ``(L, hit)``, the state's fields.
 
@@ -20,7 +21,7 @@ def walk(
     below the deepest level can only end in a source: where no tree ``branches``, they are traced after the loop, which
     spares all other lanes a round.
     """
-    max_level, lights = nodes.settings.max_level, nodes.facts.lights
+    max_level, lights = stage.settings.max_level, stage.facts.lights
     ends = max_level >= 0 and not branches
     if ends and max_level == 0:
         state = step(state)
@@ -31,8 +32,8 @@ def walk(
             (state,),
             lambda state: state.active & (state.ray.level <= max_level) if ends else state.active,
             lambda state: (step(state),),
-            mode="evaluated" if nodes.attached else None,
+            mode="evaluated" if stage.attached else None,
         )
     if ends and not lights.only_points:
-        return state.L + nodes.end(state.ray, camera, state.active), state.hit
+        return state.L + end(stage, state.ray, camera, state.active), state.hit
     return state.L, state.hit

@@ -8,15 +8,14 @@ content is one that a translation wrote, and may be removed by the next one. Not
 import os
 import re
 import secrets
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
 
-try:
+if sys.platform != "win32":
     import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 #: Stands in each XML file that a translation writes.
 MARK = "A translation from the scene language; the next one takes its place"
@@ -90,7 +89,7 @@ def _alone_in(folder: Path) -> Iterator[bool]:
     """
     while True:
         folder.mkdir(parents=True, exist_ok=True)
-        if fcntl is None:
+        if sys.platform == "win32":
             yield False
             return
         descriptor = os.open(folder, os.O_RDONLY)

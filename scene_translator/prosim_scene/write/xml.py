@@ -1,5 +1,6 @@
 """A scene as nested dictionaries -> XML, or those that ``mi.load_dict`` takes."""
 
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 from xml.etree import ElementTree
@@ -9,6 +10,7 @@ import numpy as np
 from ..nodes import Comment, Default, Node, Point
 
 INDENT = "    "
+UNSPEAKABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 #: The element of each plugin that the translator uses.
 TAGS = {
@@ -45,11 +47,18 @@ def write(scene: Node) -> str:
     root = ElementTree.Element("scene", version="3.0.0")
     for default in {d.name: d for d in _defaults(scene)}.values():
         ElementTree.SubElement(root, "default", name=default.name, value=number(default.value))
+    statements = []  # where they begin, each with a comment
     for key, value in scene.items():
+        if isinstance(value, Comment):
+            statements.append(len(root))
         if key != "type":
             _entry(root, key, value, 1)
     ElementTree.indent(root, INDENT)
-    _blank_lines(root)
+    for i in statements:  # a blank line before each
+        if i:
+            root[i - 1].tail = f"\n{root[i - 1].tail}"
+        else:
+            root.text = f"\n{root.text}"
     # ElementTree writes "<a />", and the line ends in a matrix as character references.
     text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>").replace("&#10;", "\n")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
@@ -57,7 +66,7 @@ def write(scene: Node) -> str:
 
 def can_say(text: str) -> bool:
     """Whether a name can stand in XML: no control characters, nor bytes that were no UTF-8."""
-    return text.isprintable()
+    return not UNSPEAKABLE.search(text)
 
 
 def number(value: float) -> str:
@@ -77,7 +86,7 @@ def _entry(parent: ElementTree.Element, key: str, value: Any, depth: int) -> Non
     """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
     if isinstance(value, Comment):
         text = (
-            "".join(c if c.isprintable() else "?" for c in value)
+            UNSPEAKABLE.sub("?", value)
             .replace("&", "&amp;")
             .replace("<", "&lt;")
             .replace(">", "&gt;")
@@ -128,15 +137,3 @@ def _scalar(value: Any) -> tuple[str, str]:
     if isinstance(value, int):
         return "integer", str(value)
     return ("float", number(value)) if isinstance(value, float) else ("string", value.replace("$", "\\$"))
-
-
-def _blank_lines(root: ElementTree.Element) -> None:
-    """A blank line before each comment of the scene, which begins a statement."""
-    before: ElementTree.Element | None = None
-    for element in root:
-        if not isinstance(element.tag, str):  # a comment
-            if before is None:
-                root.text = f"\n{root.text}"
-            else:
-                before.tail = f"\n{before.tail}"
-        before = element

@@ -40,9 +40,7 @@ class Neighbours:
         error = error_of_neighbours(estimate.total, estimate.squares, mi.Float(self.first), *size)
         left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in band)
         inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
-        noisy = dr.compress(inside & ~(error <= self.threshold))  # what is no number is noisy too
-        if dr.width(noisy) > 0:
-            yield noisy, self.first, self.most
+        yield dr.compress(inside & ~(error <= self.threshold)), self.first, self.most  # what is no number is noisy too
 
 
 def error_of_neighbours(

@@ -1,0 +1,71 @@
+"""Light from every source at a node (sections 4.1, 5.2)."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from ..light.table import Lamp
+from ..masks import but_not
+from ..sampling.nrook import NRook, SamplerPoints
+from . import lobes
+from .indivisible import is_whole
+from .moving import carried_sample
+from .ray import Ray, mis, viewer_side
+from .stage import NODE_SPACES, Stage
+
+
+def direct_light(
+    stage: Stage,
+    ray: Ray,
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDF | mi.BSDFPtr,
+    points: NRook | SamplerPoints,
+    active: mi.Bool,
+) -> mi.Spectrum:
+    """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1)."""
+    lights, alone = stage.facts.lights, stage.facts.alone
+    flags = bsdf.flags()
+    active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
+    n = viewer_side(si)
+    both_sides = active & lobes.has_any(flags, *lobes.BOTH_SIDES) if stage.facts.both_sides else False
+    first_space = stage.space(ray.node, NODE_SPACES)
+    whole = active & is_whole(bsdf, active) if stage.facts.indivisible else mi.Bool(False)
+
+    def light(lamp: Lamp, L: mi.Spectrum) -> mi.Spectrum:
+        sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active)
+        if stage.attached:
+            sample = carried_sample(stage.scene, lights, lamp, si, n, both_sides, sample, active)
+        lit = active & (sample.pdf > 0)
+        wo = si.to_local(sample.d)
+        f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
+        for lobe in stage.facts.partners:
+            f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit)
+            f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
+        if stage.facts.indivisible:
+            f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
+        return L + unless_in_shadow(stage, si, sample.p, f * sample.weight, lit)
+
+    L = lights.for_each(light, mi.Spectrum(0), active, attached=stage.attached)
+    if lights.sky is not None and alone is not None:
+        # The rays that are drawn from the other lobes meet the sky by themselves.
+        active = active & (lobes.has_any(flags, *lobes.DIFFUSE) | whole)
+        if stage.facts.both_sides:
+            both_sides &= active & (lobes.has_any(flags, "DiffuseTransmission") | whole)
+        sample = lights.sample_sky(si, n, both_sides, points(first_space + lights.lamps, active), active)
+        lit, wo = active & (sample.pdf > 0), si.to_local(sample.d)
+        f = bsdf.eval(alone, si, wo, lit)
+        if stage.facts.indivisible:
+            f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
+        L += unless_in_shadow(stage, si, sample.p, f * sample.weight, lit)
+    return L
+
+
+def unless_in_shadow(
+    stage: Stage, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
+) -> mi.Spectrum:
+    """``L`` where nothing is between ``si`` and the point ``p``, else 0."""
+    if stage.settings.shadows:
+        active &= dr.max(dr.abs(L)) > 0
+        active = but_not(active, stage.scene.ray_test(si.spawn_ray_to(p), active))
+    return dr.select(active, L, 0)

@@ -1,0 +1,70 @@
+"""A ray of the tree or path, and what it has met."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+
+@dataclass
+class Ray:
+    """A ray of the tree or path, with what its node needs. All fields are Dr.Jit arrays of one width."""
+
+    o: mi.Point3f
+    d: mi.Vector3f
+    #: ``mi.Spectrum``: factor from the radiance of this ray to that of the camera ray.
+    throughput: mi.Spectrum
+    #: Number of the node. In a tree as in a heap: 1 is the camera's, 2 n and 2 n + 1 the reflected and refracted one
+    #: of n.
+    node: mi.UInt32
+    #: Number of reflections and refractions before this ray: 0 is the camera's.
+    level: mi.UInt32
+    #: Density per solid angle with which a lobe drew ``d``; of no meaning unless ``shares``.
+    pdf: mi.Float
+    #: Whether a source that it meets could have been sampled at its origin too, and shares its light with that.
+    shares: mi.Bool
+    #: Whether a source that it meets counts at all; not where the sources were sampled in full.
+    counts: mi.Bool
+    #: Normal of the surface that the ray leaves, on the viewer's side.
+    n: mi.Normal3f
+    #: Whether light from both of the sides of that surface was sampled.
+    both_sides: mi.Bool
+
+    @classmethod
+    def first(cls, camera: mi.Ray3f) -> Ray:
+        """The camera's ray."""
+        return cls(
+            camera.o,
+            camera.d,
+            mi.Spectrum(1),
+            mi.UInt32(1),
+            mi.UInt32(0),
+            mi.Float(0),
+            mi.Bool(False),
+            mi.Bool(True),
+            mi.Normal3f(camera.d),
+            mi.Bool(False),
+        )
+
+
+@dataclass
+class Node:
+    """What a ray has met, for the rays that go on from there."""
+
+    si: mi.SurfaceInteraction3f
+    bsdf: mi.BSDFPtr
+    #: The lanes that met a surface.
+    surface: mi.Bool
+
+
+def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
+    """Weight of a sample of density ``pdf`` that ``other`` could have given too: power heuristic (Veach 1997)."""
+    a, b = dr.square(pdf), dr.square(other)
+    return dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0)
+
+
+def viewer_side(si: mi.SurfaceInteraction3f) -> mi.Normal3f:
+    """Shading normal, turned to the side that the surface is seen from."""
+    return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))

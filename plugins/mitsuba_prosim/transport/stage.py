@@ -1,0 +1,34 @@
+"""The scene as trees and paths find it: what was asked for, and the facts about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+
+from .scene_facts import SceneFacts
+from .settings import Settings
+
+#: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
+PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
+
+#: Spaces of a node, before those of the sources.
+REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
+
+
+@dataclass(frozen=True)
+class Stage:
+    """``scene`` under ``settings``, and the ``facts`` about it.
+
+    ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
+    (:mod:`.moving`), and their weights evaluated anew.
+    """
+
+    scene: mi.Scene
+    settings: Settings
+    facts: SceneFacts
+    attached: bool = False
+
+    def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
+        """Number of the ``k``-th space of a node."""
+        return CAMERA_SPACES + node * (NODE_SPACES + self.facts.lights.count) + k

@@ -1,0 +1,443 @@
+"""Derivatives of images by the parameters of scenes: what they are, and of which samples."""
+
+import subprocess
+import sys
+import textwrap
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.light.table import Lights
+from scenes import diffuse, penumbra, rgb
+
+COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
+
+
+def derivatives(scene, change, seed=1, spp=16, integrator=None):
+    """``(forward, backward)``: the derivative of each value of the image, and that of the mean colour, by the
+    ``mi.Float`` that ``change(params, e)`` puts into the scene.
+    """
+    params = mi.traverse(scene)
+    results = []
+    for forward in (True, False):
+        e = mi.Float(0)
+        dr.enable_grad(e)
+        change(params, e)
+        params.update()
+        image = mi.render(scene, params, integrator=integrator, seed=seed, seed_grad=seed + 1, spp=spp, spp_grad=spp)
+        if forward:
+            dr.forward(e)
+            results.append(np.array(dr.grad(image)))
+        else:
+            dr.backward(dr.mean(image[..., :3], axis=None))
+            results.append(dr.grad(e)[0])
+    return results
+
+
+# ------------------------------------------------------------------ of which samples
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "film",
+    [
+        {"width": 8, "height": 8, "sample_border": True},
+        {"width": 24, "height": 24, "crop_offset_x": 9, "crop_offset_y": 5, "crop_width": 8, "crop_height": 8},
+    ],
+)
+def test_all_samples_of_the_image_take_part(variant_rgb, film):
+    """A source that fills the view is seen as its radiance L, so that the derivative by L is 1 everywhere."""
+    film = {
+        "type": "hdrfilm",
+        "component_format": "float32",
+        "rfilter": {"type": "gaussian"},
+        "pixel_format": "rgb",
+        **film,
+    }
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prosim", "adaptive": "none"},
+            "sensor": {"type": "perspective", "film": film},
+            "wall": {
+                "type": "rectangle",
+                "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(50),
+                "emitter": {"type": "area", "radiance": 1.0},
+            },
+        }
+    )
+
+    def change(params, e):
+        params["wall.emitter.radiance.value"] = 1 + e
+
+    forward, backward = derivatives(scene, change, spp=4)
+    assert forward == pytest.approx(1, rel=1e-5) and backward == pytest.approx(1, rel=1e-5)
+
+
+def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb):
+    """By the radiance of the only source, with adaptive counts and a crop window of several bands in a corner of the
+    film, where its filter reaches pixels within the film and beyond it.
+
+    What the integrator says of itself has no derivatives, and does not disturb those of the image.
+    """
+    dictionary = penumbra(None, 24, "gaussian", type="prosim", max_level=0, samples=3, band=100, aovs="samples,error")
+    dictionary["sensor"]["film"].update(
+        crop_offset_x=12, crop_offset_y=12, crop_width=12, crop_height=12, sample_border=True
+    )
+    scene = mi.load_dict(dictionary)
+    image = np.array(mi.render(scene, seed=2))
+
+    def change(params, e):
+        params["light.emitter.radiance.value"] = mi.Color3f(25) * (1 + e)
+
+    forward, backward = derivatives(scene, change, seed=1, spp=0)
+    assert forward[..., :3] == pytest.approx(image[..., :3], rel=1e-4, abs=1e-6) and image[..., 3].max() == 9
+    assert np.all(forward[..., 3:] == 0)
+    assert backward == pytest.approx(image[..., :3].mean(), rel=1e-4)
+
+
+# ------------------------------------------------------------------ of sources, and what they light
+
+FLOORS = {
+    "diffuse": {"type": "diffuse", "reflectance": 0.6},
+    "metal": {"type": "roughconductor", "alpha": 0.2},
+    "conductor": {"type": "prosim_conductor", "eta": 1.5, "k": 2.0, "alpha": 0.3},
+    "plastic": {"type": "roughplastic", "alpha": 0.2},
+    "mirror": {"type": "conductor"},
+}
+
+
+def lamp(kind):
+    T = mi.ScalarTransform4f
+    radiance = rgb(6, 5, 4)
+    if kind in ("textured", "mirrored"):
+        texels = np.random.default_rng(1).uniform(1, 9, (4, 4, 3)).astype(np.float32)
+        radiance = {
+            "type": "bitmap",
+            "raw": True,
+            "filter_type": "bilinear" if kind == "mirrored" else "nearest",
+            "wrap_mode": "clamp",
+            "data": mi.TensorXf(texels),
+        }
+    to_world = {
+        "sphere": T().translate([0.3, 1.5, 0.5]).scale(0.5),
+        "low sphere": T().translate([0.9, 0.35, 0.7]).scale(0.5),  # the horizon cuts it
+        "mirrored": T().look_at([0.1, 3, 4.2], [0, 0, 0], [0, 1, 0]).scale(3),
+    }.get(kind, T().translate([0.3, 1.6, 0.4]).rotate([1, 0, 0], 110).scale([0.5, 0.4, 1]))
+    emitter = {"type": "area", "radiance": radiance}
+    if kind == "mesh":
+        props = mi.Properties()
+        props["emitter"] = mi.load_dict(emitter)
+        mesh = mi.Mesh("lamp", 4, 2, props=props)
+        params = mi.traverse(mesh)
+        corners = [to_world @ mi.ScalarPoint3f(x, y, 0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        params["vertex_positions"] = [c for corner in corners for c in corner]
+        params["faces"] = [0, 1, 2, 0, 2, 3]
+        params.update()
+        return mesh
+    shape = {"sphere": "sphere", "low sphere": "sphere", "disk": "disk"}.get(kind, "rectangle")
+    return {"type": shape, "to_world": to_world, "bsdf": diffuse(0, 0, 0), "emitter": emitter}
+
+
+def spot(kind, floor, eye=(0, 3, -4), **settings):
+    """A floor below a source, of which all pixels see one point; nothing is in the way of anything."""
+    T = mi.ScalarTransform4f
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0, **settings},
+            "sensor": {
+                "type": "perspective",
+                "fov": 1e-3,
+                "to_world": T().look_at(eye, [0, 0, 0], [0, 1, 0]),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": 32,
+                    "height": 32,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                    "component_format": "float32",
+                },
+            },
+            "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20), "bsdf": FLOORS[floor]},
+            "lamp": lamp(kind),
+        }
+    )
+
+
+def direct_light(scene, n=512):
+    """Radiance of the floor by quadrature over the surface of the lamp."""
+    ray, _ = scene.sensors()[0].sample_ray(0, 0.5, [0.5, 0.5], [0.5, 0.5])
+    si = scene.ray_intersect(ray)
+    shape = next(shape for shape in scene.shapes() if shape.is_emitter())
+    i = dr.arange(mi.UInt32, n * n)
+    uv = mi.Point2f((i % n + 0.5) / n, (i // n + 0.5) / n)
+    at = shape.eval_parameterization(uv)
+    area = dr.norm(dr.cross(at.dp_du, at.dp_dv)) / n**2
+    d = at.p - si.p
+    d2 = dr.squared_norm(d)
+    d *= dr.rsqrt(d2)
+    n_at = dr.normalize(at.p - shape.bbox().center()) if shape.class_name() == "Sphere" else at.n
+    cos = dr.maximum(-dr.dot(n_at, d), 0)
+    at.wi, at.t = mi.Vector3f(0, 0, 1), mi.Float(1)
+    L = shape.emitter().eval(at)
+    f = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d))
+    return np.array(f * L * (cos * area / d2), dtype=float).sum(axis=1).mean()
+
+
+def moved(key, v):
+    """Moves a shape along ``v``."""
+    return lambda params, e, value: params.update({key: mi.Transform4f().translate(mi.Vector3f(v) * e) @ value})
+
+
+def scaled(key):
+    return lambda params, e, value: params.update({key: value @ mi.Transform4f().scale(1 + e)})
+
+
+def turned(key):
+    return lambda params, e, value: params.update({key: mi.Transform4f().rotate([1, 0, 0.5], 20 * e) @ value})
+
+
+def times(key):
+    return lambda params, e, value: params.update({key: value * (1 + e)})
+
+
+CHANGES = {
+    "lamp moves": ("lamp.to_world", moved("lamp.to_world", [1, 0.5, -0.7])),
+    "lamp grows": ("lamp.to_world", scaled("lamp.to_world")),
+    "floor turns": ("floor.to_world", turned("floor.to_world")),
+    "floor rises": ("floor.to_world", moved("floor.to_world", [0, 1, 0])),
+    "alpha": ("floor.bsdf.alpha.value", times("floor.bsdf.alpha.value")),
+    "eta": ("floor.bsdf.eta.value", times("floor.bsdf.eta.value")),
+    "k": ("floor.bsdf.k.value", times("floor.bsdf.k.value")),
+    "reflectance": ("floor.bsdf.reflectance.value", times("floor.bsdf.reflectance.value")),
+}
+
+
+def change_of(scene, name):
+    """What changes ``scene`` as the name in ``CHANGES`` says, by a ``mi.Float`` that is 0 where nothing changes."""
+    key, by = CHANGES[name]
+    params = mi.traverse(scene)
+    value = type(params[key])(params[key])
+    return lambda params, e: by(params, e, value)
+
+
+TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
+
+
+@pytest.mark.parametrize(
+    "kind, floor, change, settings",
+    [
+        ("textured", "diffuse", "lamp moves", PATH),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in [
+                ("textured", "diffuse", "lamp moves", TREE),
+                ("textured", "diffuse", "floor turns", PATH),
+                ("textured", "metal", "lamp moves", TREE),
+                ("rectangle", "diffuse", "lamp moves", PATH),
+                ("rectangle", "diffuse", "lamp grows", BOTH),
+                ("rectangle", "metal", "lamp grows", PATH),
+                ("rectangle", "conductor", "floor rises", BOTH),
+                ("disk", "plastic", "lamp grows", PATH),
+                ("sphere", "metal", "lamp moves", TREE),
+                ("sphere", "diffuse", "lamp grows", TREE),
+                ("sphere", "diffuse", "lamp moves", PATH),
+                ("sphere", "metal", "lamp grows", PATH),
+                ("sphere", "conductor", "lamp moves", BOTH),
+                ("sphere", "conductor", "floor rises", PATH),
+                ("sphere", "conductor", "alpha", PATH),
+                ("sphere", "conductor", "eta", TREE),
+                ("low sphere", "diffuse", "lamp moves", TREE),
+                ("low sphere", "diffuse", "lamp grows", PATH),
+                ("low sphere", "plastic", "lamp moves", TREE),
+            ]
+        ),
+    ],
+)
+def test_derivatives_match_quadrature(variant_rgb, kind, floor, change, settings):
+    """Within 4 standard errors (of pixels, which are independent) and 0.1 % for the quadrature and its difference."""
+    h = 0.01
+    scene = spot(kind, floor, **settings)
+    by, params = change_of(scene, change), mi.traverse(scene)
+    sides = []
+    for e in (h, -h):
+        by(params, mi.Float(e))
+        params.update()
+        sides.append(direct_light(scene))
+    expected = (sides[0] - sides[1]) / (2 * h)
+    forward, backward = derivatives(scene, by)
+    error = forward.mean(axis=2).std() / 32
+    assert abs(forward.mean() - expected) < 4 * error + 1e-3 * abs(expected)
+    assert backward == pytest.approx(forward.mean(), rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [TREE, PATH])
+def test_a_mesh_that_is_stretched(variant_rgb, settings):
+    """A mesh shines as the rectangle does that it is; Mitsuba's samples of a mesh know nothing of its change of
+    area.
+    """
+    center = mi.ScalarPoint3f(0.3, 1.6, 0.4)
+
+    def stretch(params, e):
+        v = dr.unravel(mi.Point3f, value)
+        params["lamp.vertex_positions"] = dr.ravel(center + (v - center) * (1 + e))
+
+    scene = spot("mesh", "plastic", **settings)
+    value = mi.Float(mi.traverse(scene)["lamp.vertex_positions"])
+    mesh, _ = derivatives(scene, stretch)
+    scene = spot("rectangle", "plastic", **settings)
+    rectangle, _ = derivatives(scene, change_of(scene, "lamp grows"), seed=7)
+    error = np.hypot(mesh.mean(axis=2).std(), rectangle.mean(axis=2).std()) / 32
+    assert abs(mesh.mean() - rectangle.mean()) < 4 * error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["floor turns", "lamp moves"])
+def test_what_a_mirror_shows_moves_with_it(variant_rgb, change):
+    """One direction and a smooth texture: the difference of two images is exact but for its step."""
+    h = 0.005
+    scene = spot("mirrored", "mirror")
+    by, params = change_of(scene, change), mi.traverse(scene)
+    sides = []
+    for e in (h, -h):
+        by(params, mi.Float(e))
+        params.update()
+        sides.append(np.array(mi.render(scene, seed=1, spp=4)).mean())
+    forward, backward = derivatives(scene, by, spp=4)
+    assert forward.mean() == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=5e-3)
+    assert backward == pytest.approx(forward.mean(), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_hidden_source_before_the_floor(variant_rgb):
+    """A diffuse floor looks the same through a source that the camera does not see."""
+    results = []
+    for settings in ({}, {"eye": (1.2, 6, 2), "hide_emitters": True}):
+        scene = spot("sphere", "diffuse", **settings)
+        results.append(derivatives(scene, change_of(scene, "lamp moves"), spp=4))
+    (forward, backward), (forward_hidden, backward_hidden) = results
+    assert forward_hidden == pytest.approx(forward, rel=2e-3)
+    assert backward_hidden == pytest.approx(backward, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_many_sources(variant_rgb, monkeypatch):
+    """More sources than are written out in the kernel are visited by a loop, with the same derivatives."""
+    results = []
+    for unrolled in (4, 0):
+        monkeypatch.setattr(Lights, "UNROLLED", unrolled)
+        scene = spot("textured", "conductor")
+        results.append(derivatives(scene, change_of(scene, "lamp moves"), spp=4))
+    (forward, backward), (forward_loop, backward_loop) = results
+    assert forward_loop == pytest.approx(forward, rel=1e-3, abs=1e-5)
+    assert backward_loop == pytest.approx(backward, rel=1e-3)
+
+
+# ------------------------------------------------------------------ of materials, with reflections and a sky
+
+
+def weighted_mean(image):
+    """A loss that is linear in the image, uneven over it."""
+    height, width, channels = image.shape
+    weights = np.linspace(0, 1, height * width * channels, dtype=np.float32).reshape(image.shape)
+    return dr.mean(image * mi.TensorXf(weights), axis=None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "key, ball, settings",
+    [
+        ("ball.bsdf.reflectance.value", None, {"rfilter": "gaussian"}),
+        ("ball.bsdf.reflectance.value", None, {"diffuse_bounces": -1}),
+        ("ball.bsdf.eta.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
+        ("ball.bsdf.k.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0}, {}),
+        ("ball.bsdf.alpha.value", {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}, {}),
+        (
+            "ball.bsdf.diffuse_reflectance.value",
+            {"type": "prosim_composite", "diffuse_reflectance": 0.4, "specular_reflectance": 0.4, "alpha": 0.2},
+            {},
+        ),
+    ],
+)
+def test_derivatives_match_finite_differences(variant_rgb, key, ball, settings):
+    """Backward and forward, within 4 standard errors of 4 seeds and 2 % (differences see moving shadows as well)."""
+    rfilter = settings.get("rfilter", "box")
+    integrator = {"type": "prosim", "max_level": 1, **{k: v for k, v in settings.items() if k != "rfilter"}}
+    dictionary = penumbra(ball, size=16, rfilter=rfilter, **integrator)
+    dictionary["ball"] |= {"center": [0, 1, 0], "radius": 1.0}
+    dictionary["sky"] = {"type": "constant", "radiance": rgb(0.2, 0.3, 0.4)}
+    del dictionary["pole"]
+    scene = mi.load_dict(dictionary)
+    params = mi.traverse(scene)
+    value = type(params[key])(params[key])
+
+    def change(e):
+        params[key] = value * (1 + e)
+        params.update()
+
+    def difference(seed, h=0.02):
+        sides = []
+        for e in (h, -h):
+            change(e)
+            sides.append(weighted_mean(mi.render(scene, seed=seed, spp=144)).array[0])
+        return (sides[0] - sides[1]) / (2 * h)
+
+    def derivative(seed, forward):
+        e = mi.Float(0)
+        dr.enable_grad(e)
+        change(e)
+        loss = weighted_mean(mi.render(scene, params, seed=seed, seed_grad=seed + 50, spp=144, spp_grad=144))
+        if forward:
+            dr.forward(e)
+            return dr.grad(loss).array[0]
+        dr.backward(loss)
+        return dr.grad(e)[0]
+
+    expected = np.array([difference(seed) for seed in range(4)])
+    backward = np.array([derivative(100 + seed, False) for seed in range(4)])
+    error = np.sqrt((expected.var(ddof=1) + backward.var(ddof=1)) / 4)
+    assert abs(backward.mean() - expected.mean()) < 4 * error + 0.02 * abs(expected.mean())
+    assert derivative(100, True) == pytest.approx(backward[0], rel=1e-3, abs=1e-7)
+
+
+# ------------------------------------------------------------------ the garbage collector
+
+
+@pytest.mark.slow
+def test_the_collector_does_not_run_while_a_kernel_is_traced():
+    """A scene in a cycle that is freed between two calls of a source's radiance would have Dr.Jit abort the process."""
+    script = """
+        import gc
+        import mitsuba as mi, mitsuba_prosim
+        from mitsuba_prosim.transport import walk
+
+        mi.set_variant("llvm_ad_rgb")
+
+        def scene(bsdf):
+            return mi.load_dict({
+                "type": "scene", "integrator": {"type": "prosim", "adaptive": "none", "max_level": 1},
+                "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 8, "height": 8}},
+                "wall": {"type": "rectangle", "bsdf": bsdf,
+                         "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180)},
+                "light": {"type": "sphere", "center": [1, 2, 0], "radius": .3, "emitter": {"type": "area"}}})
+
+        def end(*args, last=walk.end):
+            many = [[] for _ in range(200_000)]  # the collector would run
+            return last(*args)
+
+        walk.end = end
+        alive = scene({"type": "roughconductor"})
+        gc.collect()
+        gc.disable()
+        gone = [scene({"type": "diffuse"})]
+        gone.append(gone)
+        del gone
+        gc.set_threshold(100_000)
+        gc.enable()
+        print(mi.render(alive, spp=4).numpy().mean() > 0, gc.isenabled())
+    """
+    run = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout) == (0, "True True\n"), run.stderr[-500:]

@@ -1,0 +1,71 @@
+"""The worked examples of CONTRIBUTING.md work."""
+
+import re
+import types
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+import pytest
+from mitsuba_prosim import registry
+from mitsuba_prosim.rendering.policies import POLICIES
+
+ROOT = Path(__file__).parents[1]
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def module(package, first):
+    """The module of the block whose docstring begins with ``first``, as if it lay in ``package``."""
+    (text,) = [block for block in BLOCKS if block.startswith(f'"""{first}')]
+    made = types.ModuleType(f"{package}.example")
+    made.__package__ = package
+    exec(compile(text, made.__name__, "exec", dont_inherit=True), made.__dict__)
+    return made
+
+
+def test_bsdf(variant_rgb, monkeypatch):
+    monkeypatch.setattr(registry, "PLUGINS", {})
+    module("mitsuba_prosim.bsdfs", "Dusty")
+    assert list(registry.PLUGINS) == ["prosim_lunar"]
+    bsdf = mi.load_dict({"type": "prosim_lunar", "albedo": 0.8})
+    rng = np.random.default_rng(1)
+    si = dr.zeros(mi.SurfaceInteraction3f, 10000)
+    si.wi = mi.warp.square_to_uniform_hemisphere(mi.Point2f(rng.random((2, 10000))))
+    bs, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(0), mi.Point2f(rng.random((2, 10000))))
+    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, bs.wo)
+    assert dr.allclose(weight * bs.pdf, value, atol=1e-6) and dr.allclose(bs.pdf, pdf)
+    assert dr.max(weight.x)[0] <= 0.4
+    there = value.x / bs.wo.z
+    si.wi, wo = bs.wo, mi.Vector3f(si.wi)
+    assert dr.allclose(bsdf.eval(mi.BSDFContext(), si, wo).x / wo.z, there, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_policy(variant_rgb, monkeypatch):
+    monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.rendering.policies", "All samples where").Contrast)
+    scene = prosim_scene.load(ROOT / "examples" / "poste.scn", resolution=(60, 45), samples=3)
+
+    def counts(**integrator):
+        scene["integrator"] |= {"adaptive": "contrast", "threshold": 0.1, "aovs": "samples", **integrator}
+        return np.array(mi.render(mi.load_dict(scene)))[..., -1]
+
+    whole = counts()
+    assert set(np.unique(whole)) == {3, 9} and 0.05 < np.mean(whole == 9) < 0.95
+    assert np.array_equal(counts(band=700), whole)
+
+
+def test_primitive():
+    wedge = module("prosim_scene.solids.primitives", "WEDGE").Wedge()
+    mesh = wedge.mesh(wedge.segments(np.eye(4), None, 0.1), np.eye(4))
+    assert len(mesh.triangles) == wedge.count(4) == 8
+    edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    assert sorted(map(tuple, edges)) == sorted(map(tuple, edges[:, ::-1]))  # closed, all wound one way
+    corners = mesh.vertices[mesh.triangles]
+    assert np.linalg.det(corners).sum() / 6 == pytest.approx(0.5)  # seen from outside
+    face = mesh.faces[mesh.facets]
+    p = np.append(corners, np.ones((8, 3, 1)), axis=2)
+    assert np.allclose(np.einsum("tki,tij,tkj->tk", p, wedge.quadrics[face], p), 0)  # on the surfaces that it names
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.all(np.einsum("ti,tki->tk", normals, wedge.corners(corners, face).normals) > 0)

@@ -318,6 +318,7 @@ def test_what_vanishes_is_reported():
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tree", ["+ " * 3000 + "CUBE 0 " * 3001, "+ CUBE 0 " * 3000 + "CUBE 0", "* CUBE 0 + CUBE 0 " * 300 + "CUBE 0"]
 )

@@ -29,17 +29,23 @@ def scene(kind, count, seed=1):
         half = len(leaves) // 2
         operators = ["-"] * half + ["+-"[i % 2] for i in range(len(leaves) - half)]
         tree = [*operators[::-1], "CUBE 0", *leaves]
-    lines = ["NAME: bench", "LIGHTS POINT position 0 0 99 Intensity 60000 60000 60000",
-             f"VIEW OBS 0 0 {2 * side} VRP 0 0 0 WINDOW {-side} {-side} {side} {side} RESOLUTION 500 500",
-             "CSG-TREE", *tree]
+    lines = [
+        "NAME: bench",
+        "LIGHTS POINT position 0 0 99 Intensity 60000 60000 60000",
+        f"VIEW OBS 0 0 {2 * side} VRP 0 0 0 WINDOW {-side} {-side} {side} {side} RESOLUTION 500 500",
+        "CSG-TREE",
+        *tree,
+    ]
     for i in range(count):
         x, y, z = (rng.uniform(-side / 2, side / 2) for _ in range(3))
         if i == 0:
             transform = f"SCALE ({side} {side} {side / 2}) TRANSLATE ({-side / 2} {-side / 2} {-side / 2})"
         else:
-            transform = (f"SCALE ({rng.uniform(.3, 1):.3f} {rng.uniform(.3, 1):.3f} {rng.uniform(.3, 1):.3f}) "
-                         f"ROTATE-X ({rng.uniform(0, 360):.2f}) ROTATE-Z ({rng.uniform(0, 360):.2f}) "
-                         f"TRANSLATE ({x:.4f} {y:.4f} {z:.4f})")
+            transform = (
+                f"SCALE ({rng.uniform(0.3, 1):.3f} {rng.uniform(0.3, 1):.3f} {rng.uniform(0.3, 1):.3f}) "
+                f"ROTATE-X ({rng.uniform(0, 360):.2f}) ROTATE-Z ({rng.uniform(0, 360):.2f}) "
+                f"TRANSLATE ({x:.4f} {y:.4f} {z:.4f})"
+            )
         lines += [f"SURFACE {i} material lambertiano kd = 0.{1 + i % 8} 0.5 0.5", f"TRANSFORM {i} {transform}"]
     return "\n".join([*lines, "END", ""])
 
@@ -53,8 +59,10 @@ def measure(kind, count, pairwise):
 
     import prosim_scene
     from prosim_scene.solids import csg, parts
+
     warnings.simplefilter("ignore")
     if pairwise:
+
         def union(operands):
             result = []
             for part in (p for operand in operands for p in operand):
@@ -75,8 +83,10 @@ def measure(kind, count, pairwise):
         size = sum(f.stat().st_size for f in Path(folder).rglob("*.ply"))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     mebibytes = (peak - before) / 1024, size / 2**20
-    print(f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {mebibytes[0]:9.0f} "
-          f"{mebibytes[1]:9.1f}")
+    print(
+        f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {mebibytes[0]:9.0f} "
+        f"{mebibytes[1]:9.1f}"
+    )
 
 
 def main():

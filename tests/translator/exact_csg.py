@@ -206,16 +206,21 @@ def grid(rng, after=""):
 def blocks(rng, after=""):
     """Some boxes of a grid, touching and overlapping."""
     count = rng.integers(2, 6)
-    transforms = [f"SCALE ({numbers(rng.choice([.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
-                  f"TRANSLATE ({numbers(rng.integers(-2, 3, 3) / 2)}) {after}" for _ in range(count)]
+    transforms = [
+        f"SCALE ({numbers(rng.choice([0.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
+        f"TRANSLATE ({numbers(rng.integers(-2, 3, 3) / 2)}) {after}"
+        for _ in range(count)
+    ]
     return text(rng, ["CUBE"] * count, transforms, tree(rng, count, "+++-*"))
 
 
 def chains(rng):
     """Blocks of a turned grid, added and taken away in turn."""
     after = turn(rng)
-    transforms = [f"SCALE ({numbers(rng.choice([.5, 1, 2, 3], 3))}) "
-                  f"TRANSLATE ({numbers(rng.integers(-4, 3, 3) / 2)}) {after}" for _ in range(12)]
+    transforms = [
+        f"SCALE ({numbers(rng.choice([0.5, 1, 2, 3], 3))}) TRANSLATE ({numbers(rng.integers(-4, 3, 3) / 2)}) {after}"
+        for _ in range(12)
+    ]
     return text(rng, ["CUBE"] * 12, transforms, [*rng.choice(["+", "-"], 11).tolist(), *range(12)])
 
 

@@ -8,7 +8,7 @@ import pytest
 SIZE = 80
 INSIDE = {
     "CUBE": lambda p: np.all((p >= 0) & (p <= 1), axis=-1),
-    "SPHERE": lambda p: (p ** 2).sum(-1) <= 1,
+    "SPHERE": lambda p: (p**2).sum(-1) <= 1,
     "CYLINDER": lambda p: (p[..., 0] ** 2 + p[..., 1] ** 2 <= 1) & (p[..., 2] >= 0) & (p[..., 2] <= 1),
     "CONE": lambda p: (p[..., 0] ** 2 + p[..., 1] ** 2 <= p[..., 2] ** 2) & (p[..., 2] >= 0) & (p[..., 2] <= 1),
 }
@@ -58,8 +58,8 @@ def test_silhouette(variant_rgb, tmp_path, shape):
     outline = np.zeros_like(expected)
     for axis in (0, 1):
         edge = np.diff(expected, axis=axis)
-        outline[:-1 if axis == 0 else None, :-1 if axis == 1 else None] |= edge
-        outline[1 if axis == 0 else 0:, 1 if axis == 1 else 0:] |= edge
-    assert 300 < expected.sum() < SIZE ** 2 / 2
+        outline[: -1 if axis == 0 else None, : -1 if axis == 1 else None] |= edge
+        outline[1 if axis == 0 else 0 :, 1 if axis == 1 else 0 :] |= edge
+    assert 300 < expected.sum() < SIZE**2 / 2
     assert not np.any((seen != expected) & ~outline)
     assert np.mean(seen != expected) < 0.005

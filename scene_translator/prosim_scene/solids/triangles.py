@@ -79,12 +79,11 @@ def tessellate(
             keys = (((corner + vertices) * len(leaves) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
+            placed = positions + table.origin
             group = material_of[leaf]
             for m in np.unique(group):
                 chosen = group == m
-                collected.setdefault(m, []).append(
-                    [a[chosen] for a in (positions + table.origin, found.normals, found.uv, keys)]
-                )
+                collected.setdefault(m, []).append([a[chosen] for a in (placed, found.normals, found.uv, keys)])
         vertices += len(shell.vertices)
     _report_vanished(document, seen)
     names = list(materials)

@@ -1,5 +1,6 @@
 """What a scene needs as a whole, and what in it has no effect."""
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,12 +27,22 @@ def whole(document: Document) -> None:
     _dark(document)
 
 
+@functools.cache
+def _particular(role: str) -> dict[str, tuple[str, ...]]:
+    """The parameters of a role that only some kinds know: their names, and these kinds."""
+    return {
+        word.name: tuple(word.of)
+        for word in WORDS
+        if word.of and (word.role == role or (word.role == "METAL" and role == "OPTIC"))
+    }
+
+
 def _effects(document: Document, kind: str, called: str, role: str, *owner: str | int) -> None:
     """Warns of the given parameters that a kind of light or material does not know."""
-    rows = {word.name: word for word in WORDS if word.role == role or (word.role == "METAL" and role == "OPTIC")}
-    for path in document.places:
-        if path[:-1] == owner and (word := rows.get(str(path[-1]))) and word.of and kind not in word.of:
-            document.warn(f"has no effect on a {called}", *path)
+    unknown = [(*owner, name) for name, kinds in _particular(role).items() if kind not in kinds]
+    given = [path for path in unknown if path in document.places]
+    for path in sorted(given, key=lambda path: document.places[path].start):
+        document.warn(f"has no effect on a {called}", *path)
 
 
 def _surface(document: Document, index: int, surface: Surface) -> None:

@@ -90,6 +90,7 @@ WRONG = [
     (5, "SURFACE 0 material condutor n-refr = 1 1 1", 1, ["lacks its optics", "k-abs"]),
     (5, "SURFACE 0 material condutor ouro k-abs = 1", 29, ["expected one of the two"]),
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, ["kd + ks is above 1"]),
+    (4, "CSG-TREE CUBE 0 0", 15, ["found 2 numbers after CUBE", "expected 1 number (its index)"]),
     # lights
     (2, "LIGHTS AREA raio 2", 8, ["has no position"]),
     (2, "LIGHTS AREA position 0 5 5 raio 0", 33, ["expected 1e-15 or more"]),
@@ -150,8 +151,10 @@ def test_wrong_input(number, line, column, words, tmp_path):
     for word in words:
         assert word in message
     source, caret = message.splitlines()[-2:]
-    assert caret.strip("~ ") == "^" and caret.index("^") == 4 + min(column - 1, 60)
-    assert source[4:] in text
+    before = column > 61  # what is left out of a long line is marked
+    assert source.startswith("    …") == before
+    assert caret.strip("~ ") == "^" and caret.index("^") == 4 + before + min(column - 1, 60)
+    assert source[4:].strip("…") in text
     assert [p.name for p in tmp_path.iterdir()] == ["wrong.scn"]
 
 

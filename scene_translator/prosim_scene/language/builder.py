@@ -177,7 +177,8 @@ class Builder:
                 textures[i] = model.Texture(name=_texture_name(token))
             elif token.type != "NULL":
                 textures[i] = model.Texture(image=str(token))
-        return model.Leaf(row(children[0]).name, self.index(children[:2]), (textures[0], textures[1]))
+        numbers = [c for c in children[1:] if c.type == "NUMBER"]
+        return model.Leaf(row(children[0]).name, self.index([children[0], *numbers]), (textures[0], textures[1]))
 
     def surface(self, fields: dict[str, Any], children: list[Any]) -> None:
         """SURFACE."""

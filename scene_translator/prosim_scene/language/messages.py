@@ -60,11 +60,11 @@ class Source:
         end = self.text.find("\n", place.start)
         end = len(self.text) if end < 0 else end
         # A long line is quoted around the place only.
-        first = max(start, place.start - CLIP)
-        quoted = self.text[first : min(end, place.start + CLIP)]
-        quoted = "".join(c if c.isprintable() else " " for c in quoted)
-        width = max(1, min(place.end, end, place.start + CLIP) - place.start)
-        caret = " " * (place.start - first) + "^" + "~" * (width - 1)
+        first, last = max(start, place.start - CLIP), min(end, place.start + CLIP)
+        before, after = "…" * (first > start), "…" * (last < end)
+        quoted = before + "".join(c if c.isprintable() else " " for c in self.text[first:last]) + after
+        width = max(1, min(place.end, last) - place.start)
+        caret = " " * (len(before) + place.start - first) + "^" + "~" * (width - 1)
         return f"{self.filename}:{line}:{column}: {reason}\n    {quoted}\n    {caret}"
 
     def error(self, place: Place, reason: str) -> SceneError:

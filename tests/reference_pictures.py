@@ -32,7 +32,7 @@ def render(name):
     width, height = prosim_scene.parse(prosim_scene.read(path), path).view.resolution
     with tempfile.TemporaryDirectory() as folder:
         xml = prosim_scene.translate(path, folder, resolution=(width // 10, height // 10))
-        return np.array(mi.render(mi.load_file(str(xml)), seed=0))
+        return np.array(mi.render(mi.load_file(str(xml), parallel=False), seed=0))
 
 
 def kept(name):

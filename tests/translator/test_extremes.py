@@ -91,7 +91,7 @@ def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_r
     path.write_text(
         "VIEW RESOLUTION 9 9 " * ("VIEW" not in WITHIN[name]) + WITHIN[name].replace("VIEW ", "VIEW RESOLUTION 9 9 ")
     )
-    scene = mi.load_file(str(prosim_scene.translate(path, target=target, tolerance=1)))
+    scene = mi.load_file(str(prosim_scene.translate(path, target=target, tolerance=1)), parallel=False)
     assert np.isfinite(np.array(mi.render(scene, spp=4))).all()
 
 
@@ -110,7 +110,7 @@ def test_any_printable_name_gives_xml_that_loads(name, tmp_path, variant_rgb):
         f'LIGHTS VIEW RESOLUTION 9 9 CSG-TREE SPHERE 0 "{image}" SURFACE 0 TRANSFORM 0 END', encoding="utf-8"
     )
     xml = prosim_scene.translate(path, tmp_path / "out", tolerance=1)
-    assert len(mi.load_file(str(xml)).shapes()) == 1
+    assert len(mi.load_file(str(xml), parallel=False).shapes()) == 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")

@@ -89,10 +89,10 @@ def load_silently(load, *arguments, **options):
 @pytest.mark.parametrize("target, units", [("prosim", "calibrated"), ("prosim", "unattenuated"), ("stock", "radiance")])
 def test_mitsuba_loads_the_xml_without_a_warning(everything, target, units, tmp_path):
     path = prosim_scene.translate(everything, tmp_path / "out", target=target, light_units=units, tolerance=0.5)
-    scene = load_silently(mi.load_file, str(path))
+    scene = load_silently(mi.load_file, str(path), parallel=False)
     assert len(scene.shapes()) == (11 if target == "prosim" else 9)  # stock cone and spot lights are points
     assert tuple(scene.sensors()[0].film().size()) == (40, 40)
-    scene = load_silently(mi.load_file, str(path), width="20", height="20")
+    scene = load_silently(mi.load_file, str(path), parallel=False, width="20", height="20")
     assert tuple(scene.sensors()[0].film().size()) == (20, 20)
     if target == "stock":
         assert "prosim" not in path.read_text() and "nrook" not in path.read_text()
@@ -101,14 +101,14 @@ def test_mitsuba_loads_the_xml_without_a_warning(everything, target, units, tmp_
     (tmp_path / "out").rename(tmp_path / "moved")  # all paths are relative
     if target == "prosim":
         assert "../madeira.png" in (tmp_path / "moved" / "tudo.xml").read_text()
-    load_silently(mi.load_file, str(tmp_path / "moved" / "tudo.xml"))
+    load_silently(mi.load_file, str(tmp_path / "moved" / "tudo.xml"), parallel=False)
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 def test_load_gives_the_same_scene_as_the_xml(everything, target, tmp_path, variant_rgb):
     path = prosim_scene.translate(everything, tmp_path, target=target, tolerance=0.5)
-    a = mi.traverse(load_silently(mi.load_file, str(path)))
+    a = mi.traverse(load_silently(mi.load_file, str(path), parallel=False))
     b = mi.traverse(load_silently(mi.load_dict, prosim_scene.load(everything, target=target, tolerance=0.5)))
     assert sorted(dict(a.items())) == sorted(dict(b.items()))
     for key, value in a.items():
@@ -138,7 +138,7 @@ def test_palito(tmp_path, variant_rgb):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         path = prosim_scene.translate(EXAMPLES / "palito.scn", tmp_path)
-    scene = load_silently(mi.load_file, str(path))
+    scene = load_silently(mi.load_file, str(path), parallel=False)
     shapes = {s.id(): s for s in scene.shapes()}
     assert sorted(shapes) == ["light_0"] + [f"surface_{i}" for i in range(5)]
     text = path.read_text()

@@ -10,6 +10,7 @@ from typing import Any, cast
 import mitsuba as mi
 import prosim_scene
 
+from .. import registry
 from . import session
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
@@ -134,8 +135,13 @@ def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserSt
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:
-    """Makes the scene of a parser state, which is used up."""
+    """Makes the scene of a parser state, which is used up.
+
+    Where plugins in Python are in it, one after the other: Mitsuba 3.9, which else makes them in parallel, then fails now
+    and then with a string or an allocation of no sense (most often in the first scene of a process).
+    """
     config = _config()
+    config.parallel = not plugin_names(state) & set(registry.PLUGINS)
     mi.parser.transform_all(config, state)
     return cast(mi.Scene, mi.parser.instantiate(config, state))
 

@@ -137,8 +137,8 @@ def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserSt
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:
     """Makes the scene of a parser state, which is used up.
 
-    Where plugins in Python are in it, one after the other: Mitsuba 3.9, which else makes them in parallel, then fails now
-    and then with a string or an allocation of no sense (most often in the first scene of a process).
+    Where plugins in Python are in it, one after the other: Mitsuba 3.9, which else makes them in parallel, then fails
+    now and then with a string or an allocation of no sense (most often in the first scene of a process).
     """
     config = _config()
     config.parallel = not plugin_names(state) & set(registry.PLUGINS)

@@ -15,6 +15,7 @@ from prosim_start import group
 from running import PALITO, XML, names, pixels, prosim
 
 
+@pytest.mark.slow
 def test_renders_the_thesis_scene(palito):
     """By default the images bear the name of the scene's file; nothing else is left behind."""
     done = prosim("render", palito, "--resolution", "40x40", "--samples", 2)

@@ -199,6 +199,7 @@ def test_bands_and_crops_do_not_change_a_bit(variant_rgb, adaptive, rfilter):
     assert np.array_equal(whole[11:20, 7:27], crop)
 
 
+@pytest.mark.slow
 def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
     threads = dr.thread_count()
     try:
@@ -456,6 +457,7 @@ def test_200_lights(variant_rgb):
     assert image[-6:].mean() == pytest.approx(direct[-6:].mean(), rel=0.02)
 
 
+@pytest.mark.slow
 def test_grazing_roughness(variant_rgb):
     scene = penumbra({**COPPER, "alpha": 1.0}, type="prosim", max_level=6)
     for shape in ("floor", "wall"):

@@ -82,6 +82,7 @@ def test_the_error_of_extreme_light_is_a_number_and_counts_as_noise(variant_rgb,
     assert np.mean(image[..., -2] == 25) > 0.8
 
 
+@pytest.mark.slow
 def test_every_kind_of_sensor_sees(variant_rgb):
     """Also those that have no sample_ray, such as irradiancemeter."""
     film = {"type": "hdrfilm", "width": 4, "height": 2, "rfilter": {"type": "box"}}
@@ -114,6 +115,7 @@ def test_black_light_is_light_in_spectral_variants_too(variant_spectral):
     assert np.array(mi.render(mi.load_dict(scene), spp=4)).max() > 0
 
 
+@pytest.mark.slow
 def test_an_error_in_progress_leaves_nothing_behind(variant_rgb):
     scene = mi.load_dict(penumbra(size=8, type="prosim"))
     integrator = scene.integrator()

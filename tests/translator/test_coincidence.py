@@ -96,6 +96,7 @@ def test_a_cone_less_its_tip_is_a_frustum():
         assert area(meshes[1]) == pytest.approx(math.pi, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_ball_less_itself_is_nothing_however_it_is_turned():
     for turn in turns(5, seed=8):
         with pytest.warns(SceneWarning, match="the tree's result is empty"):

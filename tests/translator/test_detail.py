@@ -50,6 +50,7 @@ def test_faces_on_one_quadric_have_the_same_segments():
     assert near == far
 
 
+@pytest.mark.slow
 def test_equal_solids_are_united_once():
     text = scene("+ " * 3000 + "SPHERE 0 " * 3000 + "SPHERE 1", ["SCALE (3 3 3)", "ROTATE-X (20) SCALE (3 3 3)"])
     with pytest.warns(SceneWarning, match="nothing is seen of"):

@@ -171,6 +171,7 @@ def test_formatting_keeps_the_meaning_and_the_remarks(text):
         assert tidy.count(remark) == text.count(remark)
 
 
+@pytest.mark.slow
 @quick
 @given(st.data())
 def test_remarks_and_layout_do_not_change_the_meaning(data):

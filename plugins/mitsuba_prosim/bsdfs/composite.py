@@ -30,8 +30,7 @@ class Composite(Pigmented):
      * - specular_reflectance
        - |spectrum| or |texture|
        - Weight of the specular lobe, :math:`k_s`. The sum of the two is at most 1: numbers and colours that exceed it
-       are
-         an error, also if :math:`k_d` is left at its default, and where textures or spectra do, :math:`k_s` is
+         are an error, also if :math:`k_d` is left at its default, and where textures or spectra do, :math:`k_s` is
          :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
        - |exposed|, |differentiable|
 

@@ -177,7 +177,9 @@ REFLECTING = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kind, reference, parameters, lobe", [(*row, lobe) for *row, lobes in REFLECTING for lobe in lobes], ids=str
+    "kind, reference, parameters, lobe",
+    [(*row, lobe) for *row, lobes in REFLECTING for lobe in lobes],
+    ids=lambda value: getattr(value, "__name__", str(value)),
 )
 def test_reflection(variant_rgb, kind, reference, parameters, lobe):
     rng = np.random.default_rng(5)

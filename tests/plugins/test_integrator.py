@@ -188,7 +188,9 @@ def test_channels(variant_rgb):
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", ["neighbours", "thesis", "none"])
 @pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
-def test_bands_and_crops_do_not_change_a_bit(variant_rgb, adaptive, rfilter):
+def test_bands_and_crops_do_not_change_a_bit(variant_rgb, monkeypatch, adaptive, rfilter):
+    """Nor does it matter whether the sums are kept from wave to wave."""
+
     def image(band=1 << 18, **film):
         return render(penumbra(COPPER, rfilter=rfilter, type="prosim", adaptive=adaptive, band=band), width=40, **film)
 
@@ -197,6 +199,9 @@ def test_bands_and_crops_do_not_change_a_bit(variant_rgb, adaptive, rfilter):
     assert np.array_equal(whole, image(band=333))
     crop = image(crop_offset_x=7, crop_offset_y=11, crop_width=20, crop_height=9)
     assert np.array_equal(whole[11:20, 7:27], crop)
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    assert np.array_equal(whole, image())
+    assert np.array_equal(whole, image(band=333))
 
 
 @pytest.mark.slow
@@ -404,21 +409,31 @@ def test_several_sensors_and_specfilm(variant_spectral):
     assert first.shape == (32, 32, 3) and second.shape == (16, 24, 2) and second.mean() > 0
 
 
-def test_progress_and_cancel(variant_rgb):
+@pytest.mark.parametrize("kept", [0, 1 << 30])
+def test_progress_and_cancel(variant_rgb, monkeypatch, kept):
+    """Whatever is stopped after the first wave is a whole image, and what was finished before is as it would be."""
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
     scene = mi.load_dict(penumbra(type="prosim", band=64))
     integrator = scene.integrator()
     done = []
     integrator.progress = done.append
     whole = np.array(mi.render(scene))
-    assert done == sorted(done) and len(done) == 16 and done[-1] == 1
+    assert done == sorted(done) and len(done) > 16 and done[-1] == 1
+    first = np.array(mi.render(scene, integrator=mi.load_dict({"type": "prosim", "threshold": 1e9})))
 
-    def stop(part):
-        if part > 0.4:
-            integrator.cancel()
+    def stopped(part):
+        def stop(done):
+            if done > part:
+                integrator.cancel()
 
-    integrator.progress = stop
-    kept = np.array(mi.render(scene))
-    assert np.array_equal(kept[:12], whole[:12]) and kept[-8:].max() == 0
+        integrator.progress = stop
+        return np.array(mi.render(scene))
+
+    early, late = stopped(0.1), stopped(0.3)
+    assert np.array_equal(early[:12], first[:12]) and early[-8:].max() == 0
+    assert ((late == first) | (late == whole)).all() and (late[-8:] > 0).any()
+    integrator.progress = None
+    assert np.array_equal(np.array(mi.render(scene)), whole)
 
 
 # ------------------------------------------------------------------ difficult scenes

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import drjit as dr
 import mitsuba as mi
 
-from .plan import Rectangle, pixels
+from .plan import Rectangle, index_within, pixels
 
 
 class Image:
-    """The window of a film, as sums of weighted values that bands are added to from top to bottom.
+    """The window of a film, as means of weighted values that bands are added to from top to bottom.
 
     Each pixel gathers what the samples around it have for it, row after row, so that the sum has one order, whatever
     the bands are. The values lie as a film has them, channel by channel within each pixel, so that none is copied.
@@ -24,32 +24,39 @@ class Image:
         self.values = dr.zeros(mi.Float, self.width * self.height * self.channels)
         dr.make_opaque(self.values)
 
-    def add(self, outer: Rectangle, band: Rectangle, sums: list[mi.Float], aovs: list[mi.Float], reach: int) -> None:
-        """Adds the pixels of ``band``; ``sums`` and ``aovs`` are laid out over the rectangle ``outer``."""
+    def add(
+        self,
+        outer: Rectangle,
+        band: Rectangle,
+        sums: list[mi.Float],
+        count: mi.UInt32,
+        aovs: list[mi.Float],
+        reach: int,
+    ) -> None:
+        """Adds the pixels of ``band``. ``sums`` of ``count`` samples and ``aovs`` are laid out over the rectangle
+        ``outer``.
+        """
         top, bottom = max(band[1] - reach, self.window[1]), min(band[3] + reach, self.window[3])
         if top >= bottom:
             return
         x, y, *_ = pixels((self.window[0], top, self.window[2], bottom))
-        index = self.channels * mi.UInt32(
-            (y - dr.opaque(mi.Int32, self.window[1])) * dr.opaque(mi.Int32, self.width)
-            + x
-            - dr.opaque(mi.Int32, self.window[0])
-        )
+        index = self.channels * index_within(self.window, x, y)
         totals = [dr.gather(mi.Float, self.values, index + c) for c in range(self.sampled)]
         left, first, right, last = (dr.opaque(mi.Int32, v) for v in band)
-        outer_left, outer_top, outer_width = (dr.opaque(mi.Int32, v) for v in (outer[0], outer[1], outer[2] - outer[0]))
         offsets = range(-reach, reach + 1)
-        dr.eval(sums, aovs)
+        share = dr.select(count > 0, dr.rcp(mi.Float(count)), 0)
+        dr.eval(share, sums, aovs)
         for dy in reversed(offsets):
             for dx in reversed(offsets):
                 sx, sy = x - dx, y - dy
                 there = (sx >= left) & (sx < right) & (sy >= first) & (sy < last)
-                source = mi.UInt32((sy - outer_top) * outer_width + sx - outer_left)
+                source = index_within(outer, sx, sy)
+                weight = dr.gather(mi.Float, share, source, there)
                 place = ((dy + reach) * (2 * reach + 1) + dx + reach) * self.sampled
                 for c in range(self.sampled):
-                    totals[c] += dr.gather(mi.Float, sums[place + c], source, there)
+                    totals[c] += weight * dr.gather(mi.Float, sums[place + c], source, there)
         own = (y >= first) & (y < last)
-        source = mi.UInt32((y - outer_top) * outer_width + x - outer_left)
+        source = index_within(outer, x, y)
         dr.eval(totals)  # to scatter where the same kernel gathers would copy the image
         for c, total in enumerate(totals):
             dr.scatter(self.values, total, index + c)

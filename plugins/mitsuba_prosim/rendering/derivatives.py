@@ -43,17 +43,15 @@ class Derivatives:
         x, y, *_ = pixels(plan.region)
         with uncropped(self.sensor):
             self.estimator.rays = ray_sampler(self.sensor)
-            for r in range(-(-plan.most // plan.n)):
-                taken = dr.compress(self.counts > r * plan.n)
-                if dr.width(taken) == 0:
-                    break
+            r = 0
+            while dr.width(taken := dr.compress(self.counts > r * plan.n)) > 0:
                 lane = dr.arange(mi.UInt32, dr.width(taken) * plan.n)
                 pixel = dr.gather(mi.UInt32, taken, lane // plan.n)
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                i = lane % plan.n
-                values, _, position = self.estimator.sample(px, py, dr.opaque(mi.UInt32, r), i)
+                t = dr.opaque(mi.UInt32, r * plan.n) + lane % plan.n
+                values, _, position = self.estimator.sample(px, py, t)
                 count = dr.gather(mi.UInt32, self.counts, pixel)
-                share = dr.select(r * plan.n + i < count, dr.rcp(mi.Float(count)), 0)  # the last pass may be cut short
+                share = dr.select(t < count, dr.rcp(mi.Float(count)), 0)  # the last pass may be cut short
                 spread = []
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
                 for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
@@ -62,6 +60,7 @@ class Derivatives:
                         (dr.select(there, weight * share, 0), dr.select(there, index_within(plan.window, tx, ty), 0))
                     )
                 yield values, spread
+                r += 1
 
     def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""

@@ -22,26 +22,50 @@ if TYPE_CHECKING:
 #: A sample counts as no brighter than this in what is said of the error: the squares of N² samples stay finite.
 BRIGHTEST = 1e16
 
+#: From the sums of the luminance and of its square over the first ``t`` samples: which pixels need no more.
+Quiet = Callable[[mi.Float, mi.Float, mi.UInt32], mi.Bool]
+
 
 @dataclass
 class Estimate:
-    """Sums over the samples of each pixel: Dr.Jit arrays with one entry a pixel."""
+    """Sums over the first ``count`` samples of each pixel: Dr.Jit arrays with one entry a pixel.
+
+    They are taken in the order of the samples, wherever one stops in between: the bits depend on ``count`` alone.
+    """
 
     #: The film's values, weighted by its filter, for every pixel within the filter's reach, row by row, channel by
     #: channel.
     sums: list[mi.Float]
-    #: Sums of the luminance, of its square, and of the square of its mean over each pass.
+    #: Sums of the luminance, of its square, and of the square of its mean over each whole pass.
     total: mi.Float
     squares: mi.Float
     pass_squares: mi.Float
+    #: Sum of the luminance over the pass that is not whole yet.
+    in_pass: mi.Float
     #: Number of samples.
     count: mi.UInt32
 
-    def add(self, more: Estimate, where: mi.UInt32) -> None:
-        """Adds ``more``, whose entries are those with the indices ``where`` here, each at most once."""
-        mine, theirs = ([*e.sums, e.total, e.squares, e.pass_squares, e.count] for e in (self, more))
-        for total, part in zip(mine, theirs):
-            dr.scatter_add(total, part, where, mode=dr.ReduceMode.NoConflicts)
+    @classmethod
+    def nothing(cls, values: int, pixels: int) -> Estimate:
+        """No samples yet, of so many values in each of so many pixels."""
+        floats = [dr.zeros(mi.Float, pixels) for _ in range(values + 4)]
+        count = dr.zeros(mi.UInt32, pixels)
+        dr.make_opaque(floats, count)
+        return cls(floats[4:], floats[0], floats[1], floats[2], floats[3], count)
+
+    def at(self, where: mi.UInt32) -> Estimate:
+        """The entries with the indices ``where``."""
+        floats = [dr.gather(mi.Float, values, where) for values in self._floats()]
+        count = dr.gather(mi.UInt32, self.count, where)
+        return Estimate(floats[4:], floats[0], floats[1], floats[2], floats[3], count)
+
+    def put(self, other: Estimate, where: mi.UInt32) -> None:
+        """Replaces the entries with the indices ``where``, each at most once."""
+        for mine, theirs in zip([*self._floats(), self.count], [*other._floats(), other.count]):
+            dr.scatter(mine, theirs, where, mode=dr.ReduceMode.NoConflicts)
+
+    def _floats(self) -> list[mi.Float]:
+        return [self.total, self.squares, self.pass_squares, self.in_pass, *self.sums]
 
     def error(self, n: int) -> mi.Float:
         """Standard error of the mean luminance: between passes (of ``n`` samples) where there are two or more, all
@@ -67,6 +91,11 @@ class Estimator:
         self.rfilter = sensor.film().rfilter()
         self.inverse_size = mi.Vector2f(dr.opaque(mi.Float, 1 / width), dr.opaque(mi.Float, 1 / height))
 
+    @property
+    def values(self) -> int:
+        """How many values a sample has: for each channel, one for each pixel within the filter's reach."""
+        return len(self.channels.names) * (2 * self.plan.reach + 1) ** 2
+
     def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Camera ray through pixel (x, y): ``(ray, weight, position)``, the position being that within the pixel."""
         position = points(PIXEL)
@@ -81,13 +110,11 @@ class Estimator:
         ray, weight = self.rays(time, other.y, on_film, lens)
         return ray, weight, position
 
-    def sample(
-        self, x: mi.Int32, y: mi.Int32, r: mi.UInt32, i: mi.UInt32
-    ) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
-        """Sample ``i`` of pass ``r`` in the pixels (x, y): ``(values, luminance, position)``, ``values`` being what the
-        film stores for a sample of weight 1.
+    def sample(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
+        """The ``t``-th sample of the pixels (x, y): ``(values, luminance, position)``, ``values`` being what the film
+        stores for a sample of weight 1.
         """
-        points = self.plan.points(x, y, r, i)
+        points = self.plan.points(x, y, t)
         ray, weight, position = self.camera_ray(x, y, points)
         L, hit = self.transport(ray, points, True)
         L *= weight
@@ -106,55 +133,41 @@ class Estimator:
         down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
-    def take(
-        self,
-        x: mi.Int32,
-        y: mi.Int32,
-        begin: int,
-        end: int,
-        quiet: Callable[[mi.Float, mi.Float, mi.UInt32], mi.Bool] | None = None,
-    ) -> Estimate:
-        """Takes the samples ``begin`` .. ``end`` - 1 (integers) of the pixels (x, y), one lane a pixel.
-
-        ``quiet(total, squares, t)``, if given, says after each pass which pixels end, ``t`` being the number of
-        samples.
+    def take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None = None) -> Estimate:
+        """Goes on from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or are ``quiet`` after
+        a pass. All arguments are evaluated arrays, so that one kernel serves every wave.
         """
-        n, reach = self.plan.n, self.plan.reach
-        end = dr.opaque(mi.UInt32, end)
+        n = self.plan.n
 
-        def step(
-            t: mi.UInt32, estimate: Estimate, in_pass: mi.Float, active: mi.Bool
-        ) -> tuple[mi.UInt32, Estimate, mi.Float, mi.Bool]:
-            r = t // n
-            i = t - r * n
-            values, luminance, position = self.sample(x, y, r, i)
+        def unfinished(estimate: Estimate) -> mi.Bool:
+            active = estimate.count < end
+            if quiet is not None:
+                ended = (estimate.count % n == 0) & quiet(estimate.total, estimate.squares, estimate.count)
+                active &= ~ended
+            return active
+
+        def step(estimate: Estimate, active: mi.Bool) -> tuple[Estimate, mi.Bool]:
+            t = estimate.count
+            values, luminance, position = self.sample(x, y, t)
             sums = [s + w * v for s, (w, v) in zip(estimate.sums, self.spread(values, position))]
             luminance = dr.clip(luminance, -BRIGHTEST, BRIGHTEST)
-            total, squares = estimate.total + luminance, estimate.squares + dr.square(luminance)
-            in_pass = in_pass + luminance
-            last = i + 1 == n
-            pass_squares = estimate.pass_squares + dr.select(last, dr.square(in_pass / n), 0)
-            in_pass = dr.select(last, 0, in_pass)
-            t += 1
-            active = t < end
-            if quiet is not None:
-                active &= ~(last & quiet(total, squares, t))
-            return t, Estimate(sums, total, squares, pass_squares, t), in_pass, active
+            in_pass = estimate.in_pass + luminance
+            last = (t + 1) % n == 0
+            estimate = Estimate(
+                sums,
+                estimate.total + luminance,
+                estimate.squares + dr.square(luminance),
+                estimate.pass_squares + dr.select(last, dr.square(in_pass / n), 0),
+                dr.select(last, 0, in_pass),
+                t + 1,
+            )
+            return estimate, unfinished(estimate)
 
-        begin = dr.opaque(mi.UInt32, begin)
-        zeros = [mi.Float(0) for _ in range(len(self.channels.names) * (2 * reach + 1) ** 2)]
-        state = (
-            mi.UInt32(begin),
-            Estimate(zeros, mi.Float(0), mi.Float(0), mi.Float(0), mi.UInt32(begin)),
-            mi.Float(0),
-            dr.full(mi.Bool, True, dr.width(x)),
-        )
-        _, estimate, _, _ = dr.while_loop(
-            state,
-            lambda t, estimate, in_pass, active: active,
+        estimate, _ = dr.while_loop(
+            (start, unfinished(start)),
+            lambda estimate, active: active,
             step,
-            labels=("t", "estimate", "in_pass", "active"),
+            labels=("estimate", "active"),
             max_iterations=-1,
         )
-        estimate.count = estimate.count - begin
         return estimate

@@ -80,13 +80,11 @@ class Plan:
         """The pixels whose samples reach the window."""
         return widened(self.window, self.reach, self.domain)
 
-    def points(self, x: mi.Int32, y: mi.Int32, r: mi.UInt32, i: mi.UInt32) -> NRook:
-        """The sample ``i`` of pass ``r`` in the pixels (x, y), in every space: a pure function of seed, pixel, pass and
-        index.
-        """
+    def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook:
+        """The ``t``-th sample of the pixels (x, y), in every space: a pure function of seed, pixel and ``t``."""
         # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
-        return NRook(self.permutations, pixel_key(self.seed, pixel), r, i, self.jitter)
+        return NRook.at(self.permutations, pixel_key(self.seed, pixel), t, self.jitter)
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:

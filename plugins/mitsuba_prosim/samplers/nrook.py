@@ -109,9 +109,7 @@ class NRookSampler(mi.Sampler):
         dr.schedule(self.index, self.dimension)
 
     def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
-        n = self.permutations.n
-        r = self.index // n
-        sample = NRook(self.permutations, self.pixel, r % n, self.index - r * n, self.jitter)(self.dimension)
+        sample = NRook.at(self.permutations, self.pixel, self.index, self.jitter)(self.dimension)
         self.dimension += 1
         return sample
 

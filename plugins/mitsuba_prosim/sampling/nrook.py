@@ -30,6 +30,16 @@ def pixel_key(seed: int | mi.UInt32, pixel: int | mi.UInt32) -> int | mi.UInt32:
     return combine(hash32(pixel), hash32(seed))
 
 
+def epoch_key(key: int | mi.UInt32, epoch: int | mi.UInt32) -> int | mi.UInt32:
+    """Hash key of an epoch: N passes fill the N² cells, the next N are a pattern of their own.
+
+    ``key``: :func:`pixel_key`, which is that of epoch 0; ``epoch``: 0 .. 2^32 - 1. Hashed once more than the keys of
+    spaces, so that no epoch's key is a space's.
+    """
+    later = hash32(combine(key, epoch))
+    return dr.select(epoch == 0, key, later)
+
+
 class Permutations:
     """Random permutations of 0 .. n-1, as a table.
 
@@ -97,6 +107,14 @@ class NRook:
         jitter: str = "multi",
     ) -> None:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
+
+    @classmethod
+    def at(cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi") -> NRook:
+        """The ``t``-th samples of all (from 0): N samples a pass, N passes an epoch, as many epochs as are wanted."""
+        n = permutations.n
+        r = t // n
+        epoch = r // n
+        return cls(permutations, epoch_key(key, epoch), r - epoch * n, t - r * n, jitter)
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
         """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/stage.py``)."""

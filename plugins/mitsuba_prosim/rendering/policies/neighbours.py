@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from ..error import in_display_units
-from ..plan import Plan, Rectangle
+from ..plan import Plan
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -31,16 +30,10 @@ class Neighbours:
         self.reach = REACH if self.first < self.most else 0
         self.threshold = dr.opaque(mi.Float, threshold)
 
-    def waves(
-        self, estimate: Estimate, x: mi.Int32, y: mi.Int32, size: list[mi.UInt32], band: Rectangle
-    ) -> Iterable[tuple[mi.UInt32, int, int]]:
-        """One further wave, for the noisy pixels of ``band``."""
-        if self.first == self.most:
-            return
-        error = error_of_neighbours(estimate.total, estimate.squares, mi.Float(self.first), *size)
-        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in band)
-        inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
-        yield dr.compress(inside & ~(error <= self.threshold)), self.first, self.most  # what is no number is noisy too
+    def need(self, estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
+        """All samples for the noisy pixels."""
+        error = error_of_neighbours(estimate.total, estimate.squares, mi.Float(self.first), width, height)
+        return dr.select(error <= self.threshold, mi.Float(self.first), self.most)  # what is no number is noisy too
 
 
 def error_of_neighbours(

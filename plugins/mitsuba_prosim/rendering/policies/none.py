@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+import drjit as dr
 import mitsuba as mi
 
-from ..plan import Plan, Rectangle
+from ..plan import Plan
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -20,10 +20,8 @@ class Everything:
     quiet = None
 
     def __init__(self, plan: Plan, threshold: float) -> None:
-        self.first = plan.most
+        self.first = self.most = plan.most
 
-    def waves(
-        self, estimate: Estimate, x: mi.Int32, y: mi.Int32, size: list[mi.UInt32], band: Rectangle
-    ) -> Iterable[tuple[mi.UInt32, int, int]]:
-        """No further waves."""
-        return ()
+    def need(self, estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
+        """All of them."""
+        return dr.full(mi.Float, self.most, dr.width(estimate.count))

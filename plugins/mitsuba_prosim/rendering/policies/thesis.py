@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from ..error import standard_error
-from ..plan import Plan, Rectangle
+from ..plan import Plan
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
@@ -24,16 +23,13 @@ class Thesis:
     reach = 0
 
     def __init__(self, plan: Plan, threshold: float) -> None:
-        self.first = plan.most
-        self.least = plan.least
+        self.first, self.most = plan.least, plan.most
         self.threshold = dr.opaque(mi.Float, threshold)
 
     def quiet(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
         """Which pixels end, by the sums of the luminance and of its square over ``t`` samples."""
-        return (t >= self.least) & (standard_error(total, squares, mi.Float(t)) <= self.threshold)
+        return (t >= self.first) & (standard_error(total, squares, mi.Float(t)) <= self.threshold)
 
-    def waves(
-        self, estimate: Estimate, x: mi.Int32, y: mi.Int32, size: list[mi.UInt32], band: Rectangle
-    ) -> Iterable[tuple[mi.UInt32, int, int]]:
-        """No further waves: each pixel decides within the first."""
-        return ()
+    def need(self, estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
+        """All samples, of which a pixel takes as many as it is not ``quiet``."""
+        return dr.full(mi.Float, self.most, dr.width(estimate.count))

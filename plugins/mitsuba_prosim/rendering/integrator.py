@@ -1,0 +1,217 @@
+"""An integrator that renders in waves: what ``prosim`` and the wrapper of other integrators share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..parameters import choice, describe, number, reject, whole
+from ..sampling.nrook import JITTERS
+from . import collector
+from .accumulate import Image
+from .camera import ray_sampler, uncropped
+from .derivatives import Derivatives
+from .estimate import Estimator
+from .film import Channels
+from .plan import Plan, Sampling
+from .policies import POLICIES
+from .state import OWN_AOVS, State
+from .waves import waves
+
+
+class WaveIntegrator(mi.SamplingIntegrator):
+    """Base class of integrators that render in waves. A subclass gives the radiance along a ray: :meth:`transport`, and
+    ``sample()``, which Mitsuba's own loop calls in scalar variants and within other integrators.
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.samples = whole(props, "samples", 5, 1)
+        self.adaptive = choice(props, "adaptive", tuple(POLICIES))
+        self.threshold = number(props, "threshold", 0.006, 0)
+        self.min_passes = whole(props, "min_passes", 1, 1)
+        self.max_samples = whole(props, "max_samples", 0, 0)
+        self.jitter = choice(props, "jitter", JITTERS)
+        self.channels = props.get("channels", "rgb").lower()
+        if set(self.channels) - set("rgb"):
+            raise reject(props, "channels", self.channels, "some of the letters r, g, b")
+        self.band = whole(props, "band", 1 << 18, 1)
+        self.own_aovs, self.mitsuba_aovs = [], None
+        others = []
+        for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
+            if aov in OWN_AOVS:
+                self.own_aovs.append(aov)
+            elif ":" in aov:
+                others.append(aov)
+            else:
+                raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
+        if others:
+            self.mitsuba_aovs = mi.load_dict({"type": "aov", "aovs": ",".join(others)})
+        #: Called with the part done, 0 to 1, while an image is rendered.
+        self.progress = None
+        self.cancelled = False
+        self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
+        self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
+
+    def transport(self, scene: mi.Scene, attached: bool = False) -> Any:
+        """What finds the radiance along camera rays of ``scene``, see :class:`.Transport`; ``attached``: whether
+        derivatives are wanted.
+        """
+        raise NotImplementedError
+
+    def parameter_names(self) -> list[str]:
+        """Names of the parameters that ``str()`` shows."""
+        return ["samples", "adaptive", "threshold", "min_passes", "max_samples", "hide_emitters", "jitter", "channels"]
+
+    def to_string(self) -> str:
+        return describe(self, **{name: getattr(self, name) for name in self.parameter_names()}, aovs=self.aov_names())
+
+    def aov_names(self) -> list[str]:
+        others = self.mitsuba_aovs.aov_names() if self.mitsuba_aovs is not None else []
+        return list(others) + self.own_aovs
+
+    def cancel(self) -> None:
+        """Ends a rendering in progress within a second or so; the film keeps what was finished."""
+        self.cancelled = True
+        super().cancel()  # the loop of scalar variants
+
+    def flush(self) -> None:
+        """Puts the image so far into the film; for ``progress`` to call. Does nothing where no image is being made, or
+        one that is only for derivatives.
+        """
+        if self._growing is not None:
+            film, state = self._growing
+            self._put(film, state.image())
+
+    # ---------------------------------------------------------------- rendering
+
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> mi.TensorXf:
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        if not dr.is_jit_v(mi.Float):
+            return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
+        if dr.flag(dr.JitFlag.FreezingScope):
+            raise RuntimeError(
+                "prosim: an image can't be rendered within a function that dr.freeze records, because how "
+                "many samples are taken is decided on the way; render it outside of that function."
+            )
+        film = sensor.film()
+        film.prepare(self.aov_names())
+        plan, estimator = self._plan(scene, sensor, seed, spp)
+        policy, state = self._begin(plan, estimator, self.own_aovs)
+        self._growing = film, state
+        try:
+            self._grow(plan, policy, state)
+        finally:
+            self._growing = None
+        self._put(film, state.image())
+        image = film.develop() if develop else mi.TensorXf()
+        if evaluate:
+            dr.eval(image)
+            if not develop:
+                film.schedule_storage()
+                dr.eval()
+            dr.sync_thread()
+        return image
+
+    def _render_scalar(self, scene: mi.Scene, *arguments: Any) -> mi.TensorXf:
+        """Mitsuba's own loop over pixels and samples."""
+        if self._scalar is not None:  # Mitsuba calls render() of this class once more
+            return super().render(scene, *arguments)
+        self._scalar = self.transport(scene)
+        try:
+            return super().render(scene, *arguments)
+        finally:
+            self._scalar = None
+
+    def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
+        """``(plan, estimator)``: which samples are taken, and what takes them."""
+        plan = Plan.of(
+            Sampling(
+                self.samples, self.adaptive, self.threshold, self.min_passes, self.max_samples, self.jitter, self.band
+            ),
+            sensor.film(),
+            seed,
+            spp,
+        )
+        channels = Channels(sensor.film(), self.channels, self.mitsuba_aovs)
+        return plan, Estimator(plan, scene, sensor, self.transport(scene), channels)
+
+    def _begin(self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str]) -> tuple[Any, State]:
+        """``(policy, state)``: an image without samples, and what says how many it gets."""
+        policy: Any = POLICIES[self.adaptive](plan, self.threshold)
+        return policy, State(plan, estimator, own_aovs, policy.reach)
+
+    def _grow(self, plan: Plan, policy: Any, state: State) -> None:
+        for _ in self._waves(plan, policy, state):
+            pass
+
+    def _waves(self, plan: Plan, policy: Any, state: State) -> Iterator[State]:
+        """The image wave by wave."""
+        self.cancelled = False
+        estimator = state.estimator
+        with uncropped(estimator.sensor):
+            estimator.rays = ray_sampler(estimator.sensor)
+            yield from waves(plan, policy, state, self.progress, lambda: self.cancelled)
+
+    @staticmethod
+    def _put(film: mi.Film, image: Image) -> None:
+        """Makes ``image`` what ``film`` holds."""
+        film.clear()
+        film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))
+
+    # ---------------------------------------------------------------- derivatives
+
+    @collector.suspended()
+    def render_forward(
+        self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+    ) -> mi.TensorXf:
+        derivatives = self._derivatives(scene, sensor, seed, spp)
+        image = derivatives.develop(derivatives.attached_storage(), self.aov_names())
+        dr.forward_to(image)
+        gradient = dr.grad(image)
+        # What the integrator says of itself comes last, and has no derivatives.
+        height, width, channels = gradient.shape
+        all_channels = channels + len(self.own_aovs)
+        complete = dr.zeros(mi.Float, height * width * all_channels)
+        i = dr.arange(mi.UInt32, height * width * channels)
+        dr.scatter(complete, gradient.array, i // channels * all_channels + i % channels)
+        return mi.TensorXf(complete, (height, width, all_channels))
+
+    @collector.suspended()
+    def render_backward(
+        self,
+        scene: mi.Scene,
+        params: Any,
+        grad_in: mi.TensorXf,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+    ) -> None:
+        derivatives = self._derivatives(scene, sensor, seed, spp)
+        storage = mi.TensorXf(derivatives.storage)
+        dr.enable_grad(storage)
+        image = derivatives.develop(storage, self.aov_names())
+        dr.backward(dr.sum(image * grad_in[:, :, : image.shape[2]], axis=None))
+        derivatives.backward(dr.grad(storage))
+
+    def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        with dr.suspend_grad():
+            plan, estimator = self._plan(scene, sensor, seed, spp)
+            policy, state = self._begin(plan, estimator, [])
+            self._grow(plan, policy, state)
+        estimator.transport = self.transport(scene, attached=True)
+        return Derivatives(plan, estimator, state.image(), state.counts())

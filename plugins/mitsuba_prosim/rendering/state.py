@@ -1,0 +1,184 @@
+"""An image as a state that grows: what is known of every pixel, wave after wave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+
+from . import collector
+from .accumulate import Image
+from .estimate import Estimate, Estimator, Quiet
+from .plan import Plan, Rectangle, index_within, pixels, widened
+
+#: Bytes that the sums of all pixels may take. Each has as many as its filter reaches pixels, times the channels: where
+#: that is more (images beyond 1920 x 1080 with a wide filter, for example), they are not kept from wave to wave, but
+#: taken anew.
+KEPT = 1 << 30
+
+
+class State:
+    """The samples of an image so far.
+
+    The first samples of a pixel, as many as it has, are the same whatever was taken when; so the image depends on the
+    counts alone. ``margin``: how many pixels beyond its own the image must know, as its decisions look at them.
+    """
+
+    def __init__(self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], margin: int = 0) -> None:
+        self.plan, self.estimator, self.own_aovs = plan, estimator, own_aovs
+        #: The pixels that are known, row by row.
+        self.outer = widened(plan.region, margin, plan.domain)
+        pixel_count = area(self.outer)
+        self.keeps = 4 * estimator.values * pixel_count <= KEPT
+        self.estimate = Estimate.nothing(estimator.values if self.keeps else 0, pixel_count)
+        self._image: Image | None = None  # where sums are not kept
+        self._finished = 0  # first row that it lacks
+
+    # ---------------------------------------------------------------- growing
+
+    @collector.suspended()
+    def grow(
+        self,
+        wanted: mi.UInt32,
+        quiet: Quiet | None = None,
+        tell: Callable[[float], None] | None = None,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """A wave: goes on until each pixel has the samples that are ``wanted`` of it; those that have them stay as they
+        are. Returns whether it got to its end.
+
+        ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
+        """
+        if self.keeps:
+            portions = self._portions(wanted)
+        elif dr.any(wanted > self.estimate.count):
+            portions = self._bands(wanted)
+        else:
+            return True
+        for done, portion in portions:
+            if cancelled():
+                return False
+            portion(quiet)
+            if tell is not None or done < 1:
+                dr.eval(self.estimate)
+                dr.sync_thread()  # bounds the memory, and lets progress be true
+            if tell is not None:
+                tell(done)
+        return True
+
+    def _portions(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
+        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``."""
+        where = dr.compress(wanted > self.estimate.count)
+        size = dr.width(where)
+        for begin in range(0, size, self.plan.band):
+            end = min(begin + self.plan.band, size)
+            some = where
+            if end - begin < size:
+                some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
+
+            def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
+                x, y = self._places(some)
+                more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
+                self.estimate.put(more, some)
+
+            yield end / size, portion
+
+    def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
+        """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
+        image = Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))
+        left, top, right, bottom = self.outer
+        rows = max(1, self.plan.band // (right - left))
+        for begin in range(top, bottom, rows):
+            band = (left, begin, right, min(begin + rows, bottom))
+
+            def portion(quiet: Quiet | None, band: Rectangle = band) -> None:
+                x, y, *_ = pixels(band)
+                some = index_within(self.outer, x, y)
+                count, end = (dr.gather(mi.UInt32, counts, some) for counts in (self.estimate.count, wanted))
+                nothing = Estimate.nothing(self.estimator.values, area(band))
+                more = self._take(x, y, nothing, dr.maximum(count, end), quiet)
+                self.estimate.put(replace(more, sums=[]), some)
+                self._add(image, band, band, more)
+                image.wait()
+                if self._image is None or band[3] == bottom:
+                    self._image = image
+
+            yield (band[3] - top) / (bottom - top), portion
+
+    def _places(self, index: mi.UInt32) -> tuple[mi.Int32, mi.Int32]:
+        """The pixels with these indices."""
+        left, top, right, _ = (dr.opaque(mi.Int32, v) for v in self.outer)
+        y = mi.Int32(index) // (right - left)
+        return mi.Int32(index) - y * (right - left) + left, y + top
+
+    def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:
+        dr.eval(x, y, start, end)
+        more = self.estimator.take(x, y, start, end, quiet)
+        dr.eval(more)
+        return more
+
+    # ---------------------------------------------------------------- what it shows
+
+    def image(self) -> Image:
+        """The image so far; pixels without samples are black."""
+        if self._image is not None:
+            return self._image
+        image = Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))
+        if self.keeps:
+            for band in self.bands():
+                self._add(image, self.outer, band, self.estimate)
+        return image
+
+    def bands(self) -> Iterator[Rectangle]:
+        """The pixels whose samples reach the window, as rectangles of at most ``band`` pixels or of one row, from top
+        to bottom.
+        """
+        left, top, right, bottom = self.plan.region
+        rows = max(1, self.plan.band // (right - left))
+        for begin in range(top, bottom, rows):
+            yield left, begin, right, min(begin + rows, bottom)
+
+    def _add(self, image: Image, outer: Rectangle, band: Rectangle, estimate: Estimate) -> None:
+        aovs = [own_channel(name, estimate, self.plan.n) for name in self.own_aovs]
+        image.add(outer, band, estimate.sums, estimate.count, aovs, self.plan.reach)
+
+    # ---------------------------------------------------------------- what it knows
+
+    def counts(self) -> mi.UInt32:
+        """Number of samples of each pixel whose samples reach the window, row by row."""
+        x, y, *_ = pixels(self.plan.region)
+        return dr.gather(mi.UInt32, self.estimate.count, index_within(self.outer, x, y))
+
+    def judge(self, judgement: Callable[[Estimate, mi.UInt32, mi.UInt32], mi.Float], reach: int) -> mi.Float:
+        """What ``judgement(estimate, width, height)`` says of each pixel whose samples reach the window, from those of
+        a rectangle that holds all within ``reach`` of it; 0 for the other pixels that are known.
+        """
+        result = dr.zeros(mi.Float, area(self.outer))
+        for band in self.bands():
+            around = widened(band, reach, self.plan.domain)
+            x, y, width, height = pixels(around)
+            known = self.estimate.at(index_within(self.outer, x, y)) if around != self.outer else self.estimate
+            values = judgement(replace(known, sums=[]), width, height)
+            if band == self.outer:
+                return values
+            x, y, *_ = pixels(band)
+            dr.scatter(result, dr.gather(mi.Float, values, index_within(around, x, y)), index_within(self.outer, x, y))
+            dr.eval(result)
+        return result
+
+
+def area(rectangle: Rectangle) -> int:
+    """Number of the pixels of a rectangle."""
+    left, top, right, bottom = rectangle
+    return (right - left) * (bottom - top)
+
+
+#: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
+OWN_AOVS = ("samples", "error")
+
+
+def own_channel(name: str, estimate: Estimate, n: int) -> mi.Float:
+    """``samples``: of each pixel; ``error``: the standard error of its luminance."""
+    return mi.Float(estimate.count) if name == "samples" else estimate.error(n)

@@ -1,0 +1,48 @@
+"""From wave to wave: what an image takes, and when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .plan import Plan
+from .state import State
+
+
+def waves(
+    plan: Plan,
+    policy: Any,
+    state: State,
+    tell: Callable[[float], None] | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Iterator[State]:
+    """Lets ``state`` grow by ``policy`` (see :mod:`.policies`) and yields it after each wave; after the first one every
+    pixel has a value.
+
+    ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
+    """
+    pixels = dr.width(state.estimate.count)
+    begun = policy.first / plan.most  # the first wave's share, as long as nobody knows how many follow
+    first = dr.opaque(mi.UInt32, policy.first, pixels)
+    whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
+    yield state
+    if not whole or policy.first == plan.most:
+        return
+    wanted = in_passes(plan, state.judge(policy.need, policy.reach))
+    whole = state.grow(wanted, policy.quiet, part(tell, begun, 1), cancelled)
+    yield state
+
+
+def in_passes(plan: Plan, need: mi.Float) -> mi.UInt32:
+    """Whole passes that hold the samples that are needed, within what the plan allows."""
+    n, most = dr.opaque(mi.UInt32, plan.n), dr.opaque(mi.UInt32, plan.most)
+    passes = dr.ceil(dr.minimum(need, mi.Float(most)) / mi.Float(n))
+    return dr.minimum(mi.UInt32(passes) * n, most)
+
+
+def part(tell: Callable[[float], None] | None, begin: float, end: float) -> Callable[[float], None] | None:
+    """``tell`` for a part of the whole, from ``begin`` to ``end``."""
+    return None if tell is None else lambda done: tell(begin + (end - begin) * done)

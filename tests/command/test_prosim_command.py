@@ -5,6 +5,7 @@ import os
 import sys
 from importlib.metadata import distribution
 
+import click
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -108,6 +109,20 @@ def test_compiler_that_fails(compiler, tmp_path, monkeypatch):
     monkeypatch.setenv("CC", compiler)
     with pytest.raises(RuntimeError, match="the C compiler failed"):
         stand_in.compile_stand_in(tmp_path / "a.so")
+
+
+def test_a_command_that_there_is_not(palito):
+    for word, hint in [
+        ("rneder", "Did you mean render?"),
+        ("FORMAT", "Did you mean format?"),
+        ("paint", "There are compare, doctor, format, link, render, translate."),
+        (palito, f"To render that file: prosim render {palito}"),
+    ]:
+        done = prosim(word, palito)
+        assert done.exit_code == 2 and f"No such command {str(word)!r}. {hint}\n" in done.stderr
+    assert "No such option" in prosim("--rneder").stderr
+    completing = click.Context(group.prosim, resilient_parsing=True)
+    assert group.prosim.resolve_command(completing, ["rneder"])[1] is None
 
 
 def test_format(palito):

@@ -68,7 +68,11 @@ MOST_THREADS = 1024
     show_default=False,
 )
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
-@click.option("--crop", type=Crop(), help="Render only this window of the image, in pixels.")
+@click.option(
+    "--crop",
+    type=Crop(),
+    help="Render only this window of the image, in pixels; the highlights of its PNG are compressed by what is in it.",
+)
 @click.option(
     "--paths",
     is_flag=True,

@@ -1,6 +1,6 @@
 """Scene files: how they are read, and written anew."""
 
-import stat
+import os
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from os import PathLike
 from pathlib import Path
@@ -36,9 +36,9 @@ def rewrite(path: str | PathLike[str], text: str) -> None:
     The file keeps its permissions, and a symbolic link stays one: what it leads to is rewritten. Raises SceneError
     where that cannot be done; the file is then as it was.
     """
-    target = Path(path).resolve()
     try:
-        replace(target, text.encode("utf-8"), target.parent, stat.S_IMODE(target.stat().st_mode))
+        os.stat(path)  # one that is gone is not made
+        replace(Path(path), text.encode("utf-8"))
     except OSError as error:
         raise SceneError(f"{path}: {error.strerror or error}; the file is as it was", str(path)) from None
 

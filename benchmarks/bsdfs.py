@@ -9,10 +9,8 @@ among renderings, averaged over the image and divided by the squared mean, for t
 ours have the G of V-cavities, Mitsuba's have Smith's; Phong's lobe and roughplastic are only akin).
 """
 
-import argparse
-
 import mitsuba as mi
-from turns import compare
+from turns import arguments, ball_on_a_floor, compare
 
 PAIRS = {
     "lambertian": ({"type": "prosim_lambertian"}, {"type": "diffuse"}),
@@ -48,42 +46,16 @@ PAIRS = {
 
 
 def scene(bsdf, size, spp):
-    place = mi.ScalarTransform4f
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "path", "max_depth": 6},
-            "sensor": {
-                "type": "perspective",
-                "fov": 35,
-                "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
-                "sampler": {"type": "independent", "sample_count": spp},
-                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-            },
-            "material": bsdf | {"id": "material"},
-            "ball": {"type": "sphere", "center": [0, 1, 0], "bsdf": {"type": "ref", "id": "material"}},
-            "floor": {
-                "type": "rectangle",
-                "to_world": place().rotate([1, 0, 0], -90).scale(4),
-                "bsdf": {"type": "ref", "id": "material"},
-            },
-            "lamp": {
-                "type": "sphere",
-                "center": [2, 4, 2],
-                "radius": 0.5,
-                "emitter": {"type": "area", "radiance": 20.0},
-            },
-            "sky": {"type": "constant", "radiance": 0.3},
-        }
-    )
+    others = {
+        "material": bsdf | {"id": "material"},
+        "lamp": {"type": "sphere", "center": [2, 4, 2], "radius": 0.5, "emitter": {"type": "area", "radiance": 20.0}},
+        "sky": {"type": "constant", "radiance": 0.3},
+    }
+    return ball_on_a_floor(size, spp, 6, {"bsdf": {"type": "ref", "id": "material"}}, others)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--size", type=int, default=192)
-    parser.add_argument("--spp", type=int, default=32)
-    parser.add_argument("--rounds", type=int, default=9)
+    parser = arguments(__doc__.split("\n")[0])
     parser.add_argument("--only", default="", help="part of a row's name")
     options = parser.parse_args()
     mi.set_variant(options.variant)

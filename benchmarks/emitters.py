@@ -9,10 +9,8 @@ averaged over the image and divided by the squared mean). Mitsuba has no cone an
 ours, its ``area`` beside a sphere with a beam.
 """
 
-import argparse
-
 import mitsuba as mi
-from turns import compare
+from turns import arguments, ball_on_a_floor, compare
 
 PLACE = [2, 4, 2]
 CONE = {"distribution": "cone", "direction": [-1, -2, -1], "angle": 25.0}
@@ -51,32 +49,11 @@ def pairs():
 
 
 def scene(source, size, spp):
-    place = mi.ScalarTransform4f
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "path", "max_depth": 4},
-            "sensor": {
-                "type": "perspective",
-                "fov": 35,
-                "to_world": place().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0]),
-                "sampler": {"type": "independent", "sample_count": spp},
-                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-            },
-            "ball": {"type": "sphere", "center": [0, 1, 0]},
-            "floor": {"type": "rectangle", "to_world": place().rotate([1, 0, 0], -90).scale(4)},
-            "source": source,
-        }
-    )
+    return ball_on_a_floor(size, spp, 4, {}, {"source": source})
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--size", type=int, default=192)
-    parser.add_argument("--spp", type=int, default=32)
-    parser.add_argument("--rounds", type=int, default=9)
-    options = parser.parse_args()
+    options = arguments(__doc__.split("\n")[0]).parse_args()
     mi.set_variant(options.variant)
     import mitsuba_prosim  # noqa: F401
 

@@ -9,7 +9,10 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from image_statistics import renderings, same_expectation
 from mitsuba_prosim import registry
+from mitsuba_prosim.light import table
+from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.rendering.policies import POLICIES
 
 ROOT = Path(__file__).parents[1]
@@ -40,6 +43,55 @@ def test_bsdf(variant_rgb, monkeypatch):
     there = value.x / bs.wo.z
     si.wi, wo = bs.wo, mi.Vector3f(si.wi)
     assert dr.allclose(bsdf.eval(mi.BSDFContext(), si, wo).x / wo.z, there, rtol=1e-4)
+
+
+def under_tubes(count, floor, **integrator):
+    """A floor below as many tubes; the camera sees the floor alone."""
+    T = mi.ScalarTransform4f
+    tubes = {
+        f"tube_{i}": {
+            "type": "cylinder",
+            "p0": [0.7 * i - 2, 1, -1],
+            "p1": [1 - 0.4 * i, 1.1 + 0.4 * i, 1],
+            "radius": 0.1 + 0.05 * i,
+            "emitter": {"type": "area", "radiance": 1.0 + i},
+        }
+        for i in range(count)
+    }
+    return tubes | {
+        "type": "scene",
+        "integrator": integrator,
+        "sensor": {
+            "type": "perspective",
+            "fov": 90,
+            "to_world": T().look_at([0, 0.5, 0], [0, 0, 0], [0, 0, 1]),
+            "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}},
+        },
+        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(4), "bsdf": floor},
+    }
+
+
+@pytest.mark.parametrize("count", [1, Lights.UNROLLED + 1])
+def test_light(variant_rgb, count, monkeypatch):
+    check_light(count, monkeypatch)
+
+
+@pytest.mark.slow
+def test_light_in_scalar_variants(variant_scalar, monkeypatch):
+    check_light(1, monkeypatch)
+
+
+def check_light(count, monkeypatch):
+    """The expectation of Mitsuba's own sampling, on a rough mirror too; with less variance."""
+    settings = {"type": "prosim", "adaptive": "none", "max_level": 0}
+    floors = {"type": "diffuse"}, {"type": "roughconductor", "alpha": 0.4}
+    direct = [renderings(under_tubes(count, floor, type="direct"), 12, spp=64) for floor in floors]
+    without = renderings(under_tubes(count, floors[0], **settings), 12, spp=16)
+    tubes = module("mitsuba_prosim.light", "Tubes").Tubes
+    monkeypatch.setattr(table, "STRATEGIES", (table.Balls, tubes, table.Others))
+    ours = [renderings(under_tubes(count, floor, **settings), 12, spp=16) for floor in floors]
+    assert all(map(same_expectation, direct, ours))
+    assert ours[0].var(0).mean() < 0.4 * without.var(0).mean()
 
 
 @pytest.mark.slow

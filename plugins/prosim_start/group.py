@@ -1,6 +1,7 @@
 """The commands of ``prosim`` by name; each is imported when it is called."""
 
 import importlib
+import os
 import warnings
 
 import click
@@ -30,6 +31,24 @@ class Commands(click.Group):
         module, _, name = COMMANDS[cmd_name][0].partition(":")
         command: click.Command = getattr(importlib.import_module(f"mitsuba_prosim.command.{module}"), name)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that the first of the words names; for a name that there is not, an error with the nearest."""
+        name = args[0]
+        if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
+            import difflib  # slow to import, and seldom needed
+            import shlex
+
+            if os.path.isfile(name):
+                ctx.fail(f"No such command {name!r}. To render that file: prosim render {shlex.quote(name)}")
+            near = difflib.get_close_matches(name.lower(), COMMANDS, n=1)
+            ctx.fail(
+                f"No such command {name!r}. "
+                + (f"Did you mean {near[0]}?" if near else f"There are {', '.join(COMMANDS)}.")
+            )
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes the list of commands."""

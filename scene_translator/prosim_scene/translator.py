@@ -184,6 +184,11 @@ def document(path: AnyPath) -> Document:
     return document_of(read(path), path)
 
 
+def _opened(source: AnyPath | Document) -> tuple[Document, Path]:
+    opened = source if isinstance(source, Document) else document(source)
+    return opened, Path(opened.source.filename)
+
+
 def translate(
     source: AnyPath | Document,
     out_dir: AnyPath | None = None,
@@ -222,8 +227,7 @@ def translate(
         samples=samples,
         allow_outside=allow_outside,
     )
-    opened = source if isinstance(source, Document) else document(source)
-    source_path = Path(opened.source.filename)
+    opened, source_path = _opened(source)
     if not xml.can_say(source_path.stem):
         raise SceneError(
             f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
@@ -266,8 +270,7 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
     variant where Mitsuba has been imported, and otherwise arrays are left as they are.
     """
     checked = Options(**options)
-    opened = source if isinstance(source, Document) else document(source)
-    path = Path(opened.source.filename)
+    opened, path = _opened(source)
     folder = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
@@ -292,7 +295,6 @@ def check(source: AnyPath | Document, **options: Any) -> Scene:
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     checked = Options(**options)
-    opened = source if isinstance(source, Document) else document(source)
-    path = Path(opened.source.filename)
+    opened, path = _opened(source)
     assemble(opened, path.parent, checked, lambda name, _: name, str)
     return opened.scene

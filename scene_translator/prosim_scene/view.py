@@ -6,7 +6,6 @@ A pixel (i, j) looks from E through VRP + u (umin + (i+1/2)(umax-umin)/w) + v (v
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .language.document import Document
 
@@ -44,13 +43,6 @@ class Camera:
         """Whether width and height of a pixel agree to 1e-4 of a pixel over the whole image."""
         w, h = self.pixel
         return abs(w / h - 1) * max(self.resolution) < 1e-4
-
-    def ray(self, i: ArrayLike, j: ArrayLike) -> np.ndarray:
-        """Unit direction through the centre of pixel (i, j), both may be arrays: the formula above."""
-        w, h = self.pixel
-        a, b = self.left + (np.asarray(i) + 0.5) * w, self.top - (np.asarray(j) + 0.5) * h
-        d = np.multiply.outer(a, self.u) + np.multiply.outer(b, self.v) - self.depth * self.n
-        return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 
     def footprint(self, distance: float) -> float:
         """Length that the smaller side of a pixel covers at a distance from the eye."""

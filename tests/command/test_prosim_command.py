@@ -5,12 +5,13 @@ import os
 import sys
 from importlib.metadata import distribution
 
+import click
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import llvm
 from mitsuba_prosim.command import compare, link, stand_in
-from mitsuba_prosim.scene_files import session, writing
+from mitsuba_prosim.scene_files import session
 from prosim_start import group
 from running import PALITO, XML, names, pixels, prosim
 
@@ -110,6 +111,20 @@ def test_compiler_that_fails(compiler, tmp_path, monkeypatch):
         stand_in.compile_stand_in(tmp_path / "a.so")
 
 
+def test_a_command_that_there_is_not(palito):
+    for word, hint in [
+        ("rneder", "Did you mean render?"),
+        ("FORMAT", "Did you mean format?"),
+        ("paint", "There are compare, doctor, format, link, render, translate."),
+        (palito, f"To render that file: prosim render {palito}"),
+    ]:
+        done = prosim(word, palito)
+        assert done.exit_code == 2 and f"No such command {str(word)!r}. {hint}\n" in done.stderr
+    assert "No such option" in prosim("--rneder").stderr
+    completing = click.Context(group.prosim, resilient_parsing=True)
+    assert group.prosim.resolve_command(completing, ["rneder"])[1] is None
+
+
 def test_format(palito):
     assert prosim("format", "--check", palito).exit_code == 1
     assert prosim("format", palito).exit_code == 0
@@ -131,14 +146,14 @@ def test_format_keeps_the_link_and_the_mode(palito):
 def test_format_says_what_it_could_not_write(palito, monkeypatch):
     """And not that it has."""
 
-    def full(_):
+    def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(palito.parent))
 
-    monkeypatch.setattr(writing, "write", full)
+    monkeypatch.setattr(os, "replace", full)
     done = prosim("format", palito)
-    assert (
-        done.exit_code == 1 and done.stdout == "" and "stays as it is" in done.stderr and "No space left" in done.stderr
-    )
+    assert done.exit_code == 1 and done.stdout == ""
+    assert f"{palito}: No space left on device; the file is as it was" in done.stderr
+    assert names(palito.parent) == ["listing.scn"]
 
 
 def test_doctor_finds_all_well_or_says_what_to_do(monkeypatch):

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 from mitsuba_prosim.scene_files import writing
+from prosim_scene.replacing import PART
 
 
 @contextmanager
@@ -125,7 +126,7 @@ def test_leftovers_of_killed_runs_are_removed(tmp_path, temporary):
         process.stdin.write(b"\n")
         process.stdin.flush()
         assert process.wait() == -signal.SIGKILL
-    parts = [name for name in names(tmp_path) if name.startswith(writing.PART)]
+    parts = [name for name in names(tmp_path) if name.startswith(PART)]
     assert len(parts) == 1
     with writing.scratch():
         writing.check([tmp_path / "image"], 10)

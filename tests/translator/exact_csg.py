@@ -322,6 +322,14 @@ KINDS = {
 # ---- The comparison --------------------------------------------------------------------------------------------------
 
 
+def through_pixels(camera, i, j):
+    """Unit directions from the camera's eye through the centres of the pixels (i, j), arrays of numbers."""
+    width, height = camera.pixel
+    a, b = camera.left + (i + 0.5) * width, camera.top - (j + 0.5) * height
+    d = np.multiply.outer(a, camera.u) + np.multiply.outer(b, camera.v) - camera.depth * camera.n
+    return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
 def wrong_pixels(scene, camera, seen):
     """Pixels where ``seen(origins, directions)``, numbers of leaves or -1, is not what the definition gives.
 
@@ -331,7 +339,7 @@ def wrong_pixels(scene, camera, seen):
     j, i = (a.ravel() for a in np.mgrid[:height, :width])
 
     def rays(x, y):
-        directions = camera.ray(x, y)
+        directions = through_pixels(camera, x, y)
         return np.broadcast_to(camera.eye, directions.shape), directions
 
     found = seen(*rays(i, j))

@@ -78,6 +78,14 @@ WRONG = [
     (5, "SURFACE 0 kd = 0.5 1.5 0", 20, ["found '1.5' after kd", "1 at most"]),
     (4, "CSG-TREE CUBE 0.5", 15, ["expected a whole number"]),
     (4, "CSG-TREE CUBE", 10, ["found 0 numbers after CUBE", "its index"]),
+    # numbers between commas, or with a comma for the point
+    (2, "LIGHTS AREA position = 1, 2, 3", 24, ["found '1,'", "nothing but spaces between them, as in 1 2 3"]),
+    (2, "LIGHTS AREA position 1,2,3", 22, ["found '1,2,3'", "as in 1 2 3"]),
+    (2, "LIGHTS AREA position 1 , 2", 24, ["found ','", "as in 1 2 3"]),
+    (3, "VIEW OBS 1; 2; 3", 10, ["found '1;'", "as in 1 2 3"]),
+    (5, "SURFACE 0 kd = 0,5 0,5 0,5", 16, ["found '0,5'", "a point for the fraction, as in 0.5"]),
+    (6, "TRANSFORM 0 SCALE (1,-1e-3,.5)", 20, ["found '1,-1e-3,.5'", "as in 1 2 3"]),
+    (4, "CSG-TREE CUBE 0, t-tijolo", 15, ["found '0,'", "nothing but spaces"]),
     # a singular scale
     (6, "TRANSFORM 0 SCALE (1 0 1)", 22, ["singular", "expected factors other than 0"]),
     # the tree
@@ -92,7 +100,8 @@ WRONG = [
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, ["kd + ks is above 1"]),
     (4, "CSG-TREE CUBE 0 0", 15, ["found 2 numbers after CUBE", "expected 1 number (its index)"]),
     # lights
-    (2, "LIGHTS AREA raio 2", 8, ["has no position"]),
+    (2, "LIGHTS AREA raio 2", 8, ["this AREA light has no position", "after AREA, such as position 0 20 10"]),
+    (2, "LIGHTS AREA center 0 5 5", 13, ["unknown word 'center'", "the place of a light is position x y z"]),
     (2, "LIGHTS AREA position 0 5 5 raio 0", 33, ["expected 1e-15 or more"]),
     (2, "LIGHTS POINT position 0 5 5 CONE direction 0 0 0", 44, ["length 0"]),
     (2, "LIGHTS POINT position 0 5 5 CONE angle 200", 40, ["180 at most"]),

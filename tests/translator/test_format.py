@@ -2,11 +2,10 @@
 
 import errno
 import os
-from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene import SceneError
+from prosim_scene import SceneError, replacing
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
@@ -75,7 +74,10 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(scene, step, monkeypatch)
     def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(*((Path, "chmod") if step == "writing" else (os, "replace")), full)
+    if step == "writing":
+        monkeypatch.setattr(replacing, "open", full, raising=False)
+    else:
+        monkeypatch.setattr(os, "replace", full)
     with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is as it was"):
         prosim_scene.rewrite(scene, "END\n")
     assert scene.read_text() == "fim" and os.listdir(scene.parent) == ["s.scn"]

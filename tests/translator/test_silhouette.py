@@ -4,6 +4,7 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from exact_csg import rotation
 
 SIZE = 80
 INSIDE = {
@@ -19,15 +20,6 @@ SURFACE 0 material lambertiano kd .5
 TRANSFORM 0 SCALE (2 3 2.5) ROTATE-X (-70) ROTATE-Y (25) TRANSLATE (.5 -1 1)
 END
 """
-
-
-def rotation(axis, degrees):
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    m = np.eye(3)
-    m[i, i] = m[j, j] = c
-    m[i, j], m[j, i] = -s, s
-    return m
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from exact_csg import through_pixels
 from prosim_scene.language import document_of
 from prosim_scene.targets import clip
 from prosim_scene.view import camera
@@ -88,7 +89,7 @@ def test_the_formula_of_the_translator_itself(name):
     i, j = np.array([0, 17, 99]), np.array([99, 3, 0])
     through, eye, *_ = formula(document.scene.view, i, j)
     d = through - eye
-    assert np.allclose(camera(document).ray(i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
+    assert np.allclose(through_pixels(camera(document), i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
 
 
 def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):

@@ -113,6 +113,19 @@ def test_a_scene_is_not_overwritten_by_its_own_translation(scene, link):
     assert prosim_scene.translate(path, scene.parent / "other").is_file()
 
 
+def test_a_translation_keeps_permissions_and_links(scene):
+    xml = prosim_scene.translate(scene, tolerance=1)
+    elsewhere = scene.parent / "elsewhere" / "kept.xml"
+    elsewhere.parent.mkdir()
+    xml.rename(elsewhere)
+    elsewhere.chmod(0o600)
+    xml.symlink_to(elsewhere)
+    scene.write_text(SCENE.format(2))
+    named(prosim_scene.translate(scene, tolerance=1))
+    assert xml.is_symlink() and elsewhere.stat().st_mode & 0o777 == 0o600
+    assert os.listdir(elsewhere.parent) == ["kept.xml"]
+
+
 KILLED = """
 import os, sys, prosim_scene
 replace, countdown = os.replace, [int(sys.argv[2])]

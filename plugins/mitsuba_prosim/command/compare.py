@@ -12,7 +12,7 @@ from tqdm.auto import tqdm
 from ..scene_files import opening, writing
 from . import output as files
 from .log import log
-from .options import SCENE, STOPS, Definition, Finite, InputError, choose_variant, translation, wrong_input
+from .options import SCENE, STOPS, Finite, InputError, choose_variant, defines, translation, wrong_input
 
 SUFFIXES = (".html", ".json", ".csv")
 
@@ -61,14 +61,7 @@ def missing_packages() -> list[str]:
     show_default=False,
     help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]",
 )
-@click.option(
-    "-D",
-    "--define",
-    "definitions",
-    type=Definition(),
-    multiple=True,
-    help="Constant that replaces $key in the XML scene. May be repeated.",
-)
+@defines
 @click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
 @click.option(

@@ -108,6 +108,17 @@ class Definition(click.ParamType):
         return key, text
 
 
+#: Decorator: the option for the constants of XML scenes.
+defines = click.option(
+    "-D",
+    "--define",
+    "definitions",
+    type=Definition(),
+    multiple=True,
+    help="Constant that replaces $key in the XML scene. May be repeated.",
+)
+
+
 def translation(command: Callable) -> Callable:
     """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
 

@@ -18,7 +18,7 @@ from ..scene_files import images, opening, rendering, session, writing
 from . import output as files
 from .interrupts import interruptible
 from .log import log
-from .options import SCENE, STOPS, Crop, Definition, Finite, choose_variant, translation, wrong_input
+from .options import SCENE, STOPS, Crop, Finite, choose_variant, defines, translation, wrong_input
 
 SUFFIXES = (".exr", ".png")
 
@@ -44,14 +44,7 @@ MOST_THREADS = 1024
     "this machine can run]",
     show_default=False,
 )
-@click.option(
-    "-D",
-    "--define",
-    "definitions",
-    type=Definition(),
-    multiple=True,
-    help="Constant that replaces $key in the XML scene. May be repeated.",
-)
+@defines
 @click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
 @click.option(
     "-t",
@@ -68,7 +61,11 @@ MOST_THREADS = 1024
     show_default=False,
 )
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
-@click.option("--crop", type=Crop(), help="Render only this window of the image, in pixels.")
+@click.option(
+    "--crop",
+    type=Crop(),
+    help="Render only this window of the image, in pixels; the highlights of its PNG are compressed by what is in it.",
+)
 @click.option(
     "--paths",
     is_flag=True,

@@ -8,10 +8,9 @@ from typing import Any
 import click
 import prosim_scene
 
-from ..scene_files import writing
 from . import stand_in
 from .options import SCENE, InputError, translation
-from .output import KNOWN, said
+from .output import KNOWN
 
 
 class Folder(click.Path):
@@ -71,9 +70,9 @@ def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     for scene, text in tidy.items():
         if not check:
             try:
-                writing.write({scene: text.encode("utf-8")})
-            except OSError as error:
-                raise click.ClickException(f"{scene} stays as it is: {said(error)}") from None
+                prosim_scene.rewrite(scene, text)
+            except prosim_scene.SceneError as error:
+                raise click.ClickException(str(error)) from None
         click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
     if check and tidy:
         sys.exit(1)

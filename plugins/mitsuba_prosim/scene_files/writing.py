@@ -14,8 +14,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-#: How the unfinished begins; its name says nothing of what it becomes, so it is never too long where that is not.
-PART, SCRATCH, RESCUE = ".prosim-part-", "prosim-scratch-", "prosim-image-"
+from prosim_scene.replacing import PART
+
+#: How the names begin of folders for a while, and of those of what could not be written where it should.
+SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"
 
 #: What is younger, in seconds, is not taken for a leftover: it may not have been locked yet.
 YOUNG = 60

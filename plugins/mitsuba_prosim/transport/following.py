@@ -93,8 +93,7 @@ def sample_whole(
     whole: mi.Bool,
     others: tuple[Any, ...],
 ) -> tuple[Any, ...]:
-    """``(bs, weight, belongs)``: ``others`` but for the lanes ``whole``, where all lobes of ``bsdf`` are sampled,
-    and
+    """``(bs, weight, belongs)``: ``others`` but for the lanes ``whole``, where all lobes of ``bsdf`` are sampled, and
     ``belongs`` says whether the sample counts for ``lobe``.
     """
     if idle(whole):

@@ -116,7 +116,10 @@ class Builder:
             else:
                 word, values[word.name] = self.parameter(item, "lights", number)
         if "position" not in values:
-            raise self.error(keyword, f"this {keyword} light has no position; expected position x y z")
+            raise self.error(
+                keyword,
+                f"this {keyword} light has no position; expected where it is after {keyword}, such as position 0 20 10",
+            )
         if values.get("distribution") == "cone":
             values.setdefault("angle", 30.0)
         return model.Light(row(keyword).name, **values)

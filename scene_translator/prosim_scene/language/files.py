@@ -1,11 +1,11 @@
 """Scene files: how they are read, and written anew."""
 
 import os
-import secrets
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from os import PathLike
 from pathlib import Path
 
+from ..replacing import replace
 from .messages import SceneError
 
 #: Larger files are refused: a scene of 10,000 primitives has about 2 MiB.
@@ -36,17 +36,9 @@ def rewrite(path: str | PathLike[str], text: str) -> None:
     The file keeps its permissions, and a symbolic link stays one: what it leads to is rewritten. Raises SceneError
     where that cannot be done; the file is then as it was.
     """
-    target = Path(path).resolve()
-    part = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        mode = target.stat().st_mode
-        try:
-            with open(part, "x", encoding="utf-8") as file:
-                file.write(text)
-            part.chmod(mode & 0o7777)
-            os.replace(part, target)
-        finally:
-            part.unlink(missing_ok=True)
+        os.stat(path)  # one that is gone is not made
+        replace(Path(path), text.encode("utf-8"))
     except OSError as error:
         raise SceneError(f"{path}: {error.strerror or error}; the file is as it was", str(path)) from None
 

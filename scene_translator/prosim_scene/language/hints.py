@@ -28,6 +28,7 @@ SAID = (
     ("an intersection is *, before its operands", "intersection intersecao intersect"),
     ("rotations are ROTATE-X, ROTATE-Y and ROTATE-Z", "rotate rotacao rotation"),
     ("for a move: TRANSLATE (x y z)", "move translation"),
+    ("the place of a light is position x y z, such as position 0 20 10", "pos location center centre centro lugar"),
     ("lights stand in LIGHTS, as AREA or POINT", "light luz lamp lampada sun sol emitter"),
 )  # fmt: skip
 HINTS = {word: said for said, words in SAID for word in words.split()}

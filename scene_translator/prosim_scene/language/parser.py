@@ -3,6 +3,7 @@
 The parser is lark's LALR with grammar.lark. It keeps its own stack, so that no input can exhaust Python's.
 """
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, 
 
 #: The order in which a message lists what it expected.
 ORDER = ("NUMBER", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
+#: Numbers as other languages write them. A comma is not read: in 0,5 it may be a point, or stand between two numbers.
+SEPARATED = re.compile(r"[-+.e\d]*[,;][-+.e\d,;]*", re.IGNORECASE)
 
 
 @cache
@@ -53,6 +56,12 @@ def _syntax_error(source: Source, token: Token, expected: set[str], pieces: list
     if token.type == "WORD" and "NUMBER" in expected:
         if fold(token.lstrip("+-")) in ("nan", "inf", "infinity"):
             return source.error(place, f"found {quote(token)}; expected a finite number")
+        if SEPARATED.fullmatch(token):
+            return source.error(
+                place,
+                f"found {quote(token)}; expected numbers with nothing but spaces between them, as in 1 2 3, and with "
+                "a point for the fraction, as in 0.5",
+            )
         if token[0] in "0123456789.+-":
             return source.error(place, f"found {quote(token)}, which is not a number")
     if token.type == "WORD":

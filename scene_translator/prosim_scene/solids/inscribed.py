@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from .primitives import box_corners
 from .solid import Solid
+from .sweep import sweep
 
 CONTAINED = 1e-6  # of the outer quadric's value at points of the inner face; 0 on the quadric, -1 in its middle
 SPACING = 0.004  # how far below 0 that value may be where the faces touch between the points that are looked at
@@ -47,21 +47,13 @@ def _inradius(solid: Solid) -> float:
 
 def _touching(solids: list[Solid]) -> list[tuple[int, int]]:
     """Pairs of solids with overlapping boxes and different curved faces."""
-    boxes = np.array([box_corners(s.primitive.box) @ s.to_world[:3, :3].T + s.to_world[:3, 3] for s in solids])
-    low, high = boxes.reshape(-1, 8, 3).min(axis=1), boxes.reshape(-1, 8, 3).max(axis=1)
-    order = np.argsort(low[:, 0], kind="stable")
-    low, high = low[order], high[order]
-    last = np.searchsorted(low[:, 0], high[:, 0], side="right")
-    result = []
-    for i, number in enumerate(order.tolist()):
-        window = slice(i + 1, last[i])
-        hits = np.all((low[window, 1:] <= high[i, 1:]) & (high[window, 1:] >= low[i, 1:]), axis=1)
-        result += [
-            (number, other)
-            for other in order[window][hits].tolist()
-            if solids[number].curved_surface < 0 or solids[number].curved_surface != solids[other].curved_surface
-        ]
-    return result
+    corners = np.array([s.corners() for s in solids]).reshape(-1, 8, 3)
+    return [
+        (number, other)
+        for number, others in sweep(corners.min(axis=1), corners.max(axis=1))
+        for other in others.tolist()
+        if solids[number].curved_surface < 0 or solids[number].curved_surface != solids[other].curved_surface
+    ]
 
 
 def _touches_within(inner: Solid, outer: Solid) -> bool:

@@ -10,7 +10,7 @@ from . import tree
 from .coincidence import STEP, Planes
 from .detail import choose_segments, warn_if_far
 from .inscribed import shrink_inscribed
-from .primitives import PRIMITIVES, Mesh, box_corners
+from .primitives import PRIMITIVES, Mesh
 from .recognition import same_surfaces
 from .sight import Sight
 from .solid import Solid
@@ -46,7 +46,7 @@ class Leaves:
         self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
         matrices = {index: _checked_matrix(document, index) for index in dict.fromkeys(index for _, index in kinds)}
         self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
-        boxes = np.array([box_corners(s.primitive.box) @ s.to_world[:3, :3].T + s.to_world[:3, 3] for s in self.solids])
+        boxes = np.array([s.corners() for s in self.solids])
         warn_if_far(document, camera, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2

@@ -14,6 +14,7 @@ import numpy as np
 from manifold3d import Error, Manifold, Mesh64
 
 from .coincidence import Planes
+from .sweep import sweep
 
 
 @dataclass(eq=False)
@@ -157,20 +158,14 @@ def _touching(part: Part, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 def _components(parts: list[Part]) -> list[list[Part]]:
     """Groups of parts whose boxes are connected by touching, each group in the given order."""
-    low, high = boxes(parts)
-    order = np.argsort(low[:, 0], kind="stable")
-    low, high = low[order], high[order]
-    last = np.searchsorted(low[:, 0], high[:, 0], side="right")  # sweep along x
     label = np.arange(len(parts))
-    for i in range(len(parts)):
-        window = slice(i + 1, last[i])
-        hits = np.all((low[window, 1:] <= high[i, 1:]) & (high[window, 1:] >= low[i, 1:]), axis=1)
-        touched = label[window][hits]
+    for i, others in sweep(*boxes(parts)):
+        touched = label[others]
         if (touched != label[i]).any():
             label[np.isin(label, touched)] = label[i]
     groups: dict[int, list[Part]] = {}
-    for i, group in sorted(zip(order.tolist(), label.tolist())):
-        groups.setdefault(group, []).append(parts[i])
+    for part, group in zip(parts, label.tolist()):
+        groups.setdefault(group, []).append(part)
     return list(groups.values())
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .primitives import Mesh, Primitive
+from .primitives import Mesh, Primitive, box_corners
 
 
 @dataclass(eq=False)
@@ -45,6 +45,10 @@ class Solid:
     def key(self) -> Hashable:
         """Equal for solids that are the same; None where one of its surfaces shows that there is no other."""
         return None if (self.surfaces < 0).any() else (self.primitive.name, frozenset(self.surfaces.tolist()))
+
+    def corners(self) -> np.ndarray:
+        """The corners (8, 3) in the world of the box around it."""
+        return np.asarray(box_corners(self.primitive.box) @ self.to_world[:3, :3].T + self.to_world[:3, 3])
 
     def mesh(self) -> Mesh:
         """Its mesh in the world, wound counter-clockwise seen from outside."""

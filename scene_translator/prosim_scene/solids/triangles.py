@@ -36,9 +36,8 @@ def tessellate(
     """The surfaces of a document's scene: {material: Triangles}.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
-    None,
-    ``material(leaf)`` a hashable key: leaves with the same key share a mesh. Raises :class:`SceneError` for a transform
-    that cannot be inverted and for more triangles than memory is provided for.
+    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. Raises :class:`SceneError` for a
+    transform that cannot be inverted and for more triangles than memory is provided for.
     """
     scene = document.scene
     leaves = tree.leaves(scene.csg)

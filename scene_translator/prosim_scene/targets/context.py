@@ -1,6 +1,5 @@
 """What the functions of a target know of the translation."""
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,7 +34,7 @@ class Context:
         """Says once, by a SceneWarning, what could not be said exactly."""
         if reason not in self.said:
             self.said.add(reason)
-            warnings.warn(self.document.source.warning(self.document.place(*path), reason), stacklevel=2)
+            self.document.warn(reason, *path)
 
     def image(self, name: str, *path: str | int) -> str:
         """What stands in the result for an image file, which has to lie in the scene's folder or below."""

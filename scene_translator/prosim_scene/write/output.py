@@ -7,12 +7,13 @@ content is one that a translation wrote, and may be removed by the next one. Not
 
 import os
 import re
-import secrets
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
+
+from ..replacing import PART, replace
 
 if sys.platform != "win32":
     import fcntl
@@ -20,7 +21,6 @@ if sys.platform != "win32":
 #: Stands in each XML file that a translation writes.
 MARK = "A translation from the scene language; the next one takes its place"
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
-PART = re.compile(r"prosim-\w+\.part")
 
 
 def mesh_name(name: str, content: bytes) -> str:
@@ -46,9 +46,9 @@ def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
         try:
             for name, content in meshes.items():
                 if not _holds(bodies / name, content):
-                    _replace(bodies / name, content, bodies)
+                    replace(bodies / name, content, bodies)
                     written.append(bodies / name)
-            _replace(xml, text.encode(), bodies)
+            replace(xml, text.encode(), bodies)
         except BaseException:
             for path in written:
                 path.unlink(missing_ok=True)
@@ -114,18 +114,6 @@ def _holds(path: Path, content: bytes) -> bool:
     return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
 
 
-def _replace(path: Path, content: bytes, bodies: Path) -> None:
-    """Writes a file in the folder of the meshes, and then puts it in its place."""
-    part = bodies / f"prosim-{secrets.token_hex(8)}.part"
-    try:
-        with open(part, "xb") as file:
-            file.write(content)
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-
-
 def _tidy(bodies: Path, meshes: dict[str, bytes]) -> None:
     """Removes the meshes of earlier translations, and what those that were killed left unfinished."""
     for path in bodies.iterdir():
@@ -135,4 +123,4 @@ def _tidy(bodies: Path, meshes: dict[str, bytes]) -> None:
 
 def _ours(path: Path) -> bool:
     match = MESH.fullmatch(path.name)
-    return bool(PART.fullmatch(path.name) or (match and _digest(path.read_bytes()) == match[1]))
+    return bool(path.name.startswith(PART) or (match and _digest(path.read_bytes()) == match[1]))

@@ -1,0 +1,32 @@
+"""A file in the place of another, all of it or nothing."""
+
+import os
+import secrets
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+#: How the name of an unfinished file begins. It says nothing of what that becomes, so it is never too long where the
+#: other is not.
+PART = ".prosim-part-"
+
+
+def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
+    """Puts a file with ``content`` in the place of ``path``: with the permissions of that, and where it is a link, in
+    the place of what it leads to.
+
+    It is written to ``folder`` first, which is on the same disk; by default, and for a link, beside what it replaces.
+    Raises OSError; then nothing has changed.
+    """
+    if path.is_symlink():
+        path, folder = path.resolve(), None
+    part = (folder or path.parent) / f"{PART}{secrets.token_hex(6)}"
+    try:
+        with open(part, "xb") as file:
+            file.write(content)
+        with suppress(OSError):  # there is no old one, or no mode on such a disk
+            part.chmod(stat.S_IMODE(path.stat().st_mode))
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise

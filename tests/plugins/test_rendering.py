@@ -23,7 +23,7 @@ def counts(spp=0, **settings):
         ({"samples": 5, "max_samples": 8}, 8),
         ({"samples": 5, "max_samples": 13}, 13),
         ({"samples": 10, "max_samples": 6}, 6),
-        ({"samples": 5, "max_samples": 99}, 25),
+        ({"samples": 5, "max_samples": 99}, 99),
         ({"samples": 3}, 9),
         ({"spp": 3}, 3),
         ({"spp": 5}, 5),

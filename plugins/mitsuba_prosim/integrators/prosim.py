@@ -177,6 +177,9 @@ class Prosim(WaveIntegrator):
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=self.ambient, background=self.background)
 
+    def name(self) -> str:
+        return "prosim"
+
     def parameter_names(self) -> list[str]:
         names = ["max_level", "shadows", "ambient", "background", "diffuse_bounces", "cutoff", "rr_depth"]
         return super().parameter_names() + names
@@ -207,5 +210,5 @@ class Prosim(WaveIntegrator):
             self.hide_emitters,
         )
 
-    def transport(self, scene: mi.Scene, attached: bool = False) -> Transport:
+    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
         return Transport(self._settings(), scene, attached)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from ..sampling.nrook import NRook
+from ..sampling.hash import combine, hash32
+from ..sampling.nrook import NRook, SamplerPoints
 from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
-from ..transport.transport import Transport
 from .error import error_between_passes, standard_error
 from .film import Channels
 from .plan import Plan
@@ -82,9 +83,17 @@ class Estimator:
     """Takes samples: from the camera through the scene to the film's values."""
 
     def __init__(
-        self, plan: Plan, scene: mi.Scene, sensor: mi.Sensor, transport: Transport, channels: Channels
+        self,
+        plan: Plan,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        transport: Any,
+        channels: Channels,
+        sampler: mi.Sampler | None = None,
     ) -> None:
         self.plan, self.scene, self.sensor, self.transport, self.channels = plan, scene, sensor, transport, channels
+        #: What the samples are drawn from, if not from N-rook patterns; and how often it was seeded.
+        self.sampler, self.seeded = sampler, 0
         #: What :func:`.camera.ray_sampler` returns, to be set where the sensor is :func:`.camera.uncropped`.
         self.rays: RaySampler | None = None
         width, height = (int(v) for v in sensor.film().size())
@@ -96,7 +105,17 @@ class Estimator:
         """How many values a sample has: for each channel, one for each pixel within the filter's reach."""
         return len(self.channels.names) * (2 * self.plan.reach + 1) ** 2
 
-    def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
+    @property
+    def smoothing(self) -> float:
+        """What the filter leaves of the standard error of pixels that differ by their noise alone."""
+        r = self.plan.reach + 0.5
+        x = np.linspace(-r, r, 2001)
+        f = np.array(self.rfilter.eval(mi.Float(x)), dtype=np.float64)
+        return 1.0 if self.rfilter.is_box_filter() else float(np.mean(f**2) / np.mean(f) ** 2 / (2 * r))
+
+    def camera_ray(
+        self, x: mi.Int32, y: mi.Int32, points: NRook | SamplerPoints
+    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Camera ray through pixel (x, y): ``(ray, weight, position)``, the position being that within the pixel."""
         position = points(PIXEL)
         lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
@@ -110,17 +129,20 @@ class Estimator:
         ray, weight = self.rays(time, other.y, on_film, lens)
         return ray, weight, position
 
-    def sample(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
-        """The ``t``-th sample of the pixels (x, y): ``(values, luminance, position)``, ``values`` being what the film
-        stores for a sample of weight 1.
+    def sample(
+        self, x: mi.Int32, y: mi.Int32, t: mi.UInt32, sampler: mi.Sampler | None = None
+    ) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
+        """The ``t``-th sample of the pixels (x, y), or one that is drawn from ``sampler``: ``(values, luminance,
+        position)``, ``values`` being what the film stores for a sample of weight 1.
         """
-        points = self.plan.points(x, y, t)
+        points = self.plan.points(x, y, t) if sampler is None else SamplerPoints(sampler)
         ray, weight, position = self.camera_ray(x, y, points)
-        L, hit = self.transport(ray, points, True)
+        L, hit, *others = self.transport(ray, points, True)
         L *= weight
         # A direction at grazing incidence can overflow; one such sample must not blacken its pixel.
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
-        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, dr.select(hit, mi.Float(1), 0))
+        alpha = dr.select(hit, mi.Float(1), 0)
+        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, *others)
         return values, mi.luminance(L, ray.wavelengths), position
 
     def spread(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
@@ -138,6 +160,7 @@ class Estimator:
         a pass. All arguments are evaluated arrays, so that one kernel serves every wave.
         """
         n = self.plan.n
+        sampler = self._forked(dr.width(x))
 
         def unfinished(estimate: Estimate) -> mi.Bool:
             active = estimate.count < end
@@ -146,9 +169,11 @@ class Estimator:
                 active &= ~ended
             return active
 
-        def step(estimate: Estimate, active: mi.Bool) -> tuple[Estimate, mi.Bool]:
+        def step(
+            estimate: Estimate, active: mi.Bool, sampler: mi.Sampler | None
+        ) -> tuple[Estimate, mi.Bool, mi.Sampler | None]:
             t = estimate.count
-            values, luminance, position = self.sample(x, y, t)
+            values, luminance, position = self.sample(x, y, t, sampler)
             sums = [s + w * v for s, (w, v) in zip(estimate.sums, self.spread(values, position))]
             luminance = dr.clip(luminance, -BRIGHTEST, BRIGHTEST)
             in_pass = estimate.in_pass + luminance
@@ -161,13 +186,22 @@ class Estimator:
                 dr.select(last, 0, in_pass),
                 t + 1,
             )
-            return estimate, unfinished(estimate)
+            return estimate, unfinished(estimate), sampler
 
-        estimate, _ = dr.while_loop(
-            (start, unfinished(start)),
-            lambda estimate, active: active,
+        estimate, *_ = dr.while_loop(
+            (start, unfinished(start), sampler),
+            lambda estimate, active, sampler: active,
             step,
-            labels=("estimate", "active"),
+            labels=("estimate", "active", "sampler"),
             max_iterations=-1,
         )
         return estimate
+
+    def _forked(self, lanes: int) -> mi.Sampler | None:
+        """A sampler for so many pixels, seeded anew."""
+        if self.sampler is None:
+            return None
+        sampler = self.sampler.fork()
+        self.seeded += 1
+        sampler.seed(combine(hash32(int(self.plan.seed[0])), self.seeded), lanes)
+        return sampler

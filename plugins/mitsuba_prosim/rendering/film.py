@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mitsuba as mi
 
 
 class Channels:
     """The channels that every sample of an image has: the film's own and those of Mitsuba's ``aov`` integrator.
 
-    ``letters``: which of r, g and b are kept; ``aovs``: Mitsuba's ``aov`` integrator, or None.
+    ``letters``: which of r, g and b are kept; ``nested``: names of what comes with the radiance; ``aovs``: Mitsuba's
+    ``aov`` integrator, or None.
     """
 
-    def __init__(self, film: mi.Film, letters: str, aovs: mi.Integrator | None) -> None:
+    def __init__(
+        self, film: mi.Film, letters: str, nested: Sequence[str] = (), aovs: mi.Integrator | None = None
+    ) -> None:
         self.film, self.letters, self.aovs = film, letters, aovs
         self.special = mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.alpha = bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
@@ -20,16 +25,25 @@ class Channels:
         self.names = (
             ([str(k) for k in range(film.base_channels_count())] if self.special else list("RGB") + ["A"] * self.alpha)
             + ["W"]
+            + list(nested)
             + others
         )
 
     def values(
-        self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, L: mi.Spectrum, hit: mi.Float
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        L: mi.Spectrum,
+        hit: mi.Float,
+        nested: Sequence[mi.Float] = (),
     ) -> list[mi.Float]:
         """The values of a sample of weight 1: the radiance ``L`` along the camera ray ``ray``, which ``hit`` a
-        surface.
+        surface, and what came with it.
         """
-        return self._own_values(L, ray.wavelengths, hit) + aov_values(self.aovs, scene, sampler, ray, True)
+        return (
+            self._own_values(L, ray.wavelengths, hit) + list(nested) + aov_values(self.aovs, scene, sampler, ray, True)
+        )
 
     def _own_values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
         if self.special:

@@ -18,7 +18,9 @@ from .estimate import Estimator
 from .film import Channels
 from .plan import Plan, Sampling
 from .policies import POLICIES
+from .snapshot import Reached, Snapshot
 from .state import OWN_AOVS, State
+from .target import Target
 from .waves import waves
 
 
@@ -34,6 +36,12 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self.threshold = number(props, "threshold", 0.006, 0)
         self.min_passes = whole(props, "min_passes", 1, 1)
         self.max_samples = whole(props, "max_samples", 0, 0)
+        self.noise = number(props, "noise", 0.0, 0)
+        self.time = number(props, "time", 0.0, 0)
+        if (self.noise or self.time) and self.adaptive == "thesis":
+            raise reject(
+                props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"
+            )
         self.jitter = choice(props, "jitter", JITTERS)
         self.channels = props.get("channels", "rgb").lower()
         if set(self.channels) - set("rgb"):
@@ -50,21 +58,40 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
         if others:
             self.mitsuba_aovs = mi.load_dict({"type": "aov", "aovs": ",".join(others)})
+        #: What the samples are drawn from, if not from N-rook patterns.
+        self.sampler: mi.Sampler | None = None
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
         self.cancelled = False
+        #: How far the last image came.
+        self.reached: Reached | None = None
         self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
         self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
 
-    def transport(self, scene: mi.Scene, attached: bool = False) -> Any:
-        """What finds the radiance along camera rays of ``scene``, see :class:`.Transport`; ``attached``: whether
+    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
+        """What finds the radiance along rays of ``sensor`` in ``scene``, see :class:`.Transport`; ``attached``: whether
         derivatives are wanted.
         """
         raise NotImplementedError
 
+    def name(self) -> str:
+        """Name of the plugin."""
+        raise NotImplementedError
+
     def parameter_names(self) -> list[str]:
         """Names of the parameters that ``str()`` shows."""
-        return ["samples", "adaptive", "threshold", "min_passes", "max_samples", "hide_emitters", "jitter", "channels"]
+        return [
+            "samples",
+            "adaptive",
+            "threshold",
+            "min_passes",
+            "max_samples",
+            "noise",
+            "time",
+            "hide_emitters",
+            "jitter",
+            "channels",
+        ]
 
     def to_string(self) -> str:
         return describe(self, **{name: getattr(self, name) for name in self.parameter_names()}, aovs=self.aov_names())
@@ -101,21 +128,9 @@ class WaveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        if dr.flag(dr.JitFlag.FreezingScope):
-            raise RuntimeError(
-                "prosim: an image can't be rendered within a function that dr.freeze records, because how "
-                "many samples are taken is decided on the way; render it outside of that function."
-            )
+        for _ in self.waves(scene, sensor, seed, spp):
+            pass
         film = sensor.film()
-        film.prepare(self.aov_names())
-        plan, estimator = self._plan(scene, sensor, seed, spp)
-        policy, state = self._begin(plan, estimator, self.own_aovs)
-        self._growing = film, state
-        try:
-            self._grow(plan, policy, state)
-        finally:
-            self._growing = None
-        self._put(film, state.image())
         image = film.develop() if develop else mi.TensorXf()
         if evaluate:
             dr.eval(image)
@@ -125,13 +140,43 @@ class WaveIntegrator(mi.SamplingIntegrator):
             dr.sync_thread()
         return image
 
-    def _render_scalar(self, scene: mi.Scene, *arguments: Any) -> mi.TensorXf:
+    def waves(
+        self, scene: mi.Scene, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+    ) -> Iterator[Snapshot]:
+        """Renders as :meth:`render` does, and yields a :class:`.Snapshot` after each wave, of which the first gives a
+        value to every pixel. In the end the film holds the image. Whoever stops in between calls :meth:`flush` for
+        that. Raises RuntimeError in scalar variants and within ``dr.freeze``.
+        """
+        if not dr.is_jit_v(mi.Float):
+            raise RuntimeError(f"{self.name()}: there are no waves in scalar variants; use an llvm or cuda variant.")
+        if dr.flag(dr.JitFlag.FreezingScope):
+            raise RuntimeError(
+                f"{self.name()}: an image can't be rendered within a function that dr.freeze records, because how "
+                "many samples are taken is decided on the way; render it outside of that function."
+            )
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        film = sensor.film()
+        film.prepare(self.aov_names())
+        target = Target(self.noise, self.time)
+        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs)
+        self._growing = film, state
+        try:
+            for _ in self._grow(policy, state, target):
+                # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
+                self.reached = Reached(state.samples(), state.noise, target.passed)
+                yield Snapshot(state, film, self.reached)
+        finally:
+            self._growing = None
+            self._put(film, state.image())
+
+    def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
         if self._scalar is not None:  # Mitsuba calls render() of this class once more
-            return super().render(scene, *arguments)
-        self._scalar = self.transport(scene)
+            return super().render(scene, sensor, *arguments)
+        self._scalar = self.transport(scene, sensor)
         try:
-            return super().render(scene, *arguments)
+            return super().render(scene, sensor, *arguments)
         finally:
             self._scalar = None
 
@@ -139,31 +184,43 @@ class WaveIntegrator(mi.SamplingIntegrator):
         """``(plan, estimator)``: which samples are taken, and what takes them."""
         plan = Plan.of(
             Sampling(
-                self.samples, self.adaptive, self.threshold, self.min_passes, self.max_samples, self.jitter, self.band
+                self.samples,
+                self.adaptive,
+                self.threshold,
+                self.min_passes,
+                self.max_samples,
+                self.noise,
+                self.time,
+                self.jitter,
+                self.band,
             ),
             sensor.film(),
             seed,
             spp,
         )
-        channels = Channels(sensor.film(), self.channels, self.mitsuba_aovs)
-        return plan, Estimator(plan, scene, sensor, self.transport(scene), channels)
+        transport = self.transport(scene, sensor)
+        channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
+        return plan, Estimator(plan, scene, sensor, transport, channels, self.sampler)
 
-    def _begin(self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str]) -> tuple[Any, State]:
+    def _begin(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int, own_aovs: Sequence[str]
+    ) -> tuple[Any, State]:
         """``(policy, state)``: an image without samples, and what says how many it gets."""
+        plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
         return policy, State(plan, estimator, own_aovs, policy.reach)
 
-    def _grow(self, plan: Plan, policy: Any, state: State) -> None:
-        for _ in self._waves(plan, policy, state):
-            pass
-
-    def _waves(self, plan: Plan, policy: Any, state: State) -> Iterator[State]:
+    def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""
         self.cancelled = False
         estimator = state.estimator
-        with uncropped(estimator.sensor):
-            estimator.rays = ray_sampler(estimator.sensor)
-            yield from waves(plan, policy, state, self.progress, lambda: self.cancelled)
+        steps = waves(state.plan, policy, state, target, self.progress, lambda: self.cancelled)
+        while True:
+            with uncropped(estimator.sensor):
+                estimator.rays = ray_sampler(estimator.sensor)
+                if next(steps, None) is None:
+                    return
+            yield state
 
     @staticmethod
     def _put(film: mi.Film, image: Image) -> None:
@@ -210,8 +267,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
-            plan, estimator = self._plan(scene, sensor, seed, spp)
-            policy, state = self._begin(plan, estimator, [])
-            self._grow(plan, policy, state)
-        estimator.transport = self.transport(scene, attached=True)
-        return Derivatives(plan, estimator, state.image(), state.counts())
+            policy, state = self._begin(scene, sensor, seed, spp, [])
+            for _ in self._grow(policy, state, Target(self.noise, self.time)):
+                pass
+        state.estimator.transport = self.transport(scene, sensor, attached=True)
+        return Derivatives(state.plan, state.estimator, state.image(), state.counts())

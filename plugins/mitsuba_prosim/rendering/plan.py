@@ -13,6 +13,10 @@ from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 Rectangle = tuple[int, int, int, int]
 
 
+#: Most samples of a pixel where noise or time say when it is enough; and in N² where ``graded`` does.
+UNLIMITED, GRADED = 1 << 20, 4
+
+
 @dataclass(frozen=True)
 class Sampling:
     """How an image is to be sampled, as the integrator's parameters say it; :ref:`integrator-prosim` has their
@@ -24,6 +28,8 @@ class Sampling:
     threshold: float
     min_passes: int
     max_samples: int
+    noise: float
+    time: float
     jitter: str
     band: int
 
@@ -34,8 +40,10 @@ class Plan:
 
     #: N: samples of a pass.
     n: int
-    #: Samples that every pixel gets, and that one may get at most: passes, of which the very last may be cut short.
+    #: Samples that every pixel gets, those of a noisy pixel, and those that one may get at most: passes, of which the
+    #: very last may be cut short.
     least: int
+    full: int
     most: int
     #: Places of samples in their cells, ``"multi"`` or ``"uniform"``.
     jitter: str
@@ -52,12 +60,15 @@ class Plan:
 
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
-        """The plan for ``film``; a nonzero ``spp`` replaces ``max_samples``, and ``samples`` by its root, rounded
-        up.
-        """
-        most = spp or sampling.max_samples or sampling.samples**2
-        n = min(grid_size(spp) if spp else sampling.samples, most)
-        most = min(most, n**2)
+        """The plan for ``film``; a nonzero ``spp`` stands for N², in the place of ``samples`` and ``max_samples``."""
+        full = spp or sampling.samples**2
+        n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or full)
+        if sampling.noise or sampling.time:
+            most = sampling.max_samples or UNLIMITED
+        elif sampling.adaptive == "graded":
+            most = (0 if spp else sampling.max_samples) or GRADED * full
+        else:
+            most = full = (0 if spp else sampling.max_samples) or full
         (x, y), (w, h), (width, height) = film.crop_offset(), film.crop_size(), film.size()
         x, y, w, h, width, height = (int(v) for v in (x, y, w, h, width, height))
         reach = film.rfilter().border_size()
@@ -65,6 +76,7 @@ class Plan:
         return cls(
             n,
             min(sampling.min_passes * n, most),
+            min(full, most),
             most,
             sampling.jitter,
             Permutations(n),
@@ -111,3 +123,23 @@ def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
     """Number of the pixel (x, y) in the order of :func:`pixels`."""
     left, top, width = (dr.opaque(mi.Int32, v) for v in (rectangle[0], rectangle[1], rectangle[2] - rectangle[0]))
     return mi.UInt32((y - top) * width + x - left)
+
+
+def area(rectangle: Rectangle) -> int:
+    """Number of the pixels of a rectangle."""
+    left, top, right, bottom = rectangle
+    return (right - left) * (bottom - top)
+
+
+def in_patterns(plan: Plan, need: mi.Float) -> mi.UInt32:
+    """Counts for the samples that are needed: those of the first wave, or whole patterns of N², within what the plan
+    allows.
+
+    N² samples that fill their pattern can be ten times as good as as many that do not, so between the two there is
+    nothing; a pattern is worth while from about a third of its samples.
+    """
+    size = plan.n**2
+    patterns = dr.maximum(dr.round(dr.minimum(need, 2.0**24) / size), 1)
+    enough = need <= max(plan.least, 0.35 * size)
+    counts = dr.select(enough, mi.UInt32(plan.least), mi.UInt32(patterns) * size)
+    return dr.minimum(counts, dr.opaque(mi.UInt32, plan.most))

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from . import collector
 from .accumulate import Image
 from .estimate import Estimate, Estimator, Quiet
-from .plan import Plan, Rectangle, index_within, pixels, widened
+from .plan import Plan, Rectangle, area, index_within, pixels, widened
 
 #: Bytes that the sums of all pixels may take. Each has as many as its filter reaches pixels, times the channels: where
 #: that is more (images beyond 1920 x 1080 with a wide filter, for example), they are not kept from wave to wave, but
@@ -33,8 +34,11 @@ class State:
         pixel_count = area(self.outer)
         self.keeps = 4 * estimator.values * pixel_count <= KEPT
         self.estimate = Estimate.nothing(estimator.values if self.keeps else 0, pixel_count)
+        #: Samples of a portion, if there is a reason to bound them, and the noise, if it was measured (see
+        #: :class:`.Twin`).
+        self.portion: int | None = None
+        self.noise = float("nan")
         self._image: Image | None = None  # where sums are not kept
-        self._finished = 0  # first row that it lacks
 
     # ---------------------------------------------------------------- growing
 
@@ -69,21 +73,36 @@ class State:
         return True
 
     def _portions(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
-        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``."""
-        where = dr.compress(wanted > self.estimate.count)
-        size = dr.width(where)
-        for begin in range(0, size, self.plan.band):
-            end = min(begin + self.plan.band, size)
-            some = where
-            if end - begin < size:
-                some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
+        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``. Those that lack
+        about as many go together, so that few lanes wait for others.
+        """
+        lacking = wanted - dr.minimum(self.estimate.count, wanted)
+        dr.eval(lacking)
+        fewest = int(dr.min(dr.select(lacking > 0, lacking, 0xFFFFFFFF))[0])
+        most = int(dr.max(lacking)[0])
+        classes = []
+        while most > 0 and fewest <= most:
+            end = fewest + fewest // 2
+            low, high = dr.opaque(mi.UInt32, fewest), dr.opaque(mi.UInt32, end)
+            where = dr.compress((lacking >= low) & (lacking <= high))
+            classes.append((where, dr.width(where), min(end, most)))
+            fewest = end + 1
+        work, finished = sum(size * each for _, size, each in classes), 0
+        for where, size, each in classes:
+            lanes = max(1, self.plan.band if self.portion is None else min(self.plan.band, self.portion // each))
+            for begin in range(0, size, lanes):
+                end = min(begin + lanes, size)
+                some = where
+                if end - begin < size:
+                    some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
 
-            def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
-                x, y = self._places(some)
-                more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
-                self.estimate.put(more, some)
+                def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
+                    x, y = self._places(some)
+                    more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
+                    self.estimate.put(more, some)
 
-            yield end / size, portion
+                finished += (end - begin) * each
+                yield finished / work, portion
 
     def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
@@ -146,6 +165,14 @@ class State:
 
     # ---------------------------------------------------------------- what it knows
 
+    def index(self, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
+        """Numbers of the pixels (x, y) in the arrays of ``estimate``."""
+        return index_within(self.outer, x, y)
+
+    def samples(self) -> float:
+        """Mean number of samples of the pixels that are known."""
+        return float(np.mean(np.array(self.estimate.count), dtype=np.float64))
+
     def counts(self) -> mi.UInt32:
         """Number of samples of each pixel whose samples reach the window, row by row."""
         x, y, *_ = pixels(self.plan.region)
@@ -167,12 +194,6 @@ class State:
             dr.scatter(result, dr.gather(mi.Float, values, index_within(around, x, y)), index_within(self.outer, x, y))
             dr.eval(result)
         return result
-
-
-def area(rectangle: Rectangle) -> int:
-    """Number of the pixels of a rectangle."""
-    left, top, right, bottom = rectangle
-    return (right - left) * (bottom - top)
 
 
 #: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.

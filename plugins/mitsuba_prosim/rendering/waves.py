@@ -8,19 +8,21 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .plan import Plan
+from .plan import Plan, in_patterns
 from .state import State
+from .target import Target, pursue
 
 
 def waves(
     plan: Plan,
     policy: Any,
     state: State,
+    target: Target,
     tell: Callable[[float], None] | None = None,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[State]:
-    """Lets ``state`` grow by ``policy`` (see :mod:`.policies`) and yields it after each wave; after the first one every
-    pixel has a value.
+    """Lets ``state`` grow by ``policy`` (see :mod:`.policies`) until ``target``, if there is one, and yields it after
+    each wave; after the first one every pixel has a value.
 
     ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
     """
@@ -31,16 +33,12 @@ def waves(
     yield state
     if not whole or policy.first == plan.most:
         return
-    wanted = in_passes(plan, state.judge(policy.need, policy.reach))
-    whole = state.grow(wanted, policy.quiet, part(tell, begun, 1), cancelled)
+    need = state.judge(policy.need, policy.reach)
+    if target:
+        yield from pursue(target, plan, state, need, tell, cancelled)
+        return
+    state.grow(in_patterns(plan, need), policy.quiet, part(tell, begun, 1), cancelled)
     yield state
-
-
-def in_passes(plan: Plan, need: mi.Float) -> mi.UInt32:
-    """Whole passes that hold the samples that are needed, within what the plan allows."""
-    n, most = dr.opaque(mi.UInt32, plan.n), dr.opaque(mi.UInt32, plan.most)
-    passes = dr.ceil(dr.minimum(need, mi.Float(most)) / mi.Float(n))
-    return dr.minimum(mi.UInt32(passes) * n, most)
 
 
 def part(tell: Callable[[float], None] | None, begin: float, end: float) -> Callable[[float], None] | None:

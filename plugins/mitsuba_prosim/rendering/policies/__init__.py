@@ -14,9 +14,10 @@ A policy is made from a :class:`~mitsuba_prosim.rendering.plan.Plan` and a thres
     or None: which pixels end after their ``t``-th sample, the last of a pass, whatever they need.
 """
 
+from .graded import Graded
 from .neighbours import Neighbours
 from .none import Everything
 from .thesis import Thesis
 
 #: The values of the integrator's parameter ``adaptive``, the default first.
-POLICIES = {"neighbours": Neighbours, "thesis": Thesis, "none": Everything}
+POLICIES = {"neighbours": Neighbours, "thesis": Thesis, "none": Everything, "graded": Graded}

@@ -26,14 +26,14 @@ class Neighbours:
     quiet = None
 
     def __init__(self, plan: Plan, threshold: float) -> None:
-        self.first, self.most = plan.least, plan.most
-        self.reach = REACH if self.first < self.most else 0
+        self.first, self.full = plan.least, plan.full
+        self.reach = REACH if self.first < self.full else 0
         self.threshold = dr.opaque(mi.Float, threshold)
 
     def need(self, estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
         """All samples for the noisy pixels."""
         error = error_of_neighbours(estimate.total, estimate.squares, mi.Float(self.first), width, height)
-        return dr.select(error <= self.threshold, mi.Float(self.first), self.most)  # what is no number is noisy too
+        return dr.select(error <= self.threshold, mi.Float(self.first), self.full)  # what is no number is noisy too
 
 
 def error_of_neighbours(
@@ -42,12 +42,23 @@ def error_of_neighbours(
     """Standard error in display units that the 24 pixels around each pixel suggest for it, or fewer at the border of
     what is sampled; infinite where there is none.
 
+    ``total``, ``squares``: sums of the luminance and of its square over ``count`` samples, one entry a pixel, row by
+    row; ``width``, ``height``: opaque integers.
+    """
+    first, second = around([total / count, squares / count], width, height)
+    error = in_display_units(dr.sqrt(dr.maximum(second - dr.square(first), 0) / count), first)
+    return dr.select(dr.isfinite(first), error, dr.inf)
+
+
+def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32) -> list[mi.Float]:
+    """Means over the 24 pixels around each pixel, or fewer at the border of what is sampled; infinite where there is
+    none. One entry a pixel, row by row; ``width``, ``height``: opaque integers.
+
     The pixel itself has no say: a decision by the very samples that are averaged would bias the image (Kirk and Arvo
-    1991). ``total``, ``squares``: sums of the luminance and of its square over ``count`` samples, one entry a pixel,
-    row by row; ``width``, ``height``: opaque integers.
+    1991).
     """
     width, height = mi.Int32(width), mi.Int32(height)
-    i = dr.arange(mi.Int32, dr.width(total))
+    i = dr.arange(mi.Int32, dr.width(arrays))
     y = i // width
     x = i - y * width
     steps = [k for k in range(-REACH, REACH + 1) if k]
@@ -57,15 +68,14 @@ def error_of_neighbours(
         return sum(dr.gather(mi.Float, values, i + k * stride, (place + k >= 0) & (place + k < size)) for k in steps)
 
     # First along the rows, then along the columns of their sums; the middle row is taken without the pixel.
-    beside = [along(values, x, width, 1) for values in (total, squares)]
-    rows = [sums + values for sums, values in zip(beside, (total, squares))]
+    dr.eval(arrays)
+    beside = [along(values, x, width, 1) for values in arrays]
+    rows = [sums + values for sums, values in zip(beside, arrays)]
     dr.eval(beside, rows)
-    first, second = (sums + along(row, y, height, width) for sums, row in zip(beside, rows))
+    sums = [sums + along(row, y, height, width) for sums, row in zip(beside, rows)]
 
     def within(place: mi.Int32, size: mi.Int32) -> mi.Int32:
         return dr.minimum(place + REACH, size - 1) - dr.maximum(place - REACH, 0) + 1
 
-    taken = count * mi.Float(within(x, width) * within(y, height) - 1)
-    first, second = first / taken, second / taken
-    error = in_display_units(dr.sqrt(dr.maximum(second - dr.square(first), 0) / count), first)
-    return dr.select(taken > 0, error, dr.inf)
+    others = mi.Float(within(x, width) * within(y, height) - 1)
+    return [dr.select(others > 0, values / others, dr.inf) for values in sums]

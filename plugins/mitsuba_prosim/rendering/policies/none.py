@@ -20,8 +20,9 @@ class Everything:
     quiet = None
 
     def __init__(self, plan: Plan, threshold: float) -> None:
-        self.first = self.most = plan.most
+        self.first = plan.most if plan.full == plan.most else plan.least
+        self.full = plan.full
 
     def need(self, estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
-        """All of them."""
-        return dr.full(mi.Float, self.most, dr.width(estimate.count))
+        """As many as any other."""
+        return dr.full(mi.Float, self.full, dr.width(estimate.count))

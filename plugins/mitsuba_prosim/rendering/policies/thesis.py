@@ -23,7 +23,7 @@ class Thesis:
     reach = 0
 
     def __init__(self, plan: Plan, threshold: float) -> None:
-        self.first, self.most = plan.least, plan.most
+        self.first, self.full = plan.least, plan.full
         self.threshold = dr.opaque(mi.Float, threshold)
 
     def quiet(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
@@ -32,4 +32,4 @@ class Thesis:
 
     def need(self, estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
         """All samples, of which a pixel takes as many as it is not ``quiet``."""
-        return dr.full(mi.Float, self.most, dr.width(estimate.count))
+        return dr.full(mi.Float, self.full, dr.width(estimate.count))

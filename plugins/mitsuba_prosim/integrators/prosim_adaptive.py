@@ -1,0 +1,136 @@
+"""Adaptive N-rook sampling for any other integrator (chapter 4, sections 4.2.1 and 5.3.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..parameters import reject
+from ..registry import plugin
+from ..rendering.film import aov_values
+from ..rendering.integrator import WaveIntegrator
+from ..transport.nested import Nested
+
+
+@plugin("integrator", "prosim_adaptive")
+class ProsimAdaptive(WaveIntegrator):
+    r"""
+    .. _integrator-prosim_adaptive:
+
+    Adaptive sampling of another integrator (:monosp:`prosim_adaptive`)
+    -------------------------------------------------------------------
+
+    .. pluginparameters::
+
+     * - (Nested plugin)
+       - :paramtype:`integrator`
+       - What computes the radiance along a ray: :monosp:`path`, :monosp:`volpath`, :monosp:`direct`, :monosp:`aov`,
+         :monosp:`prb`, or any other that takes samples from a sensor.
+
+     * - (Nested plugin)
+       - :paramtype:`sampler`
+       - What it draws from. (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
+         dimension and index)
+
+     * - samples, adaptive, threshold, min_passes, max_samples, noise, time, jitter, channels, aovs, band
+       - |int|, |string|, |float|
+       - As for :ref:`integrator-prosim`
+
+    Takes samples where they are needed, until the noise is small enough or the time is up, as :ref:`integrator-prosim`
+    does: it is the same engine. The image has the expected value of the nested integrator's own. By default it is the
+    same to the bit for any crop window, :monosp:`band` and number of threads; a sampler that is given has a state, so
+    that this no longer holds. The sensor's sampler is not used.
+
+    Derivatives are the nested integrator's, by uniform sampling with its own means; the image is ours. In scalar
+    variants, and nested in another integrator, every pixel gets the sample count of the sensor's sampler, and that
+    sampler's samples.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <integrator type="prosim_adaptive">
+                <integrator type="path"/>
+                <float name="noise" value="0.005"/>
+            </integrator>
+
+        .. code-tab:: python
+
+            'type': 'prosim_adaptive',
+            'nested': {
+                'type': 'path'
+            },
+            'noise': 0.005
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        nested: list[mi.Integrator] = []
+        for _, child in props.objects():
+            if isinstance(child, mi.Integrator):
+                nested.append(child)
+            elif isinstance(child, mi.Sampler):
+                self.sampler = child
+        if len(nested) != 1:
+            raise ValueError(
+                f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as <integrator type='path'/>."
+            )
+        (self.nested,) = nested
+        if not isinstance(self.nested, mi.SamplingIntegrator):
+            raise reject(
+                props,
+                "integrator",
+                self.nested.class_name(),
+                "one that takes samples from a sensor: path, volpath, direct, aov, prb, for example",
+            )
+
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
+
+    def name(self) -> str:
+        return "prosim_adaptive"
+
+    def parameter_names(self) -> list[str]:
+        return ["nested", *super().parameter_names()]
+
+    def aov_names(self) -> list[str]:
+        return [*self.nested.aov_names(), *super().aov_names()]
+
+    def sample(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.RayDifferential3f,
+        medium: mi.Medium | None = None,
+        active: mi.Bool = True,
+    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        L, hit, others = Nested(self.nested, scene).radiance(sampler, ray, medium, active)
+        aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
+        return L, hit, others + aovs
+
+    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Nested:
+        return Nested(self.nested, scene, sensor.get_medium())
+
+    def render_forward(
+        self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+    ) -> mi.TensorXf:
+        gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
+        height, width, channels = gradient.shape
+        own = len(self.aov_names()) - len(self.nested.aov_names())
+        complete = dr.zeros(mi.TensorXf, (height, width, channels + own))
+        complete[:, :, :channels] = gradient
+        return complete
+
+    def render_backward(
+        self,
+        scene: mi.Scene,
+        params: Any,
+        grad_in: mi.TensorXf,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+    ) -> None:
+        own = len(self.aov_names()) - len(self.nested.aov_names())
+        grad_in = grad_in[:, :, : grad_in.shape[2] - own]
+        self.nested.render_backward(scene, params, grad_in, sensor, seed, spp or self.samples**2)

@@ -1,0 +1,47 @@
+"""As many samples as the error asks for that the pixels around suggest; the pixel itself has no say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+
+from ..error import in_display_units
+from ..plan import Plan
+from .neighbours import REACH, around
+
+if TYPE_CHECKING:
+    from ..estimate import Estimate
+
+
+class Graded:
+    """A first wave everywhere, then samples in proportion to the standard deviation that the 24 pixels around suggest,
+    in display units, which makes the most of a number of samples (Neyman 1934): N² where these would bring the
+    standard error down to the threshold.
+    """
+
+    quiet = None
+
+    def __init__(self, plan: Plan, threshold: float) -> None:
+        self.first = plan.least
+        self.reach = REACH if self.first < plan.most else 0
+        self.scale = dr.opaque(mi.Float, plan.n / max(threshold, 1e-9))
+
+    def need(self, estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
+        """In proportion to the standard deviation."""
+        return self.scale * deviation(estimate, width, height)
+
+
+def deviation(estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
+    """Standard deviation of a sample in display units, as the 24 pixels around each pixel suggest it; infinite where
+    there are none.
+
+    It is the variance *within* these pixels, averaged: what differs between them may be an edge or a texture, which is
+    no noise.
+    """
+    count = mi.Float(estimate.count)
+    mean = estimate.total / count
+    variance = dr.maximum(estimate.squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
+    variance, mean = around([variance, mean], width, height)
+    return in_display_units(dr.sqrt(variance), mean)

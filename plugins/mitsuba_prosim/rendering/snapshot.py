@@ -1,0 +1,54 @@
+"""What can be seen of an image while it is rendered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .plan import index_within, pixels
+from .state import State
+
+
+@dataclass(frozen=True)
+class Reached:
+    """How far an image came."""
+
+    #: Mean number of samples of a pixel.
+    samples: float
+    #: Root mean square over the pixels of the standard error, in display units, white being 1; not a number where no
+    #: noise was asked for, as nobody has measured it then.
+    noise: float
+    #: Since the beginning.
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """An image after a wave. Its methods show the state as it is when they are called."""
+
+    state: State
+    film: mi.Film
+    reached: Reached
+
+    def image(self) -> mi.TensorXf:
+        """The developed image, shape (height, width, channels)."""
+        image = self.state.image()
+        self.film.clear()
+        self.film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))
+        return self.film.develop()
+
+    def error(self) -> np.ndarray:
+        """Standard error of the luminance of each pixel as its own samples show it, shape (height, width)."""
+        return self._picture(self.state.estimate.error(self.state.plan.n))
+
+    def counts(self) -> np.ndarray:
+        """Number of samples of each pixel, shape (height, width)."""
+        return self._picture(self.state.estimate.count)
+
+    def _picture(self, values: mi.Float) -> np.ndarray:
+        x, y, width, height = pixels(self.state.plan.window)
+        found = dr.gather(type(values), values, index_within(self.state.outer, x, y))
+        return np.array(found).reshape(int(height[0]), int(width[0]))

@@ -1,0 +1,179 @@
+"""What ends an image: noise that is small enough, or time that has passed."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..sampling.hash import hash32
+from .error import in_display_units
+from .estimate import Estimate
+from .plan import Plan, area, in_patterns, pixels
+from .state import State
+
+
+@dataclass(frozen=True)
+class Target:
+    """When an image is good enough. ``noise``: root mean square over the pixels of the standard error, in display
+    units, white being 1; ``seconds`` from the beginning. 0: not asked for. Whichever comes first ends it.
+    """
+
+    noise: float = 0.0
+    seconds: float = 0.0
+    begun: float = field(default_factory=time.perf_counter)
+
+    def __bool__(self) -> bool:
+        return self.noise > 0 or self.seconds > 0
+
+    @property
+    def passed(self) -> float:
+        """Seconds since the beginning."""
+        return time.perf_counter() - self.begun
+
+    @property
+    def left(self) -> float:
+        """Seconds until the end."""
+        return self.seconds - self.passed if self.seconds else np.inf
+
+
+class Twin:
+    """A second image, of some pixels alone, from other samples: how it differs from the first says what error both
+    have, whatever the pattern of the samples is worth in this scene.
+
+    (The variance of the samples within a pixel does not: N² stratified samples can be ten times as good.)
+    """
+
+    #: One pixel in so many, and at least so many pixels.
+    ONE_IN, LEAST = 16, 4096
+
+    def __init__(self, state: State) -> None:
+        x, y, *_ = pixels(state.plan.region)
+        index = state.index(x, y)
+        every = max(1, min(self.ONE_IN, area(state.plan.region) // self.LEAST))
+        chosen = dr.compress(hash32(hash32(index) + 1) % every == 0) if every > 1 else dr.arange(mi.UInt32, dr.width(x))
+        self.x, self.y, self.index = (dr.gather(type(v), v, chosen) for v in (x, y, index))
+        self.estimator = copy.copy(state.estimator)
+        seed = hash32(state.plan.seed + 1)
+        dr.make_opaque(seed)
+        self.estimator.plan = replace(state.plan, seed=seed)
+        self.estimate = Estimate.nothing(self.estimator.values, dr.width(self.index))
+        dr.eval(self.x, self.y, self.index)
+
+    def follow(self, state: State) -> None:
+        """Takes as many samples as ``state`` has."""
+        end = dr.gather(mi.UInt32, state.estimate.count, self.index)
+        dr.eval(end)
+        self.estimate = self.estimator.take(self.x, self.y, self.estimate, end)
+        dr.eval(self.estimate)
+
+    def noise(self, state: State) -> float:
+        """Root mean square of the standard error of the pixels of ``state``, in display units."""
+        mine = state.estimate.at(self.index)
+        first, second = (e.total / mi.Float(e.count) for e in (mine, self.estimate))
+        difference = in_display_units(first - second, (first + second) / 2)
+        return float(np.sqrt(mean(dr.square(difference)) / 2)) * state.estimator.smoothing
+
+
+def pursue(
+    target: Target,
+    plan: Plan,
+    state: State,
+    need: mi.Float,
+    tell: Callable[[float], None] | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Iterator[State]:
+    """Lets ``state`` grow, each pixel in proportion to its ``need``, until ``target`` is reached, and yields it after
+    each wave. The target says how far it goes; the samples are always the first of each pixel.
+    """
+    twin = Twin(state) if target.noise else None
+    variance = display_variance(state.estimate)
+    effort, speed = 0.0, 0.0
+
+    def after(effort: float) -> mi.UInt32:
+        """Counts that an effort leads to."""
+        return dr.maximum(in_patterns(plan, need * dr.opaque(mi.Float, effort)), state.estimate.count)
+
+    def ended() -> bool:
+        return cancelled() or target.left <= target.seconds / 100
+
+    while not ended():
+        samples = state.samples()
+        most = GROWTH * samples  # at a time, as the first samples know little
+        if target.seconds:
+            # The first wave was slow, as it had to compile; so the second is a small one. The last takes all.
+            share = 0.9 if target.left < target.seconds / 5 else 0.5
+            most = min(most, samples + speed * target.left * share) if speed else 1.5 * samples
+            a_hundredth = speed * dr.width(need) * target.seconds / 100  # in samples: to end in time
+            state.portion = max(1, int(a_hundredth)) if speed else None
+        if twin is not None:
+            twin.follow(state)
+            state.noise = twin.noise(state)
+            if state.noise <= target.noise or ended():
+                break
+            now = mean(variance / mi.Float(state.estimate.count))
+            goal = now * (AIM * target.noise / state.noise) ** 2
+
+        def reaches(effort: float) -> bool:
+            """Whether the next wave need not go beyond an effort."""
+            counts = mi.Float(after(effort))
+            enough = twin is not None and mean(variance / counts) <= goal  # noqa: B023 (called in this turn alone)
+            return enough or mean(counts) >= most  # noqa: B023
+
+        effort = least(reaches, effort)
+        wanted = after(effort)
+        if not dr.any(wanted > state.estimate.count):
+            break  # each pixel has all that the plan allows
+        start = time.perf_counter()
+        whole = state.grow(wanted, None, None, ended)
+        speed = (state.samples() - samples) / max(time.perf_counter() - start, 1e-9)
+        if tell is not None:
+            tell(done(target, state.noise))
+        yield state
+        if not whole:
+            break
+
+
+#: A wave takes so many times the samples that there are, at most; and aims at a noise that is a little smaller.
+GROWTH, AIM = 4.0, 0.96
+
+
+def display_variance(estimate: Estimate) -> mi.Float:
+    """Variance of a sample of each pixel, in display units squared."""
+    count = mi.Float(estimate.count)
+    mean = estimate.total / count
+    variance = dr.maximum(estimate.squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
+    result = dr.square(in_display_units(dr.sqrt(variance), mean))
+    dr.eval(result)
+    return result
+
+
+def least(reaches: Callable[[float], bool], begin: float) -> float:
+    """Least effort beyond ``begin`` that ``reaches``, to a thousandth or so; at most 2^60."""
+    low, high = max(begin, 2.0**-20), max(2 * begin, 2.0**-19)
+    while not reaches(high) and high < 2.0**60:
+        low, high = high, 4 * high
+    for _ in range(12):
+        middle = (low * high) ** 0.5
+        low, high = (low, middle) if reaches(middle) else (middle, high)
+    return high
+
+
+def done(target: Target, noise: float) -> float:
+    """The part done, 0 to 1, as far as can be known: the work grows with the square of what noise is left."""
+    parts = [0.0]
+    if target.seconds:
+        parts.append(1 - target.left / target.seconds)
+    if target.noise:
+        parts.append((target.noise / max(noise, target.noise)) ** 2)
+    return min(max(parts), 1.0)
+
+
+def mean(values: mi.Float) -> float:
+    """Mean of an array, by NumPy: the order of the sum, and with it the bits, must not depend on the threads."""
+    return float(np.mean(np.array(values), dtype=np.float64))

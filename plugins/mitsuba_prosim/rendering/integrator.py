@@ -32,12 +32,14 @@ class WaveIntegrator(mi.SamplingIntegrator):
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.samples = whole(props, "samples", 5, 1)
-        self.adaptive = choice(props, "adaptive", tuple(POLICIES))
         self.threshold = number(props, "threshold", 0.006, 0)
         self.min_passes = whole(props, "min_passes", 1, 1)
         self.max_samples = whole(props, "max_samples", 0, 0)
         self.noise = number(props, "noise", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
+        # What makes most of many samples is the default where there may be many.
+        default = "graded" if self.noise or self.time else "neighbours"
+        self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
         if (self.noise or self.time) and self.adaptive == "thesis":
             raise reject(
                 props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"

@@ -13,6 +13,9 @@ from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 Rectangle = tuple[int, int, int, int]
 
 
+#: Part of a pattern's samples from which the pattern is worth while.
+WORTH_WHILE = 0.2
+
 #: Most samples of a pixel where noise or time say when it is enough; and in N² where ``graded`` does.
 UNLIMITED, GRADED = 1 << 20, 4
 
@@ -136,10 +139,10 @@ def in_patterns(plan: Plan, need: mi.Float) -> mi.UInt32:
     allows.
 
     N² samples that fill their pattern can be ten times as good as as many that do not, so between the two there is
-    nothing; a pattern is worth while from about a third of its samples.
+    nothing; and a pattern is worth while long before all of its samples are needed.
     """
     size = plan.n**2
     patterns = dr.maximum(dr.round(dr.minimum(need, 2.0**24) / size), 1)
-    enough = need <= max(plan.least, 0.35 * size)
+    enough = need <= max(plan.least, WORTH_WHILE * size)
     counts = dr.select(enough, mi.UInt32(plan.least), mi.UInt32(patterns) * size)
     return dr.minimum(counts, dr.opaque(mi.UInt32, plan.most))

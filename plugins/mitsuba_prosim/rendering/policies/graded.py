@@ -9,14 +9,17 @@ import mitsuba as mi
 
 from ..error import in_display_units
 from ..plan import Plan
-from .neighbours import REACH, around
+from .neighbours import around
+
+#: Reach of the neighbourhood: 7 x 7 pixels, as few samples say little of a variance.
+REACH = 3
 
 if TYPE_CHECKING:
     from ..estimate import Estimate
 
 
 class Graded:
-    """A first wave everywhere, then samples in proportion to the standard deviation that the 24 pixels around suggest,
+    """A first wave everywhere, then samples in proportion to the standard deviation that the 48 pixels around suggest,
     in display units, which makes the most of a number of samples (Neyman 1934): N² where these would bring the
     standard error down to the threshold.
     """
@@ -34,7 +37,7 @@ class Graded:
 
 
 def deviation(estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
-    """Standard deviation of a sample in display units, as the 24 pixels around each pixel suggest it; infinite where
+    """Standard deviation of a sample in display units, as the 48 pixels around each pixel suggest it; infinite where
     there are none.
 
     It is the variance *within* these pixels, averaged: what differs between them may be an edge or a texture, which is
@@ -43,5 +46,5 @@ def deviation(estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Flo
     count = mi.Float(estimate.count)
     mean = estimate.total / count
     variance = dr.maximum(estimate.squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
-    variance, mean = around([variance, mean], width, height)
+    variance, mean = around([variance, mean], width, height, REACH)
     return in_display_units(dr.sqrt(variance), mean)

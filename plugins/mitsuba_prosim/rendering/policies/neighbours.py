@@ -45,14 +45,14 @@ def error_of_neighbours(
     ``total``, ``squares``: sums of the luminance and of its square over ``count`` samples, one entry a pixel, row by
     row; ``width``, ``height``: opaque integers.
     """
-    first, second = around([total / count, squares / count], width, height)
+    first, second = around([total / count, squares / count], width, height, REACH)
     error = in_display_units(dr.sqrt(dr.maximum(second - dr.square(first), 0) / count), first)
     return dr.select(dr.isfinite(first), error, dr.inf)
 
 
-def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32) -> list[mi.Float]:
-    """Means over the 24 pixels around each pixel, or fewer at the border of what is sampled; infinite where there is
-    none. One entry a pixel, row by row; ``width``, ``height``: opaque integers.
+def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32, reach: int) -> list[mi.Float]:
+    """Means over the other pixels within ``reach`` of each pixel, in rows and columns, as far as they are in what is
+    sampled; infinite where there is none. One entry a pixel, row by row; ``width``, ``height``: opaque integers.
 
     The pixel itself has no say: a decision by the very samples that are averaged would bias the image (Kirk and Arvo
     1991).
@@ -61,10 +61,10 @@ def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32) -> list[
     i = dr.arange(mi.Int32, dr.width(arrays))
     y = i // width
     x = i - y * width
-    steps = [k for k in range(-REACH, REACH + 1) if k]
+    steps = [k for k in range(-reach, reach + 1) if k]
 
     def along(values: mi.Float, place: mi.Int32, size: mi.Int32, stride: int | mi.Int32) -> mi.Float:
-        """Sums of the entries up to ``REACH`` before and after, those beyond the border left out."""
+        """Sums of the entries up to ``reach`` before and after, those beyond the border left out."""
         return sum(dr.gather(mi.Float, values, i + k * stride, (place + k >= 0) & (place + k < size)) for k in steps)
 
     # First along the rows, then along the columns of their sums; the middle row is taken without the pixel.
@@ -75,7 +75,7 @@ def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32) -> list[
     sums = [sums + along(row, y, height, width) for sums, row in zip(beside, rows)]
 
     def within(place: mi.Int32, size: mi.Int32) -> mi.Int32:
-        return dr.minimum(place + REACH, size - 1) - dr.maximum(place - REACH, 0) + 1
+        return dr.minimum(place + reach, size - 1) - dr.maximum(place - reach, 0) + 1
 
     others = mi.Float(within(x, width) * within(y, height) - 1)
     return [dr.select(others > 0, values / others, dr.inf) for values in sums]

@@ -74,7 +74,7 @@ class ProsimAdaptive(WaveIntegrator):
                 self.sampler = child
         if len(nested) != 1:
             raise ValueError(
-                f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as <integrator type='path'/>."
+                f"prosim_adaptive: it holds {len(nested)} integrators; nest one, such as <integrator type='path'/>."
             )
         (self.nested,) = nested
         if not isinstance(self.nested, mi.SamplingIntegrator):

@@ -102,7 +102,14 @@ def pursue(
     def ended() -> bool:
         return cancelled() or target.left <= target.seconds / 100
 
-    while not ended():
+    def measure() -> None:
+        """Sees what the noise is now."""
+        if twin is not None:
+            twin.follow(state)
+            state.noise = twin.noise(state)
+
+    measure()
+    while not ended() and not state.noise <= target.noise:
         samples = state.samples()
         most = GROWTH * samples  # at a time, as the first samples know little
         if target.seconds:
@@ -112,10 +119,6 @@ def pursue(
             a_hundredth = speed * dr.width(need) * target.seconds / 100  # in samples: to end in time
             state.portion = max(1, int(a_hundredth)) if speed else None
         if twin is not None:
-            twin.follow(state)
-            state.noise = twin.noise(state)
-            if state.noise <= target.noise or ended():
-                break
             now = mean(variance / mi.Float(state.estimate.count))
             goal = now * (AIM * target.noise / state.noise) ** 2
 
@@ -132,6 +135,7 @@ def pursue(
         start = time.perf_counter()
         whole = state.grow(wanted, None, None, ended)
         speed = (state.samples() - samples) / max(time.perf_counter() - start, 1e-9)
+        measure()
         if tell is not None:
             tell(done(target, state.noise))
         yield state

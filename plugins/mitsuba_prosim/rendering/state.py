@@ -20,6 +20,10 @@ from .plan import Plan, Rectangle, area, index_within, pixels, widened
 KEPT = 1 << 30
 
 
+#: Pixels of a portion, where it is the number of their samples that bounds it.
+FEWEST = 4096
+
+
 class State:
     """The samples of an image so far.
 
@@ -89,7 +93,9 @@ class State:
             fewest = end + 1
         work, finished = sum(size * each for _, size, each in classes), 0
         for where, size, each in classes:
-            lanes = max(1, self.plan.band if self.portion is None else min(self.plan.band, self.portion // each))
+            lanes = max(min(self.plan.band, FEWEST), self.plan.band * min(self.plan.n**2, each) // each)
+            if self.portion is not None:
+                lanes = max(1, min(lanes, self.portion // each))
             for begin in range(0, size, lanes):
                 end = min(begin + lanes, size)
                 some = where
@@ -170,8 +176,8 @@ class State:
         return index_within(self.outer, x, y)
 
     def samples(self) -> float:
-        """Mean number of samples of the pixels that are known."""
-        return float(np.mean(np.array(self.estimate.count), dtype=np.float64))
+        """Mean number of samples of the pixels whose samples reach the window."""
+        return float(np.mean(np.array(self.counts()), dtype=np.float64))
 
     def counts(self) -> mi.UInt32:
         """Number of samples of each pixel whose samples reach the window, row by row."""

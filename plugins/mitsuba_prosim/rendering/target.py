@@ -14,7 +14,7 @@ import numpy as np
 from ..sampling.hash import hash32
 from .error import in_display_units
 from .estimate import Estimate
-from .plan import Plan, area, in_patterns, pixels
+from .plan import UNLIMITED, Plan, area, in_patterns, pixels
 from .state import State
 
 
@@ -91,6 +91,9 @@ def pursue(
     """Lets ``state`` grow, each pixel in proportion to its ``need``, until ``target`` is reached, and yields it after
     each wave. The target says how far it goes; the samples are always the first of each pixel.
     """
+    # Where all of the first samples agree, others may not: no pixel is left out for ever.
+    need = dr.minimum(need, float(UNLIMITED))
+    need = need + mean(need) / 20
     twin = Twin(state) if target.noise else None
     variance = display_variance(state.estimate)
     effort, speed = 0.0, 0.0
@@ -110,7 +113,7 @@ def pursue(
 
     measure()
     while not ended() and not state.noise <= target.noise:
-        samples = state.samples()
+        samples = mean(state.estimate.count)
         most = GROWTH * samples  # at a time, as the first samples know little
         if target.seconds:
             # The first wave was slow, as it had to compile; so the second is a small one. The last takes all.
@@ -134,7 +137,7 @@ def pursue(
             break  # each pixel has all that the plan allows
         start = time.perf_counter()
         whole = state.grow(wanted, None, None, ended)
-        speed = (state.samples() - samples) / max(time.perf_counter() - start, 1e-9)
+        speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
         measure()
         if tell is not None:
             tell(done(target, state.noise))
@@ -178,6 +181,6 @@ def done(target: Target, noise: float) -> float:
     return min(max(parts), 1.0)
 
 
-def mean(values: mi.Float) -> float:
+def mean(values: mi.Float | mi.UInt32) -> float:
     """Mean of an array, by NumPy: the order of the sum, and with it the bits, must not depend on the threads."""
     return float(np.mean(np.array(values), dtype=np.float64))

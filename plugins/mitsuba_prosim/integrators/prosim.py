@@ -181,7 +181,16 @@ class Prosim(WaveIntegrator):
         return "prosim"
 
     def parameter_names(self) -> list[str]:
-        names = ["max_level", "shadows", "ambient", "background", "diffuse_bounces", "cutoff", "rr_depth"]
+        names = [
+            "hide_emitters",
+            "max_level",
+            "shadows",
+            "ambient",
+            "background",
+            "diffuse_bounces",
+            "cutoff",
+            "rr_depth",
+        ]
         return super().parameter_names() + names
 
     @collector.suspended()

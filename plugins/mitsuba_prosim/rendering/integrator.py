@@ -11,14 +11,13 @@ import mitsuba as mi
 from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
 from . import collector
-from .accumulate import Image
 from .camera import ray_sampler, uncropped
 from .derivatives import Derivatives
 from .estimate import Estimator
 from .film import Channels
 from .plan import Plan, Sampling
 from .policies import POLICIES
-from .snapshot import Reached, Snapshot
+from .snapshot import Reached, Snapshot, put
 from .state import OWN_AOVS, State
 from .target import Target
 from .waves import waves
@@ -82,18 +81,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
 
     def parameter_names(self) -> list[str]:
         """Names of the parameters that ``str()`` shows."""
-        return [
-            "samples",
-            "adaptive",
-            "threshold",
-            "min_passes",
-            "max_samples",
-            "noise",
-            "time",
-            "hide_emitters",
-            "jitter",
-            "channels",
-        ]
+        return ["samples", "adaptive", "threshold", "min_passes", "max_samples", "noise", "time", "jitter", "channels"]
 
     def to_string(self) -> str:
         return describe(self, **{name: getattr(self, name) for name in self.parameter_names()}, aovs=self.aov_names())
@@ -113,7 +101,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         """
         if self._growing is not None:
             film, state = self._growing
-            self._put(film, state.image())
+            put(state, film)
 
     # ---------------------------------------------------------------- rendering
 
@@ -146,8 +134,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self, scene: mi.Scene, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> Iterator[Snapshot]:
         """Renders as :meth:`render` does, and yields a :class:`.Snapshot` after each wave, of which the first gives a
-        value to every pixel. In the end the film holds the image. Whoever stops in between calls :meth:`flush` for
-        that. Raises RuntimeError in scalar variants and within ``dr.freeze``.
+        value to every pixel. When the iterator has come to its end, or is closed, the film holds the image so far.
+        Raises RuntimeError in scalar variants and within ``dr.freeze``.
         """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(f"{self.name()}: there are no waves in scalar variants; use an llvm or cuda variant.")
@@ -170,12 +158,14 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 yield Snapshot(state, film, self.reached)
         finally:
             self._growing = None
-            self._put(film, state.image())
+            put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
         if self._scalar is not None:  # Mitsuba calls render() of this class once more
             return super().render(scene, sensor, *arguments)
+        if self.noise or self.time:
+            mi.Log(mi.LogLevel.Warn, f"{self.name()}: noise and time end nothing in scalar variants; the samples do.")
         self._scalar = self.transport(scene, sensor)
         try:
             return super().render(scene, sensor, *arguments)
@@ -223,12 +213,6 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 if next(steps, None) is None:
                     return
             yield state
-
-    @staticmethod
-    def _put(film: mi.Film, image: Image) -> None:
-        """Makes ``image`` what ``film`` holds."""
-        film.clear()
-        film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))
 
     # ---------------------------------------------------------------- derivatives
 

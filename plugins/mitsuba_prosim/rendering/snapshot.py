@@ -35,9 +35,7 @@ class Snapshot:
 
     def image(self) -> mi.TensorXf:
         """The developed image, shape (height, width, channels)."""
-        image = self.state.image()
-        self.film.clear()
-        self.film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))
+        put(self.state, self.film)
         return self.film.develop()
 
     def error(self) -> np.ndarray:
@@ -52,3 +50,10 @@ class Snapshot:
         x, y, width, height = pixels(self.state.plan.window)
         found = dr.gather(type(values), values, index_within(self.state.outer, x, y))
         return np.array(found).reshape(int(height[0]), int(width[0]))
+
+
+def put(state: State, film: mi.Film) -> None:
+    """Makes the image of ``state`` what ``film`` holds."""
+    image = state.image()
+    film.clear()
+    film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))

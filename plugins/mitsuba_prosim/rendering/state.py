@@ -77,20 +77,9 @@ class State:
         return True
 
     def _portions(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
-        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``. Those that lack
-        about as many go together, so that few lanes wait for others.
-        """
-        lacking = wanted - dr.minimum(self.estimate.count, wanted)
-        dr.eval(lacking)
-        fewest = int(dr.min(dr.select(lacking > 0, lacking, 0xFFFFFFFF))[0])
-        most = int(dr.max(lacking)[0])
-        classes = []
-        while most > 0 and fewest <= most:
-            end = fewest + fewest // 2
-            low, high = dr.opaque(mi.UInt32, fewest), dr.opaque(mi.UInt32, end)
-            where = dr.compress((lacking >= low) & (lacking <= high))
-            classes.append((where, dr.width(where), min(end, most)))
-            fewest = end + 1
+        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``."""
+        classes = self._classes(wanted)
+        everything = dr.width(wanted)
         work, finished = sum(size * each for _, size, each in classes), 0
         for where, size, each in classes:
             lanes = max(min(self.plan.band, FEWEST), self.plan.band * min(self.plan.n**2, each) // each)
@@ -104,11 +93,36 @@ class State:
 
                 def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
                     x, y = self._places(some)
+                    if dr.width(some) == everything:  # spares two copies of the state
+                        self.estimate = self._take(x, y, self.estimate, wanted, quiet)
+                        return
                     more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
                     self.estimate.put(more, some)
 
                 finished += (end - begin) * each
                 yield finished / work, portion
+
+    def _classes(self, wanted: mi.UInt32) -> list[tuple[mi.UInt32, int, int]]:
+        """The pixels that lack samples, in classes that lack about as many, so that few lanes wait for others:
+        ``(their indices, how many there are, most samples that one lacks)``.
+        """
+        lacking = wanted - dr.minimum(self.estimate.count, wanted)
+        dr.eval(lacking)
+        pixels = np.bincount(np.array(lacking))
+        pixels[0] = 0
+        classes, low = [], 0
+        for fewest in np.flatnonzero(pixels):
+            if fewest <= low:
+                continue
+            low = int(fewest + fewest // 2)
+            size = int(pixels[fewest : low + 1].sum())
+            if size == dr.width(wanted):
+                where = dr.arange(mi.UInt32, size)
+            else:
+                first, last = dr.opaque(mi.UInt32, int(fewest)), dr.opaque(mi.UInt32, low)
+                where = dr.compress((lacking >= first) & (lacking <= last))
+            classes.append((where, size, int(min(low, len(pixels) - 1))))
+        return classes
 
     def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""

@@ -43,12 +43,15 @@ class Derivatives:
         x, y, *_ = pixels(plan.region)
         with uncropped(self.sensor):
             self.estimator.rays = ray_sampler(self.sensor)
-            r = 0
-            while dr.width(taken := dr.compress(self.counts > r * plan.n)) > 0:
+            for plan, start in self.plan.passes():
+                taken = dr.compress(self.counts > start)
+                if dr.width(taken) == 0:
+                    break
+                self.estimator.plan = plan
                 lane = dr.arange(mi.UInt32, dr.width(taken) * plan.n)
                 pixel = dr.gather(mi.UInt32, taken, lane // plan.n)
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                t = dr.opaque(mi.UInt32, r * plan.n) + lane % plan.n
+                t = dr.opaque(mi.UInt32, start) + lane % plan.n
                 values, _, position = self.estimator.sample(px, py, t)
                 count = dr.gather(mi.UInt32, self.counts, pixel)
                 share = dr.select(t < count, dr.rcp(mi.Float(count)), 0)  # the last pass may be cut short
@@ -60,7 +63,6 @@ class Derivatives:
                         (dr.select(there, weight * share, 0), dr.select(there, index_within(plan.window, tx, ty), 0))
                     )
                 yield values, spread
-                r += 1
 
     def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""

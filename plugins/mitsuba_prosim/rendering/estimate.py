@@ -69,10 +69,12 @@ class Estimate:
         return [self.total, self.squares, self.pass_squares, self.in_pass, *self.sums]
 
     def error(self, n: int) -> mi.Float:
-        """Standard error of the mean luminance: between passes (of ``n`` samples) where there are two or more, all
-        whole.
+        """Standard error of the mean luminance: between passes (of ``n`` samples, 0 where they differ) where there are
+        two or more, all whole.
         """
         count = mi.Float(self.count)
+        if n == 0:
+            return standard_error(self.total, self.squares, count)
         passes = count / n
         between = error_between_passes(self.total / n, self.pass_squares, passes)
         whole = (self.count > n) & (self.count % n == 0)
@@ -159,7 +161,7 @@ class Estimator:
         """Goes on from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or are ``quiet`` after
         a pass. All arguments are evaluated arrays, so that one kernel serves every wave.
         """
-        n = self.plan.n
+        n = self.plan.permutations.n
         sampler = self._forked(dr.width(x))
 
         def unfinished(estimate: Estimate) -> mi.Bool:

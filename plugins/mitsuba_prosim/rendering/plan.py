@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -15,6 +17,9 @@ Rectangle = tuple[int, int, int, int]
 
 #: Part of a pattern's samples from which the pattern is worth while.
 WORTH_WHILE = 0.2
+
+#: First epoch of a plan that follows another.
+LATER = 1 << 16
 
 #: Most samples of a pixel where noise or time say when it is enough; and in N² where ``graded`` does.
 UNLIMITED, GRADED = 1 << 20, 4
@@ -60,6 +65,10 @@ class Plan:
     reach: int
     #: Pixels that are rendered at a time.
     band: int
+    #: The plan of the first samples of every pixel, where this one is for those that follow; and how many these are.
+    before: Plan | None = None
+    begin: int = 0
+    skipped: mi.UInt32 | None = None  # the same for kernels
 
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
@@ -99,7 +108,27 @@ class Plan:
         """The ``t``-th sample of the pixels (x, y), in every space: a pure function of seed, pixel and ``t``."""
         # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
-        return NRook.at(self.permutations, pixel_key(self.seed, pixel), t, self.jitter)
+        key = pixel_key(self.seed, pixel)
+        if self.before is None:
+            return NRook.at(self.permutations, key, t, self.jitter)
+        return NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)
+
+    def continued(self, n: int, begin: int) -> Plan:
+        """The plan by which all samples after the first ``begin`` are patterns of ``n``²."""
+        skipped = dr.opaque(mi.UInt32, begin)
+        return replace(self, n=n, permutations=Permutations(n, True), before=self, begin=begin, skipped=skipped)
+
+    def passes(self) -> Iterator[tuple[Plan, int]]:
+        """The passes of a pixel in their order, without end: ``(plan, number of the first sample)``."""
+        if self.before is not None:
+            yield from itertools.takewhile(lambda p: p[1] < self.begin, self.before.passes())
+        for r in itertools.count():
+            yield self, self.begin + r * self.n
+
+    @property
+    def pass_size(self) -> int:
+        """Samples of a pass; 0 where there are passes of two sizes."""
+        return self.n if self.before is None else 0
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
@@ -141,8 +170,8 @@ def in_patterns(plan: Plan, need: mi.Float) -> mi.UInt32:
     N² samples that fill their pattern can be ten times as good as as many that do not, so between the two there is
     nothing; and a pattern is worth while long before all of its samples are needed.
     """
-    size = plan.n**2
-    patterns = dr.maximum(dr.round(dr.minimum(need, 2.0**24) / size), 1)
-    enough = need <= max(plan.least, WORTH_WHILE * size)
-    counts = dr.select(enough, mi.UInt32(plan.least), mi.UInt32(patterns) * size)
+    size, begin = plan.n**2, plan.begin
+    patterns = dr.maximum(dr.round(dr.minimum(need - begin, 2.0**24) / size), 1)
+    enough = need <= max(plan.least, begin, begin + WORTH_WHILE * size)
+    counts = dr.select(enough, mi.UInt32(begin or plan.least), begin + mi.UInt32(patterns) * size)
     return dr.minimum(counts, dr.opaque(mi.UInt32, plan.most))

@@ -40,7 +40,7 @@ class Snapshot:
 
     def error(self) -> np.ndarray:
         """Standard error of the luminance of each pixel as its own samples show it, shape (height, width)."""
-        return self._picture(self.state.estimate.error(self.state.plan.n))
+        return self._picture(self.state.estimate.error(self.state.plan.pass_size))
 
     def counts(self) -> np.ndarray:
         """Number of samples of each pixel, shape (height, width)."""

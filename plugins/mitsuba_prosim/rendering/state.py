@@ -44,6 +44,10 @@ class State:
         self.noise = float("nan")
         self._image: Image | None = None  # where sums are not kept
 
+    def follow(self, plan: Plan) -> None:
+        """Takes all further samples by ``plan``."""
+        self.plan = self.estimator.plan = plan
+
     # ---------------------------------------------------------------- growing
 
     @collector.suspended()
@@ -180,7 +184,7 @@ class State:
             yield left, begin, right, min(begin + rows, bottom)
 
     def _add(self, image: Image, outer: Rectangle, band: Rectangle, estimate: Estimate) -> None:
-        aovs = [own_channel(name, estimate, self.plan.n) for name in self.own_aovs]
+        aovs = [own_channel(name, estimate, self.plan.pass_size) for name in self.own_aovs]
         image.add(outer, band, estimate.sums, estimate.count, aovs, self.plan.reach)
 
     # ---------------------------------------------------------------- what it knows

@@ -14,7 +14,7 @@ import numpy as np
 from ..sampling.hash import hash32
 from .error import in_display_units
 from .estimate import Estimate
-from .plan import UNLIMITED, Plan, area, in_patterns, pixels
+from .plan import UNLIMITED, area, in_patterns, pixels
 from .state import State
 
 
@@ -59,9 +59,8 @@ class Twin:
         chosen = dr.compress(hash32(hash32(index) + 1) % every == 0) if every > 1 else dr.arange(mi.UInt32, dr.width(x))
         self.x, self.y, self.index = (dr.gather(type(v), v, chosen) for v in (x, y, index))
         self.estimator = copy.copy(state.estimator)
-        seed = hash32(state.plan.seed + 1)
-        dr.make_opaque(seed)
-        self.estimator.plan = replace(state.plan, seed=seed)
+        self.seed = hash32(state.plan.seed + 1)
+        dr.make_opaque(self.seed)
         self.estimate = Estimate.nothing(self.estimator.values, dr.width(self.index))
         dr.eval(self.x, self.y, self.index)
 
@@ -69,6 +68,7 @@ class Twin:
         """Takes as many samples as ``state`` has."""
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
+        self.estimator.plan = replace(state.plan, seed=self.seed)
         self.estimate = self.estimator.take(self.x, self.y, self.estimate, end)
         dr.eval(self.estimate)
 
@@ -80,74 +80,99 @@ class Twin:
         return float(np.sqrt(mean(dr.square(difference)) / 2)) * state.estimator.smoothing
 
 
-def pursue(
-    target: Target,
-    plan: Plan,
-    state: State,
-    need: mi.Float,
-    tell: Callable[[float], None] | None = None,
-    cancelled: Callable[[], bool] = lambda: False,
-) -> Iterator[State]:
-    """Lets ``state`` grow, each pixel in proportion to its ``need``, until ``target`` is reached, and yields it after
-    each wave. The target says how far it goes; the samples are always the first of each pixel.
+class Pursuit:
+    """Lets ``state`` grow, each pixel in proportion to its ``need``, until ``target`` is reached. The target says how
+    many samples there are; each is a pure function of seed, pixel, pass and index as ever.
     """
-    # Where all of the first samples agree, others may not: no pixel is left out for ever.
-    need = dr.minimum(need, float(UNLIMITED))
-    need = need + mean(need) / 20
-    twin = Twin(state) if target.noise else None
-    variance = display_variance(state.estimate)
-    effort, speed = 0.0, 0.0
 
-    def after(effort: float) -> mi.UInt32:
-        """Counts that an effort leads to."""
-        return dr.maximum(in_patterns(plan, need * dr.opaque(mi.Float, effort)), state.estimate.count)
+    #: A wave takes so many times the samples that there are, at most, as the first ones know little; and aims at a
+    #: noise that is a little smaller.
+    GROWTH, AIM = 4.0, 0.96
 
-    def ended() -> bool:
-        return cancelled() or target.left <= target.seconds / 100
+    def __init__(self, target: Target, state: State, need: mi.Float, cancelled: Callable[[], bool]) -> None:
+        self.target, self.state, self.cancelled = target, state, cancelled
+        # Where all of the first samples agree, others may not: no pixel is left out for ever.
+        need = dr.minimum(need, float(UNLIMITED))
+        self.need = need + mean(need) / 20
+        self.twin = Twin(state) if target.noise else None
+        self.variance = display_variance(state.estimate)
+        self.effort = self.speed = 0.0  # speed: samples of a pixel, in the mean, in a second
 
-    def measure() -> None:
-        """Sees what the noise is now."""
-        if twin is not None:
-            twin.follow(state)
-            state.noise = twin.noise(state)
+    def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
+        """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
+        state = self.state
+        self._measure()
+        while not self._ended() and not state.noise <= self.target.noise:
+            samples = mean(state.estimate.count)
+            self._choose_patterns(samples)
+            wanted = self._next(samples)
+            if not dr.any(wanted > state.estimate.count):
+                break  # each pixel has all that the plan allows
+            start = time.perf_counter()
+            whole = state.grow(wanted, None, None, self._ended)
+            self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
+            self._measure()
+            if tell is not None:
+                tell(done(self.target, state.noise))
+            yield state
+            if not whole:
+                break
 
-    measure()
-    while not ended() and not state.noise <= target.noise:
-        samples = mean(state.estimate.count)
-        most = GROWTH * samples  # at a time, as the first samples know little
+    def _ended(self) -> bool:
+        return self.cancelled() or self.target.left <= self.target.seconds / 100
+
+    def _measure(self) -> None:
+        if self.twin is not None:
+            self.twin.follow(self.state)
+            self.state.noise = self.twin.noise(self.state)
+
+    def _choose_patterns(self, samples: float) -> None:
+        """Larger patterns from now on, if many samples are to come; once."""
+        plan, target = self.state.plan, self.target
+        if plan.before is not None or (target.seconds and not self.speed):
+            return
+        expected = float(UNLIMITED)
+        if target.noise:
+            expected = samples * (self.state.noise / target.noise) ** 2
+        if target.seconds:
+            expected = min(expected, samples + self.speed * target.left)
+        n = size_of_patterns(expected)
+        if n > 1.3 * plan.n:
+            self.state.follow(plan.continued(n, int(dr.max(self.state.estimate.count)[0])))
+
+    def _next(self, samples: float) -> mi.UInt32:
+        """The counts that the next wave leads to."""
+        state, target = self.state, self.target
+        most, goal = self.GROWTH * samples, 0.0
         if target.seconds:
             # The first wave was slow, as it had to compile; so the second is a small one. The last takes all.
             share = 0.9 if target.left < target.seconds / 5 else 0.5
-            most = min(most, samples + speed * target.left * share) if speed else 1.5 * samples
-            a_hundredth = speed * dr.width(need) * target.seconds / 100  # in samples: to end in time
-            state.portion = max(1, int(a_hundredth)) if speed else None
-        if twin is not None:
-            now = mean(variance / mi.Float(state.estimate.count))
-            goal = now * (AIM * target.noise / state.noise) ** 2
+            most = min(most, samples + self.speed * target.left * share) if self.speed else 2 * samples
+            a_hundredth = self.speed * dr.width(self.need) * target.seconds / 100  # in samples: to end in time
+            state.portion = max(1, int(a_hundredth)) if self.speed else None
+        if target.noise:
+            # Well-filled patterns are better than the first samples promise: not all of a long way at once.
+            now = mean(self.variance / mi.Float(state.estimate.count))
+            way = (state.noise / (self.AIM * target.noise)) ** 2
+            goal = now / (way if way < 2 else way**0.7)
+
+        def after(effort: float) -> mi.UInt32:
+            counts = in_patterns(state.plan, self.need * dr.opaque(mi.Float, effort))
+            return dr.maximum(counts, state.estimate.count)
 
         def reaches(effort: float) -> bool:
-            """Whether the next wave need not go beyond an effort."""
             counts = mi.Float(after(effort))
-            enough = twin is not None and mean(variance / counts) <= goal  # noqa: B023 (called in this turn alone)
-            return enough or mean(counts) >= most  # noqa: B023
+            return mean(counts) >= most or (target.noise > 0 and mean(self.variance / counts) <= goal)
 
-        effort = least(reaches, effort)
-        wanted = after(effort)
-        if not dr.any(wanted > state.estimate.count):
-            break  # each pixel has all that the plan allows
-        start = time.perf_counter()
-        whole = state.grow(wanted, None, None, ended)
-        speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
-        measure()
-        if tell is not None:
-            tell(done(target, state.noise))
-        yield state
-        if not whole:
-            break
+        self.effort = least(reaches, self.effort)
+        return after(self.effort)
 
 
-#: A wave takes so many times the samples that there are, at most; and aims at a noise that is a little smaller.
-GROWTH, AIM = 4.0, 0.96
+def size_of_patterns(expected: float) -> int:
+    """N for patterns of which a pixel takes some, where it is expected to get so many samples in the mean: the
+    larger a pattern, the better each of its samples; the smaller, the nearer each pixel comes to what it needs.
+    """
+    return round(min((expected / 4) ** 0.5, 32))
 
 
 def display_variance(estimate: Estimate) -> mi.Float:

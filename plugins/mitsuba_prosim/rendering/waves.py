@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from .plan import Plan, in_patterns
 from .state import State
-from .target import Target, pursue
+from .target import Pursuit, Target
 
 
 def waves(
@@ -35,7 +35,7 @@ def waves(
         return
     need = state.judge(policy.need, policy.reach)
     if target:
-        yield from pursue(target, plan, state, need, tell, cancelled)
+        yield from Pursuit(target, state, need, cancelled).waves(tell)
         return
     state.grow(in_patterns(plan, need), policy.quiet, part(tell, begun, 1), cancelled)
     yield state

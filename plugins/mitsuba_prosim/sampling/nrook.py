@@ -47,19 +47,21 @@ class Permutations:
     places, so that every element is equally likely to stand in every place. (``mi.permute_kensler`` is five times
     slower, and its permutations of few elements are far from equally likely.)
 
-    ``n``: number of elements, at least 1.
+    ``n``: number of elements, at least 1; ``shared``: whether the kernels are to be the same for every ``n``, which
+    makes them a little slower.
     """
 
     ALL_UP_TO = 6
 
-    def __init__(self, n: int) -> None:
-        self.n = n
+    def __init__(self, n: int, shared: bool = False) -> None:
         table = self._rows(n)
-        self.count = len(table)
+        self.n, self.count, self.turned = n, len(table), shared or n > self.ALL_UP_TO
         self.table = table.ravel()
         if dr.is_jit_v(mi.UInt32):
             self.table = mi.UInt32(self.table)
             dr.make_opaque(self.table)
+            if shared:
+                self.n, self.count = dr.opaque(mi.UInt32, n), dr.opaque(mi.UInt32, len(table))
 
     @classmethod
     @functools.cache
@@ -72,7 +74,7 @@ class Permutations:
     def __call__(self, h: int | mi.UInt32, i: int | mi.UInt32) -> int | mi.UInt32:
         """Place ``i`` (0 .. n-1) of the permutation that the hash ``h`` (32 bits) chooses."""
         row = scale(h, self.count) * self.n
-        if self.n > self.ALL_UP_TO:
+        if self.turned:
             # The row comes from the upper bits of the hash; the product's upper bits come from all.
             i = i + scale(h * GOLDEN & 0xFFFFFFFF, self.n)
             i = dr.select(i >= self.n, i - self.n, i)
@@ -109,12 +111,21 @@ class NRook:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
 
     @classmethod
-    def at(cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi") -> NRook:
-        """The ``t``-th samples of all (from 0): N samples a pass, N passes an epoch, as many epochs as are wanted."""
+    def at(
+        cls,
+        permutations: Permutations,
+        key: int | mi.UInt32,
+        t: int | mi.UInt32,
+        jitter: str = "multi",
+        first_epoch: int = 0,
+    ) -> NRook:
+        """The ``t``-th samples of all (from 0): N samples a pass, N passes an epoch, as many epochs as are wanted,
+        beginning with ``first_epoch``.
+        """
         n = permutations.n
         r = t // n
         epoch = r // n
-        return cls(permutations, epoch_key(key, epoch), r - epoch * n, t - r * n, jitter)
+        return cls(permutations, epoch_key(key, epoch + first_epoch), r - epoch * n, t - r * n, jitter)
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
         """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/stage.py``)."""

@@ -154,10 +154,6 @@ class Prosim(WaveIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        if mi.is_polarized:
-            raise ValueError(
-                "prosim: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
-            )
         self.max_level = whole(props, "max_level", 4, -1)
         self.diffuse_bounces = whole(props, "diffuse_bounces", 0, -1)
         if self.diffuse_bounces == 0 and not 0 <= self.max_level <= DEEPEST_TREE:

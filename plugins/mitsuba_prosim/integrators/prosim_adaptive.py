@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import plugin
 from ..rendering.film import aov_values
-from ..rendering.integrator import WaveIntegrator
+from ..rendering.integrator import WaveIntegrator, with_more_channels
 from ..transport.nested import Nested
 
 
@@ -67,11 +66,13 @@ class ProsimAdaptive(WaveIntegrator):
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         nested: list[mi.Integrator] = []
-        for _, child in props.objects():
+        for name, child in props.objects():
             if isinstance(child, mi.Integrator):
                 nested.append(child)
-            elif isinstance(child, mi.Sampler):
+            elif isinstance(child, mi.Sampler) and self.sampler is None:
                 self.sampler = child
+            else:
+                raise reject(props, name, child.class_name(), "one integrator, and one sampler at most")
         if len(nested) != 1:
             raise ValueError(
                 f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as <integrator type='path'/>."
@@ -116,11 +117,7 @@ class ProsimAdaptive(WaveIntegrator):
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
-        height, width, channels = gradient.shape
-        own = len(self.aov_names()) - len(self.nested.aov_names())
-        complete = dr.zeros(mi.TensorXf, (height, width, channels + own))
-        complete[:, :, :channels] = gradient
-        return complete
+        return with_more_channels(gradient, len(self.aov_names()) - len(self.nested.aov_names()))
 
     def render_backward(
         self,

@@ -151,7 +151,9 @@ def test_channels_of_the_nested_integrator_come_first(variant_rgb):
 
 
 def test_further_channels_change_no_sample(variant_rgb):
-    plain, more = (renderings(penumbra(COPPER, **adaptive("path", **s)), 1) for s in ({}, {"aovs": "samples,n:sh_normal"}))
+    plain, more = (
+        renderings(penumbra(COPPER, **adaptive("path", **s)), 1) for s in ({}, {"aovs": "samples,n:sh_normal"})
+    )
     assert np.array_equal(plain, more[..., :3])
 
 

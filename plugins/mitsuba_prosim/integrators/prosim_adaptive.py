@@ -30,7 +30,8 @@ class ProsimAdaptive(WaveIntegrator):
 
      * - (Nested plugin)
        - :paramtype:`sampler`
-       - What it draws from. (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
+       - What it draws from, in the place of our patterns, which are lost then; its own sample count is replaced.
+         (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
          dimension and index)
 
      * - samples, adaptive, threshold, min_passes, max_samples, noise, time, jitter, channels, aovs, band
@@ -40,7 +41,8 @@ class ProsimAdaptive(WaveIntegrator):
     Takes samples where they are needed, until the noise is small enough or the time is up, as :ref:`integrator-prosim`
     does: it is the same engine. The image has the expected value of the nested integrator's own. By default it is the
     same to the bit for any crop window, :monosp:`band` and number of threads; a sampler that is given has a state, so
-    that this no longer holds. The sensor's sampler is not used.
+    that this no longer holds; nor does it for crop windows with :monosp:`noise`, nor with :monosp:`time`. The sensor's
+    sampler is not used.
 
     Derivatives are the nested integrator's, by uniform sampling with its own means; the image is ours. In scalar
     variants, and nested in another integrator, every pixel gets the sample count of the sensor's sampler, and that
@@ -75,7 +77,8 @@ class ProsimAdaptive(WaveIntegrator):
                 raise reject(props, name, child.class_name(), "one integrator, and one sampler at most")
         if len(nested) != 1:
             raise ValueError(
-                f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as <integrator type='path'/>."
+                f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as "
+                "<integrator type='path'/>."
             )
         (self.nested,) = nested
         if not isinstance(self.nested, mi.SamplingIntegrator):

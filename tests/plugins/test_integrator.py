@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.rendering.camera import ray_sampler
+from mitsuba_prosim.rendering.policies import POLICIES
 from scenes import alone, penumbra, rgb
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
@@ -186,7 +187,7 @@ def test_channels(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("adaptive", ["neighbours", "thesis", "none"])
+@pytest.mark.parametrize("adaptive", ["neighbours", "thesis", "none", "graded"])
 @pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
 def test_bands_and_crops_do_not_change_a_bit(variant_rgb, monkeypatch, adaptive, rfilter):
     """Nor does it matter whether the sums are kept from wave to wave."""
@@ -205,13 +206,14 @@ def test_bands_and_crops_do_not_change_a_bit(variant_rgb, monkeypatch, adaptive,
 
 
 @pytest.mark.slow
-def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
+@pytest.mark.parametrize("adaptive", ["neighbours", "graded"])
+def test_the_number_of_threads_does_not_change_a_bit(variant_rgb, adaptive):
     threads = dr.thread_count()
     try:
         images = []
         for count in (1, 2, 5):
             dr.set_thread_count(count)
-            images.append(render(penumbra(COPPER, rfilter="gaussian", type="prosim")))
+            images.append(render(penumbra(COPPER, rfilter="gaussian", type="prosim", adaptive=adaptive)))
     finally:
         dr.set_thread_count(threads)
     assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
@@ -483,7 +485,7 @@ def test_grazing_roughness(variant_rgb):
 
 def test_wrong_parameters_are_named(variant_rgb):
     for settings, message in (
-        ({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: one of neighbours, thesis, none'),
+        ({"adaptive": "always"}, 'parameter "adaptive" is .always.; allowed: one of ' + ", ".join(POLICIES)),
         ({"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
         ({"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
         ({"channels": "rgx"}, 'parameter "channels"'),

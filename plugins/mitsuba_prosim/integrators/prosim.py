@@ -27,23 +27,31 @@ class Prosim(WaveIntegrator):
 
      * - samples
        - |int|
-       - :math:`N`: samples of a first pass; a pixel gets at most :math:`N^2` (Default: 5)
+       - :math:`N`: samples of a pass; :math:`N` passes fill a pattern of :math:`N^2` (Default: 5)
 
      * - adaptive
        - |string|
        - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the 24 pixels around it are noisy.
-         :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet. :monosp:`none`: always
-         :math:`N^2`. (Default: :monosp:`neighbours`)
+         :monosp:`graded`: it gets as many patterns of :math:`N^2` as the variance within these asks for, or the first
+         passes alone. :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet. :monosp:`none`:
+         always :math:`N^2`. (Default: :monosp:`neighbours`)
 
      * - threshold
        - |float|
-       - Standard error that is small enough: of the displayed value, white being 1, for :monosp:`neighbours`; of
-         the radiance for :monosp:`thesis` (Default: 0.006)
+       - Standard error that is small enough: of the displayed value, white being 1, for :monosp:`neighbours` and
+         :monosp:`graded`; of the radiance for :monosp:`thesis` (Default: 0.006)
 
      * - min_passes, max_samples
        - |int|
-       - Passes that every pixel gets (Default: 1) and the most samples that one may get, at most :math:`N^2`; where it
-         is no multiple of :math:`N`, the last pass is cut short (Default: :math:`N^2`)
+       - Passes that every pixel gets (Default: 1) and the most samples that one may get; where it is no multiple of
+         :math:`N`, the last pass is cut short. More than :math:`N^2` begin new patterns. (Default: :math:`N^2`,
+         four times as many for :monosp:`graded`, and any with :monosp:`noise` or :monosp:`time`)
+
+     * - noise, time
+       - |float|
+       - The image is taken on until the root mean square of its standard error, in the units of the displayed value, is
+         at most :monosp:`noise`, or so many seconds have passed, whichever is first. Not with :monosp:`thesis`.
+         (Default: 0, not asked for)
 
      * - max_level
        - |int|
@@ -109,11 +117,12 @@ class Prosim(WaveIntegrator):
     find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
     sampled by their own methods.
 
-    Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns.
-    A sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
-    threads do not change a bit of the image. The film's reconstruction filter weights each sample by one over
-    the number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` given to ``render()``
-    replaces :monosp:`max_samples`, and :monosp:`samples` by its square root, rounded up.
+    Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
+    sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
+    threads do not change a bit of the image (with :monosp:`noise`, crop windows do; with :monosp:`time`, all may). The
+    film's reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's
+    sampler is not used. A nonzero :monosp:`spp` given to ``render()`` stands for :math:`N^2`, in the place of
+    :monosp:`max_samples` and :monosp:`samples`; :monosp:`graded` may take up to four times as many in a pixel.
 
     The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no
     separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
@@ -154,10 +163,6 @@ class Prosim(WaveIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        if mi.is_polarized:
-            raise ValueError(
-                "prosim: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
-            )
         self.max_level = whole(props, "max_level", 4, -1)
         self.diffuse_bounces = whole(props, "diffuse_bounces", 0, -1)
         if self.diffuse_bounces == 0 and not 0 <= self.max_level <= DEEPEST_TREE:

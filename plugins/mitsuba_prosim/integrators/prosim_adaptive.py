@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import plugin
 from ..rendering.film import aov_values
-from ..rendering.integrator import WaveIntegrator
+from ..rendering.integrator import WaveIntegrator, with_more_channels
 from ..transport.nested import Nested
 
 
@@ -31,7 +30,8 @@ class ProsimAdaptive(WaveIntegrator):
 
      * - (Nested plugin)
        - :paramtype:`sampler`
-       - What it draws from. (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
+       - What it draws from, in the place of our patterns, which are lost then; its own sample count is replaced.
+         (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
          dimension and index)
 
      * - samples, adaptive, threshold, min_passes, max_samples, noise, time, jitter, channels, aovs, band
@@ -41,7 +41,8 @@ class ProsimAdaptive(WaveIntegrator):
     Takes samples where they are needed, until the noise is small enough or the time is up, as :ref:`integrator-prosim`
     does: it is the same engine. The image has the expected value of the nested integrator's own. By default it is the
     same to the bit for any crop window, :monosp:`band` and number of threads; a sampler that is given has a state, so
-    that this no longer holds. The sensor's sampler is not used.
+    that this no longer holds; nor does it for crop windows with :monosp:`noise`, nor with :monosp:`time`. The sensor's
+    sampler is not used.
 
     Derivatives are the nested integrator's, by uniform sampling with its own means; the image is ours. In scalar
     variants, and nested in another integrator, every pixel gets the sample count of the sensor's sampler, and that
@@ -67,14 +68,17 @@ class ProsimAdaptive(WaveIntegrator):
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         nested: list[mi.Integrator] = []
-        for _, child in props.objects():
+        for name, child in props.objects():
             if isinstance(child, mi.Integrator):
                 nested.append(child)
-            elif isinstance(child, mi.Sampler):
+            elif isinstance(child, mi.Sampler) and self.sampler is None:
                 self.sampler = child
+            else:
+                raise reject(props, name, child.class_name(), "one integrator, and one sampler at most")
         if len(nested) != 1:
             raise ValueError(
-                f"prosim_adaptive: it holds {len(nested)} integrators; nest one, such as <integrator type='path'/>."
+                f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as "
+                "<integrator type='path'/>."
             )
         (self.nested,) = nested
         if not isinstance(self.nested, mi.SamplingIntegrator):
@@ -116,11 +120,7 @@ class ProsimAdaptive(WaveIntegrator):
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
-        height, width, channels = gradient.shape
-        own = len(self.aov_names()) - len(self.nested.aov_names())
-        complete = dr.zeros(mi.TensorXf, (height, width, channels + own))
-        complete[:, :, :channels] = gradient
-        return complete
+        return with_more_channels(gradient, len(self.aov_names()) - len(self.nested.aov_names()))
 
     def render_backward(
         self,

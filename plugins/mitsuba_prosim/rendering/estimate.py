@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,11 +21,11 @@ from .plan import Plan
 if TYPE_CHECKING:
     from .camera import RaySampler
 
+    #: From the sums of the luminance and of its square over the first ``t`` samples: which pixels need no more.
+    Quiet = Callable[[mi.Float, mi.Float, mi.UInt32], mi.Bool]
+
 #: A sample counts as no brighter than this in what is said of the error: the squares of N² samples stay finite.
 BRIGHTEST = 1e16
-
-#: From the sums of the luminance and of its square over the first ``t`` samples: which pixels need no more.
-Quiet = Callable[[mi.Float, mi.Float, mi.UInt32], mi.Bool]
 
 
 @dataclass
@@ -179,6 +180,8 @@ class Estimator:
             sums = [s + w * v for s, (w, v) in zip(estimate.sums, self.spread(values, position))]
             luminance = dr.clip(luminance, -BRIGHTEST, BRIGHTEST)
             in_pass = estimate.in_pass + luminance
+            if sampler is not None:
+                sampler.advance()
             last = (t + 1) % n == 0
             estimate = Estimate(
                 sums,
@@ -204,6 +207,9 @@ class Estimator:
         if self.sampler is None:
             return None
         sampler = self.sampler.fork()
+        # Where samplers permute strata, an index beyond their number would never come to an end; powers of four suit
+        # them all.
+        sampler.set_sample_count(4 ** math.ceil(math.log(self.plan.most, 4)))
         self.seeded += 1
         sampler.seed(combine(hash32(int(self.plan.seed[0])), self.seeded), lanes)
         return sampler

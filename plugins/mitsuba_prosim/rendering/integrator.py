@@ -30,6 +30,10 @@ class WaveIntegrator(mi.SamplingIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
+        if mi.is_polarized:
+            raise ValueError(
+                f"{self.name()}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
+            )
         self.samples = whole(props, "samples", 5, 1)
         self.threshold = number(props, "threshold", 0.006, 0)
         self.min_passes = whole(props, "min_passes", 1, 1)
@@ -157,6 +161,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 self.reached = Reached(state.samples(), state.noise, target.passed)
                 yield Snapshot(state, film, self.reached)
         finally:
+            self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
             put(state, film)
 
@@ -224,13 +229,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         image = derivatives.develop(derivatives.attached_storage(), self.aov_names())
         dr.forward_to(image)
         gradient = dr.grad(image)
-        # What the integrator says of itself comes last, and has no derivatives.
-        height, width, channels = gradient.shape
-        all_channels = channels + len(self.own_aovs)
-        complete = dr.zeros(mi.Float, height * width * all_channels)
-        i = dr.arange(mi.UInt32, height * width * channels)
-        dr.scatter(complete, gradient.array, i // channels * all_channels + i % channels)
-        return mi.TensorXf(complete, (height, width, all_channels))
+        return with_more_channels(gradient, len(self.own_aovs))  # what it says of itself has no derivatives
 
     @collector.suspended()
     def render_backward(
@@ -258,3 +257,12 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 pass
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())
+
+
+def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
+    """``image``, shape (height, width, channels), and so many further channels of zeros, which come last."""
+    height, width, channels = image.shape
+    complete = dr.zeros(mi.Float, height * width * (channels + more))
+    i = dr.arange(mi.UInt32, height * width * channels)
+    dr.scatter(complete, image.array, i // channels * (channels + more) + i % channels)
+    return mi.TensorXf(complete, (height, width, channels + more))

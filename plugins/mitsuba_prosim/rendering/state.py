@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -11,8 +12,11 @@ import numpy as np
 
 from . import collector
 from .accumulate import Image
-from .estimate import Estimate, Estimator, Quiet
+from .estimate import Estimate, Estimator
 from .plan import Plan, Rectangle, area, index_within, pixels, widened
+
+if TYPE_CHECKING:
+    from .estimate import Quiet
 
 #: Bytes that the sums of all pixels may take. Each has as many as its filter reaches pixels, times the channels: where
 #: that is more (images beyond 1920 x 1080 with a wide filter, for example), they are not kept from wave to wave, but

@@ -1,0 +1,297 @@
+"""The prosim_adaptive integrator: another integrator's image, by our samples (chapter 4, sections 4.2.1 and 5.3.2)."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from image_statistics import renderings, same_expectation
+from scenes import penumbra, rgb
+
+COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
+
+
+def adaptive(nested, **settings):
+    """The integrator's entry around ``nested``, the name of one or its entry."""
+    return {
+        "type": "prosim_adaptive",
+        "nested": {"type": nested} if isinstance(nested, str) else nested,
+        "adaptive": "graded",
+        **settings,
+    }
+
+
+def compare(scene, nested, spp=64, count=16, **settings):
+    """Whether ``nested`` by itself and within ours may have the same expectation in ``scene``."""
+    nested = {"type": nested} if isinstance(nested, str) else nested
+    alone = renderings({**scene, "integrator": nested}, count, spp=spp)
+    ours = renderings({**scene, "integrator": adaptive(nested, **settings)}, count, first_seed=1000)
+    return same_expectation(alone, ours[..., : alone.shape[3]])
+
+
+def foggy(inside=False):
+    """A ball within a homogeneous medium that fills a box, and the camera as well if it is ``inside``."""
+    scene = penumbra(COPPER)
+    fog = {"type": "homogeneous", "albedo": 0.7, "sigma_t": 0.25}
+    if inside:
+        scene["sensor"]["medium"] = fog
+        for name in ("floor", "wall"):
+            scene[name]["exterior"] = fog
+        return scene
+    scene["box"] = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().translate([0, 1, 0]).scale([1.8, 0.95, 1.5]),
+        "bsdf": {"type": "null"},
+        "interior": {**fog, "sigma_t": 1.0},
+    }
+    scene["light"]["emitter"]["radiance"] = rgb(60, 60, 60)
+    return scene
+
+
+# ------------------------------------------------------------------ the nested integrator's image
+
+
+@pytest.mark.parametrize(
+    "rfilter", ["box", *(pytest.param(f, marks=pytest.mark.slow) for f in ("gaussian", "mitchell"))]
+)
+def test_the_expectation_is_that_of_path(variant_rgb, rfilter):
+    assert compare(penumbra(COPPER, rfilter=rfilter), "path")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nested", ["direct", "prb", "volpath", "prb_basic", {"type": "prosim", "max_level": 2}])
+def test_the_expectation_is_that_of_any_integrator(variant_rgb, nested):
+    assert compare(penumbra(COPPER), nested)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", ["none", "neighbours", "graded"])
+def test_the_expectation_is_that_of_path_with_any_policy(variant_rgb, policy):
+    assert compare(penumbra(COPPER), "path", adaptive=policy)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("inside", [False, True], ids=["a cloud", "the camera within"])
+def test_the_expectation_is_that_of_volpath_in_a_medium(variant_rgb, inside):
+    scene = foggy(inside)
+    clear = {key: value for key, value in penumbra(COPPER).items() if key != "integrator"}
+    clear["light"] = scene["light"]
+    assert compare(scene, {"type": "volpath", "max_depth": 6})
+    foggy_mean, clear_mean = (
+        renderings({**s, "integrator": adaptive({"type": "volpath", "max_depth": 6})}, 2).mean() for s in (scene, clear)
+    )
+    assert abs(foggy_mean / clear_mean - 1) > 0.05  # the medium is there
+
+
+@pytest.mark.slow
+def test_the_expectation_is_that_of_path_through_a_thin_lens_and_in_a_crop(variant_rgb):
+    scene = penumbra(COPPER, rfilter="gaussian")
+    scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.3, "focus_distance": 5.0}
+    whole = renderings({**scene, "integrator": {"type": "path"}}, 16, spp=64)
+    scene["sensor"]["film"] |= {"crop_offset_x": 4, "crop_offset_y": 8, "crop_width": 24, "crop_height": 16}
+    crop = renderings({**scene, "integrator": adaptive("path")}, 16, first_seed=1000)
+    assert same_expectation(whole[:, 8:24, 4:28], crop)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampler", ["independent", "multijitter", "stratified"])
+def test_a_sampler_that_is_given_is_drawn_from(variant_rgb, sampler):
+    scene = penumbra(COPPER)
+    assert compare(scene, "path", sampler={"type": sampler})
+    ours = renderings({**scene, "integrator": adaptive("path")}, 1)
+    given, other = renderings({**scene, "integrator": adaptive("path", sampler={"type": sampler})}, 2)
+    assert not np.array_equal(given, ours[0]) and not np.array_equal(given, other)
+
+
+@pytest.mark.slow
+def test_the_expectation_is_that_of_path_in_spectral_variants(variant_spectral):
+    assert compare(penumbra(COPPER), "path")
+
+
+@pytest.mark.slow
+def test_the_expectation_is_that_of_path_in_mono_variants(variant_mono):
+    assert compare(penumbra(COPPER), "path")
+
+
+def test_scalar_variants_render_as_the_nested_integrator_does(variant_scalar):
+    """By the sensor's sampler, so to the bit."""
+    scene = mi.load_dict(penumbra(COPPER, size=8))
+    alone, ours = (
+        np.array(mi.render(scene, integrator=mi.load_dict(i), spp=4)) for i in ({"type": "path"}, adaptive("path"))
+    )
+    assert np.array_equal(alone, ours) and alone.max() > 0
+
+
+@pytest.mark.slow
+def test_the_expectation_within_another_integrator_is_that_of_path(variant_rgb):
+    alone, ours = (
+        renderings(penumbra(COPPER, type="aov", aovs="d:depth", image=image), 16, spp=64, first_seed=first)
+        for image, first in (({"type": "path"}, 0), (adaptive("path"), 100))
+    )
+    assert same_expectation(alone[..., :3], ours[..., :3])
+
+
+# ------------------------------------------------------------------ channels
+
+
+def test_channels_of_the_nested_integrator_come_first(variant_rgb):
+    """Then those that ``aovs`` asks for; each with the values of Mitsuba's own."""
+    nested = {"type": "aov", "aovs": "d:depth", "image": {"type": "path"}}
+    integrator = mi.load_dict(adaptive(nested, aovs="n:sh_normal,samples,error"))
+    assert integrator.aov_names() == (
+        ["image.R", "image.G", "image.B", "image.A", "d.T", "n.X", "n.Y", "n.Z", "samples", "error"]
+    )
+    scene = mi.load_dict(penumbra(COPPER))
+    image = np.array(mi.render(scene, integrator=integrator))
+    assert image.shape == (32, 32, 3 + 10)
+    assert np.array_equal(image[..., :3], image[..., 3:6])
+    reference = mi.load_dict({"type": "aov", "aovs": "d:depth,n:sh_normal"})
+    expected = np.array(mi.render(scene, integrator=reference, spp=256))[..., -4:]
+    assert np.allclose(image[-4:, :8, 7:11], expected[-4:, :8], rtol=0.02, atol=1e-6)
+    assert image[..., -2].min() >= 5 and image[..., -2].max() > 25 and image[..., -1].max() > 0
+
+
+def test_further_channels_change_no_sample(variant_rgb):
+    plain, more = (
+        renderings(penumbra(COPPER, **adaptive("path", **s)), 1) for s in ({}, {"aovs": "samples,n:sh_normal"})
+    )
+    assert np.array_equal(plain, more[..., :3])
+
+
+# ------------------------------------------------------------------ the same image, bit by bit
+
+
+def image(rfilter="gaussian", band=1 << 18, settings=None, **film):
+    scene = penumbra(COPPER, rfilter=rfilter, **adaptive("path", band=band, aovs="samples", **(settings or {})))
+    scene["sensor"]["film"] |= {"width": 40, "height": 24, **film}
+    return np.array(mi.render(mi.load_dict(scene), seed=3))
+
+
+def test_bands_and_crops_do_not_change_a_bit(variant_rgb, monkeypatch):
+    """Nor does it matter whether the sums are kept from wave to wave."""
+    whole = image()
+    assert len(np.unique(whole[..., -1])) > 2
+    assert np.array_equal(whole, image(band=333))
+    crop = image(crop_offset_x=7, crop_offset_y=11, crop_width=20, crop_height=9)
+    assert np.array_equal(whole[11:20, 7:27], crop)
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    assert np.array_equal(whole, image(band=333))
+
+
+@pytest.mark.slow
+def test_the_number_of_threads_does_not_change_a_bit(variant_rgb):
+    threads = dr.thread_count()
+    try:
+        images = []
+        for count in (1, 2, 5):
+            dr.set_thread_count(count)
+            images.append(image())
+    finally:
+        dr.set_thread_count(threads)
+    assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", [1, 3])
+def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb, monkeypatch, threads):
+    whole, before = image(settings={"noise": 0.01}), dr.thread_count()
+    try:
+        dr.set_thread_count(threads)
+        assert np.array_equal(whole, image(settings={"noise": 0.01}, band=100))
+    finally:
+        dr.set_thread_count(before)
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    assert np.array_equal(whole, image(settings={"noise": 0.01}))
+
+
+def test_nothing_is_compiled_again(variant_rgb):
+    """Seeds, thresholds, limits and targets share their kernels."""
+
+    def compiled(seed, **settings):
+        scene = mi.load_dict(penumbra(COPPER, **adaptive("path", **settings)))
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            mi.render(scene, seed=seed)
+            return sum(not kernel["cache_hit"] for kernel in dr.kernel_history([dr.KernelType.JIT]))
+
+    compiled(1)
+    assert compiled(2) == 0
+    assert compiled(3, threshold=0.003) == 0
+    assert compiled(3, max_samples=75) == 0
+    compiled(4, noise=0.02)
+    assert compiled(5, noise=0.02) == 0
+
+
+# ------------------------------------------------------------------ derivatives
+
+
+@pytest.mark.parametrize("nested", ["path", pytest.param("prb", marks=pytest.mark.slow)])
+def test_derivatives_are_the_nested_integrators(variant_rgb, nested):
+    """Forward to the bit; backward but for the order of the sums."""
+
+    def derivatives(integrator):
+        scene = mi.load_dict(penumbra(COPPER))
+        params = mi.traverse(scene)
+        key = "floor.bsdf.reflectance.value"
+        results = []
+        for forward in (True, False):
+            e = mi.Float(0)
+            dr.enable_grad(e)
+            params[key] = mi.Color3f(0.6, 0.6, 0.5) + e
+            params.update()
+            image = mi.render(scene, params, integrator=mi.load_dict(integrator), seed=1, seed_grad=2, spp=4)
+            if forward:
+                dr.forward(e)
+                results.append(np.array(dr.grad(image)))
+            else:
+                dr.backward(dr.mean(dr.square(image - 0.1)[:, :, :3], axis=None))
+                results.append(dr.grad(e)[0])
+        return results
+
+    forward, _ = derivatives({"type": nested})
+    ours, backward = derivatives(adaptive(nested, aovs="samples"))
+    assert np.array_equal(ours[..., :3], forward) and forward.max() > 0
+    assert ours.shape == (32, 32, 4) and ours[..., 3].max() == 0
+    # The nested integrator's own, by the gradient of our image.
+    scene, integrator = mi.load_dict(penumbra(COPPER)), mi.load_dict({"type": nested})
+    params = mi.traverse(scene)
+    loss_gradient = mi.render(scene, integrator=mi.load_dict(adaptive(nested)), seed=1, spp=4)
+    loss_gradient = 2 * (loss_gradient - 0.1) / dr.prod(loss_gradient.shape)
+    e = mi.Float(0)
+    dr.enable_grad(e)
+    params["floor.bsdf.reflectance.value"] = mi.Color3f(0.6, 0.6, 0.5) + e
+    params.update()
+    integrator.render_backward(scene, params, loss_gradient, 0, 2, 4)
+    assert backward == pytest.approx(dr.grad(e)[0], rel=1e-4) and backward != 0
+
+
+def test_parameters_of_the_nested_integrator_are_found(variant_rgb):
+    integrator = mi.load_dict(adaptive({"type": "prosim", "ambient": rgb(0.1, 0.2, 0.3)}))
+    params = mi.traverse(integrator)
+    assert np.array(params["nested.ambient.value"]) == pytest.approx([0.1, 0.2, 0.3])
+
+
+# ------------------------------------------------------------------ wrong inputs
+
+
+@pytest.mark.parametrize(
+    "children, message",
+    [
+        ({}, "prosim_adaptive: it holds 0 integrators; nest one in it, such as <integrator type='path'/>"),
+        ({"a": {"type": "path"}, "b": {"type": "direct"}}, "prosim_adaptive: it holds 2 integrators"),
+        ({"a": {"type": "ptracer"}}, "'ParticleTracerIntegrator'; allowed: one that takes samples from a sensor"),
+        ({"a": {"type": "path"}, "adaptive": "thesis", "noise": 0.1}, "noise and time ask for more than N² samples"),
+        ({"a": {"type": "path"}, "noise": -1.0}, '"noise" is -1.0'),
+        ({"a": {"type": "path"}, "adaptive": "always"}, '"adaptive" is .always.; allowed: one of'),
+        ({"a": {"type": "path"}, "max_level": 2}, "max_level"),
+        ({"a": {"type": "path"}, "bsdf": {"type": "diffuse"}}, "bsdf"),
+    ],
+)
+def test_wrong_inputs_are_named(variant_rgb, children, message):
+    with pytest.raises(RuntimeError, match=message):
+        mi.load_dict({"type": "prosim_adaptive", **children})
+
+
+def test_polarised_light_is_refused():
+    mi.set_variant("scalar_spectral_polarized")
+    with pytest.raises(RuntimeError, match="prosim_adaptive: light is unpolarised here"):
+        mi.load_dict(adaptive("path"))

@@ -170,8 +170,10 @@ def in_patterns(plan: Plan, need: mi.Float) -> mi.UInt32:
     N² samples that fill their pattern can be ten times as good as as many that do not, so between the two there is
     nothing; and a pattern is worth while long before all of its samples are needed.
     """
-    size, begin = plan.n**2, plan.begin
-    patterns = dr.maximum(dr.round(dr.minimum(need - begin, 2.0**24) / size), 1)
-    enough = need <= max(plan.least, begin, begin + WORTH_WHILE * size)
-    counts = dr.select(enough, mi.UInt32(begin or plan.least), begin + mi.UInt32(patterns) * size)
-    return dr.minimum(counts, dr.opaque(mi.UInt32, plan.most))
+    first, enough = plan.begin or plan.least, plan.begin + WORTH_WHILE * plan.n**2
+    # Opaque, as the kernel is to serve every plan.
+    size, begin, first, most = (dr.opaque(mi.UInt32, v) for v in (plan.n**2, plan.begin, first, plan.most))
+    enough = dr.opaque(mi.Float, max(enough, plan.least, plan.begin))
+    patterns = dr.maximum(dr.round((dr.minimum(need, float(UNLIMITED)) - mi.Float(begin)) / mi.Float(size)), 1)
+    counts = dr.select(need <= enough, first, begin + mi.UInt32(patterns) * size)
+    return dr.minimum(counts, most)

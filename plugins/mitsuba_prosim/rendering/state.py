@@ -77,38 +77,15 @@ class State:
         return True
 
     def _portions(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
-        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``. Those that lack
-        about as many go together, so that few lanes wait for others.
-        """
-        lacking = wanted - dr.minimum(self.estimate.count, wanted)
-        dr.eval(lacking)
-        fewest = int(dr.min(dr.select(lacking > 0, lacking, 0xFFFFFFFF))[0])
-        most = int(dr.max(lacking)[0])
-        classes = []
-        while most > 0 and fewest <= most:
-            end = fewest + fewest // 2
-            low, high = dr.opaque(mi.UInt32, fewest), dr.opaque(mi.UInt32, end)
-            where = dr.compress((lacking >= low) & (lacking <= high))
-            classes.append((where, dr.width(where), min(end, most)))
-            fewest = end + 1
-        work, finished = sum(size * each for _, size, each in classes), 0
-        for where, size, each in classes:
-            lanes = max(min(self.plan.band, FEWEST), self.plan.band * min(self.plan.n**2, each) // each)
-            if self.portion is not None:
-                lanes = max(1, min(lanes, self.portion // each))
-            for begin in range(0, size, lanes):
-                end = min(begin + lanes, size)
-                some = where
-                if end - begin < size:
-                    some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
+        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``."""
+        for done, some in portions(self.estimate.count, wanted, self.plan, self.portion):
 
-                def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
-                    x, y = self._places(some)
-                    more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
-                    self.estimate.put(more, some)
+            def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
+                x, y = self._places(some)
+                more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
+                self.estimate.put(more, some)
 
-                finished += (end - begin) * each
-                yield finished / work, portion
+            yield done, portion
 
     def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
@@ -200,6 +177,38 @@ class State:
             dr.scatter(result, dr.gather(mi.Float, values, index_within(around, x, y)), index_within(self.outer, x, y))
             dr.eval(result)
         return result
+
+
+def portions(
+    count: mi.UInt32, wanted: mi.UInt32, plan: Plan, most_samples: int | None
+) -> Iterator[tuple[float, mi.UInt32]]:
+    """Numbers of those that lack samples, so many at a time that ``plan`` and, if there is a bound, ``most_samples``
+    are kept to: ``(part done then, numbers)``. Those that lack about as many go together, so that few lanes wait for
+    others.
+    """
+    lacking = wanted - dr.minimum(count, wanted)
+    dr.eval(lacking)
+    fewest = int(dr.min(dr.select(lacking > 0, lacking, 0xFFFFFFFF))[0])
+    most = int(dr.max(lacking)[0])
+    classes = []
+    while most > 0 and fewest <= most:
+        end = fewest + fewest // 2
+        low, high = dr.opaque(mi.UInt32, fewest), dr.opaque(mi.UInt32, end)
+        where = dr.compress((lacking >= low) & (lacking <= high))
+        classes.append((where, dr.width(where), min(end, most)))
+        fewest = end + 1
+    work, finished = sum(size * each for _, size, each in classes), 0
+    for where, size, each in classes:
+        lanes = max(min(plan.band, FEWEST), plan.band * min(plan.n**2, each) // each)
+        if most_samples is not None:
+            lanes = max(1, min(lanes, most_samples // each))
+        for begin in range(0, size, lanes):
+            end = min(begin + lanes, size)
+            some = where
+            if end - begin < size:
+                some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
+            finished += (end - begin) * each
+            yield finished / work, some
 
 
 #: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.

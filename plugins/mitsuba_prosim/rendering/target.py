@@ -15,7 +15,7 @@ from ..sampling.hash import hash32
 from .error import in_display_units
 from .estimate import Estimate
 from .plan import UNLIMITED, Plan, area, in_patterns, pixels
-from .state import State
+from .state import State, portions
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,22 @@ class Twin:
         self.estimate = Estimate.nothing(self.estimator.values, dr.width(self.index))
         dr.eval(self.x, self.y, self.index)
 
-    def follow(self, state: State) -> None:
-        """Takes as many samples as ``state`` has."""
+    def follow(self, state: State, cancelled: Callable[[], bool]) -> bool:
+        """Takes as many samples as ``state`` has. Returns whether it got to its end."""
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
-        self.estimate = self.estimator.take(self.x, self.y, self.estimate, end)
-        dr.eval(self.estimate)
+        for _, some in portions(self.estimate.count, end, state.plan, state.portion):
+            if cancelled():
+                return False
+            x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
+            start = self.estimate.at(some)
+            dr.eval(x, y, start, wanted)
+            more = self.estimator.take(x, y, start, wanted)
+            dr.eval(more)
+            self.estimate.put(more, some)
+            dr.eval(self.estimate)
+            dr.sync_thread()
+        return True
 
     def noise(self, state: State) -> float:
         """Root mean square of the standard error of the pixels of ``state``, in display units."""
@@ -107,10 +117,10 @@ def pursue(
 
     def measure() -> None:
         """Sees what the noise is now."""
-        if twin is not None:
-            twin.follow(state)
+        if twin is not None and twin.follow(state, ended):
             state.noise = twin.noise(state)
 
+    state.portion = portion(target, state, speed)
     measure()
     while not ended() and not state.noise <= target.noise:
         samples = mean(state.estimate.count)
@@ -119,8 +129,6 @@ def pursue(
             # The first wave was slow, as it had to compile; so the second is a small one. The last takes all.
             share = 0.9 if target.left < target.seconds / 5 else 0.5
             most = min(most, samples + speed * target.left * share) if speed else 1.5 * samples
-            a_hundredth = speed * dr.width(need) * target.seconds / 100  # in samples: to end in time
-            state.portion = max(1, int(a_hundredth)) if speed else None
         if twin is not None:
             now = mean(variance / mi.Float(state.estimate.count))
             goal = now * (AIM * target.noise / state.noise) ** 2
@@ -136,11 +144,10 @@ def pursue(
         if not dr.any(wanted > state.estimate.count):
             break  # each pixel has all that the plan allows
         start = time.perf_counter()
-        whole = state.grow(wanted, None, None, ended)
+        whole = state.grow(wanted, None, progress(target, plan, state, variance, wanted, tell), ended)
         speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
+        state.portion = portion(target, state, speed)
         measure()
-        if tell is not None:
-            tell(done(target, state.noise))
         yield state
         if not whole:
             break
@@ -148,6 +155,20 @@ def pursue(
 
 #: A wave takes so many times the samples that there are, at most; and aims at a noise that is a little smaller.
 GROWTH, AIM = 4.0, 0.96
+
+#: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
+STEP = 0.5
+
+
+def portion(target: Target, state: State, speed: float) -> int | None:
+    """Samples of a portion that ends soon enough to look at whether to stop; ``speed``: samples of a pixel in a second,
+    0 as long as it is not known. None: no bound.
+    """
+    if not target.seconds and state.estimator.sampler is not None:
+        return None  # it has a state: which samples it draws must not depend on the time
+    step = min(STEP, target.seconds / 100) if target.seconds else STEP
+    speed = speed or mean(state.estimate.count) / target.passed
+    return max(1, int(speed * dr.width(state.estimate.count) * step))
 
 
 def display_variance(estimate: Estimate) -> mi.Float:
@@ -171,14 +192,33 @@ def least(reaches: Callable[[float], bool], begin: float) -> float:
     return high
 
 
-def done(target: Target, noise: float) -> float:
-    """The part done, 0 to 1, as far as can be known: the work grows with the square of what noise is left."""
-    parts = [0.0]
-    if target.seconds:
-        parts.append(1 - target.left / target.seconds)
+def progress(
+    target: Target,
+    plan: Plan,
+    state: State,
+    variance: mi.Float,
+    wanted: mi.UInt32,
+    tell: Callable[[float], None] | None,
+) -> Callable[[float], None] | None:
+    """``tell`` for a wave from the counts of ``state`` to those that are ``wanted``: called with the part of the wave
+    that is done, it is told that of the image, as far as can be known. The work grows with the inverse square of the
+    noise.
+    """
+    if tell is None:
+        return None
+    counts = state.estimate.count, wanted
+    stages = [mean(mi.Float(count)) / plan.most for count in counts]
     if target.noise:
-        parts.append((target.noise / max(noise, target.noise)) ** 2)
-    return min(max(parts), 1.0)
+        now, then = (mean(variance / mi.Float(count)) for count in counts)
+        reached = (target.noise / max(state.noise, 1e-12)) ** 2
+        stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
+    begin, end = (min(stage, 1.0) for stage in stages)
+
+    def told(part: float) -> None:
+        by_time = 1 - target.left / target.seconds if target.seconds else 0.0
+        tell(min(max(begin + (end - begin) * part, by_time), 1.0))
+
+    return told
 
 
 def mean(values: mi.Float | mi.UInt32) -> float:

@@ -242,13 +242,15 @@ def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[
     Yields the function to be told the part done, 0 to 1, or None.
     """
     told = rendering.tells_progress(integrator)
-    form = "{l_bar}{bar}| {elapsed}, {remaining} left" if told else "{desc}"
+    form = "{l_bar}{bar}| {elapsed}" if told else "{desc}"
     # The first step comes when the kernels are compiled and a part is rendered.
     doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
     with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
 
         def tell(done: float) -> None:
             bar.set_description_str("rendering", refresh=False)
-            bar.update(100 * done - bar.n)
+            if done > 0.01:  # before, nobody knows
+                bar.bar_format = form + ", {remaining} left"
+            bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown
 
         yield tell if told else None

@@ -158,6 +158,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 yield Snapshot(state, film, self.reached)
         finally:
             self._growing = None
+            # Once more: where the first wave was good enough, that was seen after it.
+            self.reached = Reached(state.samples(), state.noise, target.passed)
             put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:

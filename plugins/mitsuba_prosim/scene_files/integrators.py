@@ -58,26 +58,27 @@ def _wrap(state: mi.parser.ParserState, index: int | None, parameters: Mapping[s
     """Puts ``prosim_adaptive`` around the integrator of that index, or around Mitsuba's default one where the scene has
     none; returns the name of what is within.
     """
-    root = state.root
     names = [
         name
-        for name, value in root.props.items()
+        for name, value in state.root.props.items()
         if isinstance(value, mi.Properties.ResolvedReference) and value.index() == index
     ]
     if index is None:
-        index = _add(state, mi.Properties("path"), root)
+        index = _add(state, mi.Properties("path"), state.root)
         names = ["integrator"]
     props = mi.Properties("prosim_adaptive")
     props["nested"] = mi.Properties.ResolvedReference(index)
     _give(props, parameters)
     wrapper = _add(state, props, state.nodes[index])
     for name in names:
-        root.props[name] = mi.Properties.ResolvedReference(wrapper)
+        state.root.props[name] = mi.Properties.ResolvedReference(wrapper)
     return state.nodes[index].props.plugin_name()
 
 
 def _add(state: mi.parser.ParserState, props: mi.Properties, beside: mi.parser.SceneNode) -> int:
-    """Adds an integrator, said to stand in the file where another node does; returns its index."""
+    """Adds an integrator, said to stand in the file where another node does; returns its index. Nodes that
+    were got from ``state`` before may not be used any more: the list has moved in memory.
+    """
     node = mi.parser.SceneNode()
     node.type, node.props = mi.ObjectType.Integrator, props
     node.file_index, node.offset = beside.file_index, beside.offset

@@ -34,10 +34,18 @@ from tqdm.auto import tqdm
         (["-t", "100000"], "range"),
         (["--threshold", "-1"], "range"),
         (["--max-level", "-2"], "range"),
-        (["--threshold", "0.1"], "only the integrator prosim has threshold; this scene's is path"),
-        (["--samples", "2"], "only the integrator prosim has samples"),
+        (["--threshold", "0.1"], "prosim and prosim_adaptive have threshold; this scene's is path"),
+        (["--samples", "2"], "prosim and prosim_adaptive have samples"),
         (["--paths"], "only the integrator prosim"),
         (["--samples", "5000"], "range"),
+        (["--noise", "0"], "range"),
+        (["--noise", "nan"], "finite"),
+        (["--time", "-1"], "range"),
+        (["--max-samples", "0"], "range"),
+        (["--adaptive", "all"], "graded"),
+        (["--noise", "0.1", "--adaptive", "thesis"], "knows neither --noise nor --time"),
+        (["--noise", "0.1", "-m", "scalar_rgb"], "--noise: scalar_rgb finishes one pixel after the other"),
+        (["--max-samples", "4", "-m", "scalar_rgb"], "--max-samples: scalar_rgb"),
         (["--light-units", "radiance"], "--light-units is for scenes in the thesis's language"),
         (["--tolerance", "1"], "--tolerance is for"),
         (["--allow-outside"], "--allow-outside is for"),
@@ -81,7 +89,10 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
         ((False, 0, None), None, ["diffuse_bounces = 0", "max_level = 0"]),
     ]:
         loaded = opening.SceneFile(
-            scene, tmp_path / "out", samples=samples, integrator=render.parameters(*asked)
+            scene,
+            tmp_path / "out",
+            samples=samples,
+            integrator=render.parameters(*asked[:2]) | render.sampling(asked[2], None, None, None, None),
         ).load()
         assert [text for text in said if text not in str(loaded.integrator())] == []
         assert (loaded.integrator().ambient is None) == asked[0]

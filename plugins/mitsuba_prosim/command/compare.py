@@ -62,6 +62,13 @@ def missing_packages() -> list[str]:
     help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]",
 )
 @defines
+@click.option(
+    "--noise",
+    type=Finite(min=0, min_open=True),
+    show_default=False,
+    help="Let prosim render until the standard error of the pixels, their root mean square, is so small, white being "
+    "1; what it then takes is what others get. [default: what the scene says]",
+)
 @click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
 @click.option(
@@ -91,6 +98,7 @@ def compare(
     output: str | None,
     mode: str | None,
     definitions: tuple[tuple[str, str], ...],
+    noise: float | None,
     rounds: int,
     levels: tuple[int, ...],
     reference_seconds: float,
@@ -124,6 +132,10 @@ def compare(
     with writing.scratch() as folder, log(0):
         with wrong_input():
             specs = scenes.Spec(a), scenes.Spec(b)
+            if noise:
+                if not any(spec.counts_itself for spec in specs):
+                    raise ValueError(f"--noise is for prosim, and neither {a} nor {b} is")
+                specs = specs[0].until(noise), specs[1].until(noise)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
             opened = scenes.FileScene(
                 opening.SceneFile(

@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scene_files import opening, rendering, session
+from . import reached
 
 #: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
 OPTIONS = {
@@ -179,6 +180,8 @@ def render(scene: mi.Scene, index: int, path: str) -> None:
             write()
 
     rendering.render(scene, sensor, tell=progress)
+    if said := reached.sentence(integrator, interrupted=False):
+        mi.Log(mi.LogLevel.Info, said)
     write()
 
 

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import click
 import mitsuba as mi
 from tqdm.auto import tqdm
 
+from ..rendering.policies import POLICIES
 from ..scene_files import images, opening, rendering, session, writing
 from . import output as files
+from . import reached
 from .interrupts import interruptible
 from .log import log
-from .options import SCENE, STOPS, Crop, Finite, choose_variant, defines, translation, wrong_input
+from .options import SCENE, STOPS, Crop, Finite, InputError, choose_variant, defines, translation, wrong_input
 
 SUFFIXES = (".exr", ".png")
 
@@ -85,6 +87,33 @@ MOST_THREADS = 1024
     help="Noise of a pixel that is small enough, white being 1; smaller takes longer. [default: what the scene says]",
 )
 @click.option(
+    "--noise",
+    type=Finite(min=0, min_open=True),
+    show_default=False,
+    help="Render until the standard error of the pixels, their root mean square, is so small, white being 1: 0.02 is "
+    "rough, 0.005 is good.",
+)
+@click.option(
+    "--time",
+    type=Finite(min=0, min_open=True),
+    metavar="SECONDS",
+    show_default=False,
+    help="Render for so long; with --noise: at most.",
+)
+@click.option(
+    "--max-samples",
+    type=click.IntRange(1, 2**20),
+    show_default=False,
+    help="Most samples that a pixel may get. [default: what the scene says; with --noise or --time: any number]",
+)
+@click.option(
+    "--adaptive",
+    type=click.Choice(tuple(POLICIES)),
+    show_default=False,
+    help="Which pixels get how many samples. [default: what the scene says; with --noise or --time: graded, which "
+    "makes the most of them]",
+)
+@click.option(
     "--exposure",
     type=Finite(-STOPS, STOPS),
     default=0.0,
@@ -106,6 +135,10 @@ def render(
     paths: bool,
     max_level: int | None,
     threshold: float | None,
+    noise: float | None,
+    time: float | None,
+    max_samples: int | None,
+    adaptive: str | None,
     exposure: float,
     resolution: tuple[int, int] | None,
     samples: int | None,
@@ -119,34 +152,39 @@ def render(
     if spp and samples:
         raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
     stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES)
+    asked = sampling(threshold, noise, time, max_samples, adaptive)
     variant = choose_variant(mode)
+    options = {"--noise": noise, "--time": time, "--max-samples": max_samples, "--adaptive": adaptive}
+    refuse_waves((option for option, value in options.items() if value is not None), variant)
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
-            loaded = opening.SceneFile(
+            file = opening.SceneFile(
                 scene,
                 folder,
                 definitions=dict(definitions),
                 resolution=resolution,
                 crop=crop,
                 samples=samples,
-                integrator=parameters(paths, max_level, threshold),
+                integrator=parameters(paths, max_level) | asked,
                 **language,
-            ).load()
+            )
+            loaded = file.load()
             chosen = opening.pick_sensor(loaded, sensor)
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
+        refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), variant)
         # Four channels of 32 bits and what else the integrator gives, and three bytes of the PNG.
         files.check(scene, stem, SUFFIXES, int(width * height) * (19 + 4 * len(integrator.aov_names())) + 2**16)
 
-        start = time.perf_counter()
+        start = perf_counter()
         with interruptible(integrator.cancel) as signals:
             try:
                 with progress_bar(integrator, variant) as tell:
                     rendering.render(loaded, chosen, seed, spp or 0, tell)
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-            seconds, interrupted = time.perf_counter() - start, bool(signals)
-            facts = {
+            seconds, interrupted = perf_counter() - start, bool(signals)
+            facts = reached.facts(integrator, interrupted) | {
                 "prosim.scene": str(scene),
                 "prosim.version": version("mitsuba-prosim"),
                 "prosim.variant": variant,
@@ -157,20 +195,44 @@ def render(
             written = files.save(stem, images.encode(chosen.film().bitmap(), facts, exposure))
     click.echo(
         f"{' and '.join(map(str, written))}: {width} x {height} pixels, {variant}, {seconds:.2f} s"
+        + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
         + (", interrupted" if interrupted else "")
     )
+    if said := reached.sentence(integrator, interrupted):
+        click.echo(said)
     if interrupted:
         sys.exit(1)
 
 
-def parameters(paths: bool, max_level: int | None, threshold: float | None) -> dict[str, Any]:
+def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:
     """Parameters of the ``prosim`` integrator that the options ask for; None takes one away."""
     result: dict[str, Any] = {"diffuse_bounces": -1, "max_level": -1, "ambient": None} if paths else {}
-    if max_level is not None:
-        result["max_level"] = max_level
-    if threshold is not None:
-        result["threshold"] = threshold
-    return result
+    return result | ({} if max_level is None else {"max_level": max_level})
+
+
+def sampling(
+    threshold: float | None, noise: float | None, time: float | None, max_samples: int | None, adaptive: str | None
+) -> dict[str, Any]:
+    """Parameters of ``prosim`` and ``prosim_adaptive`` that the options ask for."""
+    if (noise or time) and adaptive is None:
+        adaptive = "graded"
+    if (noise or time) and adaptive == "thesis":
+        raise click.UsageError(
+            "--adaptive thesis ends each pixel by its own samples, N to N*N, and knows neither --noise nor --time; "
+            "leave them out, or take another policy."
+        )
+    asked = {"threshold": threshold, "noise": noise, "time": time, "max_samples": max_samples, "adaptive": adaptive}
+    return {name: value for name, value in asked.items() if value is not None}
+
+
+def refuse_waves(names: Iterable[str], variant: str) -> None:
+    """Raises InputError where something of these names was asked of a scalar variant, which knows no waves."""
+    if variant.startswith("scalar_") and (names := list(names)):
+        raise InputError(
+            f"{', '.join(names)}: {variant} finishes one pixel after the other, each with the samples of the scene's "
+            "sampler, and can't go by what the whole image has come to. Take a variant that can, such as -m "
+            "llvm_ad_rgb (prosim doctor says which this machine can run), or say --spp instead."
+        )
 
 
 @contextmanager
@@ -180,13 +242,15 @@ def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[
     Yields the function to be told the part done, 0 to 1, or None.
     """
     told = rendering.tells_progress(integrator)
-    form = "{l_bar}{bar}| {elapsed}, {remaining} left" if told else "{desc}"
+    form = "{l_bar}{bar}| {elapsed}" if told else "{desc}"
     # The first step comes when the kernels are compiled and a part is rendered.
     doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
     with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
 
         def tell(done: float) -> None:
             bar.set_description_str("rendering", refresh=False)
-            bar.update(100 * done - bar.n)
+            if done > 0.01:  # before, nobody knows
+                bar.bar_format = form + ", {remaining} left"
+            bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown
 
         yield tell if told else None

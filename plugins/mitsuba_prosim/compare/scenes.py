@@ -151,6 +151,12 @@ class Spec:
         result.parameters |= parameters
         return result
 
+    def until(self, noise: float) -> Spec:
+        """The same until the noise is so small, if the integrator :attr:`counts_itself`: by ``graded``, unless the
+        words say otherwise.
+        """
+        return self.but(**{"adaptive": "graded"} | self.parameters | {"noise": noise}) if self.counts_itself else self
+
     @property
     def counts_itself(self) -> bool:
         """Whether the integrator decides on the number of samples."""

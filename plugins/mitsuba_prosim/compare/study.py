@@ -105,19 +105,24 @@ def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effor
     return part.each(measured)
 
 
+#: What makes an integrator end by its samples, not by what they have come to.
+UNTARGETED: dict[str, Any] = {"noise": 0.0, "time": 0.0}
+
+
 def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> runs.Contestant:
     """The contestant with n * n samples a pixel, or at most as many if it counts by itself."""
     if not spec.counts_itself:
         return scene.contestant(spec, transport, spp=n * n)
     own: Any = scene.contestant(spec, transport).integrator
-    # The threshold goes with the count, or the curve would end where every pixel is quiet enough.
-    return scene.contestant(spec.but(samples=n, threshold=own.threshold * own.samples / n), transport)
+    # The threshold goes with the count, or the curve would end where every pixel is quiet enough; so would it by noise.
+    but = {"samples": n, "threshold": own.threshold * own.samples / n} | UNTARGETED
+    return scene.contestant(spec.but(**but), transport)
 
 
 def converging(scene: Scene, spec: Spec, transport: str) -> runs.Contestant:
     """The contestant as an estimator of the reference: without bias, 64 samples a pass."""
     if spec.counts_itself:
-        return scene.contestant(spec.but(adaptive="none", samples=8), transport)
+        return scene.contestant(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.contestant(spec, transport, spp=64)
 
 

@@ -163,6 +163,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         finally:
             self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
+            # Once more: where the first wave was good enough, that was seen after it.
+            self.reached = Reached(state.samples(), state.noise, target.passed)
             put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:

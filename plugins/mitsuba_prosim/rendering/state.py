@@ -86,51 +86,17 @@ class State:
 
     def _portions(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``."""
-        classes = self._classes(wanted)
-        everything = dr.width(wanted)
-        work, finished = sum(size * each for _, size, each in classes), 0
-        for where, size, each in classes:
-            lanes = max(min(self.plan.band, FEWEST), self.plan.band * min(self.plan.n**2, each) // each)
-            if self.portion is not None:
-                lanes = max(1, min(lanes, self.portion // each))
-            for begin in range(0, size, lanes):
-                end = min(begin + lanes, size)
-                some = where
-                if end - begin < size:
-                    some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
+        for done, some in portions(self.estimate.count, wanted, self.plan, self.portion):
 
-                def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
-                    x, y = self._places(some)
-                    if dr.width(some) == everything:  # spares two copies of the state
-                        self.estimate = self._take(x, y, self.estimate, wanted, quiet)
-                        return
-                    more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
-                    self.estimate.put(more, some)
+            def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
+                x, y = self._places(some)
+                if dr.width(some) == dr.width(wanted):  # all: spares two copies of the state
+                    self.estimate = self._take(x, y, self.estimate, wanted, quiet)
+                    return
+                more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
+                self.estimate.put(more, some)
 
-                finished += (end - begin) * each
-                yield finished / work, portion
-
-    def _classes(self, wanted: mi.UInt32) -> list[tuple[mi.UInt32, int, int]]:
-        """The pixels that lack samples, in classes that lack about as many, so that few lanes wait for others:
-        ``(their indices, how many there are, most samples that one lacks)``.
-        """
-        lacking = wanted - dr.minimum(self.estimate.count, wanted)
-        dr.eval(lacking)
-        pixels = np.bincount(np.array(lacking))
-        pixels[0] = 0
-        classes, low = [], 0
-        for fewest in np.flatnonzero(pixels):
-            if fewest <= low:
-                continue
-            low = int(fewest + fewest // 2)
-            size = int(pixels[fewest : low + 1].sum())
-            if size == dr.width(wanted):
-                where = dr.arange(mi.UInt32, size)
-            else:
-                first, last = dr.opaque(mi.UInt32, int(fewest)), dr.opaque(mi.UInt32, low)
-                where = dr.compress((lacking >= first) & (lacking <= last))
-            classes.append((where, size, int(min(low, len(pixels) - 1))))
-        return classes
+            yield done, portion
 
     def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
@@ -222,6 +188,50 @@ class State:
             dr.scatter(result, dr.gather(mi.Float, values, index_within(around, x, y)), index_within(self.outer, x, y))
             dr.eval(result)
         return result
+
+
+def portions(
+    count: mi.UInt32, wanted: mi.UInt32, plan: Plan, most_samples: int | None
+) -> Iterator[tuple[float, mi.UInt32]]:
+    """Numbers of those that lack samples, so many at a time that ``plan`` and, if there is a bound, ``most_samples``
+    are kept to: ``(part done then, numbers)``.
+    """
+    classes = by_lack(count, wanted)
+    work, finished = sum(size * each for _, size, each in classes), 0
+    for where, size, each in classes:
+        lanes = max(min(plan.band, FEWEST), plan.band * min(plan.n**2, each) // each)
+        if most_samples is not None:
+            lanes = max(1, min(lanes, most_samples // each))
+        for begin in range(0, size, lanes):
+            end = min(begin + lanes, size)
+            some = where
+            if end - begin < size:
+                some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
+            finished += (end - begin) * each
+            yield finished / work, some
+
+
+def by_lack(count: mi.UInt32, wanted: mi.UInt32) -> list[tuple[mi.UInt32, int, int]]:
+    """Those that lack samples, in classes that lack about as many, so that few lanes wait for others: ``(numbers, how
+    many they are, most samples that one lacks)``.
+    """
+    lacking = wanted - dr.minimum(count, wanted)
+    dr.eval(lacking)
+    sizes = np.bincount(np.array(lacking))
+    sizes[0] = 0
+    classes, low = [], 0
+    for fewest in map(int, np.flatnonzero(sizes)):
+        if fewest <= low:
+            continue
+        low = fewest + fewest // 2
+        size = int(sizes[fewest : low + 1].sum())
+        if size == dr.width(wanted):
+            where = dr.arange(mi.UInt32, size)
+        else:
+            first, last = dr.opaque(mi.UInt32, fewest), dr.opaque(mi.UInt32, low)
+            where = dr.compress((lacking >= first) & (lacking <= last))
+        classes.append((where, size, min(low, len(sizes) - 1)))
+    return classes
 
 
 #: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.

@@ -15,7 +15,7 @@ from ..sampling.hash import hash32
 from .error import in_display_units
 from .estimate import Estimate
 from .plan import UNLIMITED, area, in_patterns, pixels
-from .state import State
+from .state import State, portions
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,23 @@ class Twin:
         self.estimate = Estimate.nothing(self.estimator.values, dr.width(self.index))
         dr.eval(self.x, self.y, self.index)
 
-    def follow(self, state: State) -> None:
-        """Takes as many samples as ``state`` has."""
+    def follow(self, state: State, cancelled: Callable[[], bool]) -> bool:
+        """Takes as many samples as ``state`` has. Returns whether it got to its end."""
+        self.estimator.plan = replace(state.plan, seed=self.seed)
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
-        self.estimator.plan = replace(state.plan, seed=self.seed)
-        self.estimate = self.estimator.take(self.x, self.y, self.estimate, end)
-        dr.eval(self.estimate)
+        for _, some in portions(self.estimate.count, end, state.plan, state.portion):
+            if cancelled():
+                return False
+            x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
+            start = self.estimate.at(some)
+            dr.eval(x, y, start, wanted)
+            more = self.estimator.take(x, y, start, wanted)
+            dr.eval(more)
+            self.estimate.put(more, some)
+            dr.eval(self.estimate)
+            dr.sync_thread()
+        return True
 
     def noise(self, state: State) -> float:
         """Root mean square of the standard error of the pixels of ``state``, in display units."""
@@ -88,6 +98,8 @@ class Pursuit:
     #: A wave takes so many times the samples that there are, at most, as the first ones know little; and aims at a
     #: noise that is a little smaller.
     GROWTH, AIM = 4.0, 0.96
+    #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
+    STEP = 0.5
 
     def __init__(self, target: Target, state: State, need: mi.Float, cancelled: Callable[[], bool]) -> None:
         self.target, self.state, self.cancelled = target, state, cancelled
@@ -101,6 +113,7 @@ class Pursuit:
     def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
         """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
         state = self.state
+        state.portion = self._portion()
         self._measure()
         while not self._ended() and not state.noise <= self.target.noise:
             samples = mean(state.estimate.count)
@@ -109,11 +122,10 @@ class Pursuit:
             if not dr.any(wanted > state.estimate.count):
                 break  # each pixel has all that the plan allows
             start = time.perf_counter()
-            whole = state.grow(wanted, None, None, self._ended)
+            whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
             self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
+            state.portion = self._portion()
             self._measure()
-            if tell is not None:
-                tell(done(self.target, state.noise))
             yield state
             if not whole:
                 break
@@ -122,9 +134,17 @@ class Pursuit:
         return self.cancelled() or self.target.left <= self.target.seconds / 100
 
     def _measure(self) -> None:
-        if self.twin is not None:
-            self.twin.follow(self.state)
+        if self.twin is not None and self.twin.follow(self.state, self._ended):
             self.state.noise = self.twin.noise(self.state)
+
+    def _portion(self) -> int | None:
+        """Samples of a portion that ends soon enough to look at whether to stop; None: no bound."""
+        state, target = self.state, self.target
+        if not target.seconds and state.estimator.sampler is not None:
+            return None  # it has a state: which samples it draws must not depend on the time
+        step = min(self.STEP, target.seconds / 100) if target.seconds else self.STEP
+        speed = self.speed or mean(state.estimate.count) / target.passed
+        return max(1, int(speed * dr.width(state.estimate.count) * step))
 
     def _choose_patterns(self, samples: float) -> None:
         """Larger patterns from now on, if many samples are to come; once."""
@@ -148,8 +168,6 @@ class Pursuit:
             # The first wave was slow, as it had to compile; so the second is a small one. The last takes all.
             share = 0.9 if target.left < target.seconds / 5 else 0.5
             most = min(most, samples + self.speed * target.left * share) if self.speed else 2 * samples
-            a_hundredth = self.speed * dr.width(self.need) * target.seconds / 100  # in samples: to end in time
-            state.portion = max(1, int(a_hundredth)) if self.speed else None
         if target.noise:
             # Well-filled patterns are better than the first samples promise: not all of a long way at once.
             now = mean(self.variance / mi.Float(state.estimate.count))
@@ -166,6 +184,27 @@ class Pursuit:
 
         self.effort = least(reaches, self.effort)
         return after(self.effort)
+
+    def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
+        """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
+        told that of the image, as far as can be known. The work grows with the inverse square of the noise.
+        """
+        if tell is None:
+            return None
+        state, target = self.state, self.target
+        counts = state.estimate.count, wanted
+        stages = [mean(count) / state.plan.most for count in counts]
+        if target.noise:
+            now, then = (mean(self.variance / mi.Float(count)) for count in counts)
+            reached = (target.noise / max(state.noise, 1e-12)) ** 2
+            stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
+        begin, end = (min(stage, 1.0) for stage in stages)
+
+        def told(part: float) -> None:
+            by_time = 1 - target.left / target.seconds if target.seconds else 0.0
+            tell(min(max(begin + (end - begin) * part, by_time), 1.0))
+
+        return told
 
 
 def size_of_patterns(expected: float) -> int:
@@ -194,16 +233,6 @@ def least(reaches: Callable[[float], bool], begin: float) -> float:
         middle = (low * high) ** 0.5
         low, high = (low, middle) if reaches(middle) else (middle, high)
     return high
-
-
-def done(target: Target, noise: float) -> float:
-    """The part done, 0 to 1, as far as can be known: the work grows with the square of what noise is left."""
-    parts = [0.0]
-    if target.seconds:
-        parts.append(1 - target.left / target.seconds)
-    if target.noise:
-        parts.append((target.noise / max(noise, target.noise)) ** 2)
-    return min(max(parts), 1.0)
 
 
 def mean(values: mi.Float | mi.UInt32) -> float:

@@ -11,7 +11,7 @@ import mitsuba as mi
 import prosim_scene
 
 from .. import registry
-from . import session
+from . import integrators, session
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -41,7 +41,9 @@ class SceneFile:
         ``resolution``, ``crop``, ``samples``
             (width, height), (x, y, width, height), both in pixels, and N of the N-rook sampling instead of the scene's.
         ``integrator``
-            Other parameters of the ``prosim`` integrator instead of the scene's; None takes one away.
+            Other parameters of the integrator ``prosim`` or ``prosim_adaptive`` instead of the scene's; None takes one
+            away. Those that say how much is sampled put any other integrator within ``prosim_adaptive``, see
+            :func:`.integrators.change`.
         ``language``
             Further options of :func:`prosim_scene.translate`.
 
@@ -64,7 +66,8 @@ class SceneFile:
                 _override(node.props, ("width", "height"), resolution)
                 _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
                 check_size(node.props.get("width", 768), node.props.get("height", 576))
-        self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
+        #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
+        self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
             self._warn_of_distortion(*self.resolution)
 
@@ -77,22 +80,22 @@ class SceneFile:
                 props["sample_count"] = node.props.get("sample_count", 4)
                 node.props = props
         with self._search_paths(), session.enough_threads():
-            return instantiate(state)
+            try:
+                return instantiate(state)
+            except RuntimeError as error:
+                if self.wrapped and "prosim_adaptive" in str(error):
+                    raise ValueError(
+                        f"{self.path}: the integrator {self.wrapped} can't be rendered within prosim_adaptive, as "
+                        f"{', '.join(integrators.ENOUGH[:-1])} or {integrators.ENOUGH[-1]} asks for: "
+                        f"{session.message(error)}"
+                    ) from None
+                raise
 
-    def _change_integrator(self, parameters: Mapping[str, Any]) -> None:
-        integrators = [node.props for node in self.state.nodes if node.type == mi.ObjectType.Integrator]
-        ours = [props for props in integrators if props.plugin_name() == "prosim"]
-        if parameters and not ours:
-            names = ", ".join(props.plugin_name() for props in integrators) or "none"
-            raise ValueError(
-                f"{self.path}: only the integrator prosim has {', '.join(parameters)}; this scene's is {names}"
-            )
-        for props in ours:
-            for name, value in parameters.items():
-                if value is not None:
-                    props[name] = value
-                elif name in props:
-                    del props[name]
+    def _change_integrator(self, parameters: Mapping[str, Any]) -> str | None:
+        try:
+            return integrators.change(self.state, parameters)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {error}") from None
 
     def _warn_of_distortion(self, width: int, height: int) -> None:
         """Where pixels of this resolution are not square: by more than rounding, and than the eye forgives."""

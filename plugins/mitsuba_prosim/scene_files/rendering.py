@@ -14,6 +14,11 @@ def tells_progress(integrator: mi.Integrator) -> bool:
     return hasattr(integrator, "progress")
 
 
+def samples_of_a_step() -> int:
+    """How many samples take a second or so in a scene of the usual kind."""
+    return 2**20 * dr.thread_count() if dr.backend_v(mi.Float) == dr.JitBackend.LLVM else 2**24
+
+
 def render(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0, tell: Callable[[float], None] | None = None
 ) -> None:
@@ -25,8 +30,8 @@ def render(
     integrator: Any = scene.integrator()
     told = tell is not None and tells_progress(integrator)
     if told:
-        # Some seconds at most between two steps, at which Ctrl-C is heard as well.
-        integrator.band = min(integrator.band, max(2**14, 2**23 // (spp or int(integrator.samples) ** 2)))
+        # At each step Ctrl-C is heard as well.
+        integrator.band = min(integrator.band, max(2**10, samples_of_a_step() // (spp or int(integrator.samples) ** 2)))
         integrator.progress = tell
     try:
         # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.

@@ -64,7 +64,7 @@ class Twin:
         self.estimate = Estimate.nothing(self.estimator.values, dr.width(self.index))
         dr.eval(self.x, self.y, self.index)
 
-    def follow(self, state: State, cancelled: Callable[[], bool]) -> bool:
+    def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
         """Takes as many samples as ``state`` has. Returns whether it got to its end."""
         self.estimator.plan = replace(state.plan, seed=self.seed)
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)

@@ -32,9 +32,10 @@ class Prosim(WaveIntegrator):
      * - adaptive
        - |string|
        - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the 24 pixels around it are noisy.
-         :monosp:`graded`: it gets as many patterns of :math:`N^2` as the variance within these asks for, or the first
-         passes alone. :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet. :monosp:`none`:
-         always :math:`N^2`. (Default: :monosp:`neighbours`)
+         :monosp:`graded`: it gets as many patterns of :math:`N^2` as the variance within the 48 pixels around asks for,
+         or the first passes alone. :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet.
+         :monosp:`none`: always :math:`N^2`. (Default: :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or
+         :monosp:`time`)
 
      * - threshold
        - |float|
@@ -50,8 +51,8 @@ class Prosim(WaveIntegrator):
      * - noise, time
        - |float|
        - The image is taken on until the root mean square of its standard error, in the units of the displayed value, is
-         at most :monosp:`noise`, or so many seconds have passed, whichever is first. Not with :monosp:`thesis`.
-         (Default: 0, not asked for)
+         at most :monosp:`noise`, or so many seconds have passed, whichever is first; in larger patterns than
+         :math:`N^2`, if it takes many samples. Not with :monosp:`thesis`. (Default: 0, not asked for)
 
      * - max_level
        - |int|

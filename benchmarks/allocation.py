@@ -4,7 +4,8 @@
     python benchmarks/allocation.py --bias 6000
 
 For each scene and N the policies' thresholds are chosen so that a pixel gets about N² samples in the mean, as many as
-with ``adaptive = none``; ``neighbours``, which gives N² at most, begins with an N 1.6 times as great. Printed is how
+with ``adaptive = none``; ``neighbours``, which gives N² at most, begins with an N 1.6 times as great, and ``graded,
+smaller N``, whose patterns are then smaller than the mean, with one 1.6 times as small. Printed is how
 many times less they cost than ``none`` for an equal error, the error being taken to go down with the root of the cost
 (which is the same but for a few per cent): squared error times samples, and squared error times processor time, by
 turns, medians. ``half buffers``: see half_buffers.py.
@@ -36,14 +37,17 @@ MEASURES = ("RMSE", "tone-mapped", "99 %", "99.9 %")
 
 def by_policy(policy: str, make: Callable[..., mi.Integrator], n: int, more: float = 1.6) -> Render:
     """How ``policy`` renders; ``make``: the integrator with some parameters; ``more``: so many times the N for
-    ``neighbours``.
+    ``neighbours``, and one over that for ``graded, smaller N``.
     """
     if policy == "half buffers":
         from half_buffers import half_buffers  # needs a variant
 
         integrator = make(adaptive="none", samples=n)
         return lambda scene, seed, threshold: half_buffers(scene, integrator, seed, n, threshold, 4 * n * n)
-    integrator = make(adaptive=policy, samples=round(more * n) if policy == "neighbours" else n)
+    if policy == "graded, smaller N":
+        integrator = make(adaptive="graded", samples=round(n / more), max_samples=4 * n * n)
+    else:
+        integrator = make(adaptive=policy, samples=round(more * n) if policy == "neighbours" else n)
 
     def render(scene: mi.Scene, seed: int, threshold: float) -> tuple[np.ndarray, float]:
         integrator.threshold = threshold
@@ -160,7 +164,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=96, help="width and height in pixels")
     parser.add_argument("--samples", type=int, nargs="+", default=[5, 8], help="N")
     parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--policy", nargs="+", default=["graded", "neighbours", "half buffers"])
+    parser.add_argument("--policy", nargs="+", default=["graded", "graded, smaller N", "neighbours", "half buffers"])
     parser.add_argument("--bias", type=int, default=0, metavar="IMAGES", help="measure the bias, not the gain")
     parser.add_argument("--reference-seconds", type=float, default=60)
     parser.add_argument("--variant", default="llvm_ad_rgb")

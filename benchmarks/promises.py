@@ -5,10 +5,10 @@
 
 For each scene two noises are asked for, a half and a fifth of what the first wave leaves, to one digit. Printed is the
 ratio of the error that was really reached to the one asked for, over the seeds: the error is the root mean square over
-the pixels of the difference of the luminance to a converged image, in display units (the noise of that image is
-subtracted). "kept": the share of the images between 0.7 and 1.05. "said": what the engine itself measured in the end,
-and "tone curve": the error after a tone curve, by which a bright pixel counts as it is seen, both over what was asked
-for (medians).
+the pixels of the difference of the displayed luminance to that of a converged image (whose noise is subtracted).
+"kept": the share of the images between 0.7 and 1.05. "said": what the engine itself measured in the end, and "slope":
+the error by the slope of the tone curve at the true value, by which a bright spot counts in full, both over what was
+asked for (medians).
 """
 
 from __future__ import annotations
@@ -50,18 +50,18 @@ def one_digit(x: float) -> float:
 def noises(subject: Subject, reference: Reference, options: argparse.Namespace) -> None:
     """Prints a row for each policy and noise."""
     begun = subject.integrator(adaptive="none", samples=options.samples, max_samples=options.samples)
-    left = statistics.median(errors(subject.render(begun, seed), reference)[0] for seed in range(5))
+    left = statistics.median(errors(subject.render(begun, seed), reference)[1] for seed in range(5))
     for share in (2, 5):
         asked = one_digit(left / share)
         for policy in options.policy:
             integrator = subject.integrator(adaptive=policy, samples=options.samples, noise=asked)
-            ratios, curve, said, samples = [], [], [], []
+            ratios, slope, said, samples = [], [], [], []
             start = time.process_time()
             for seed in range(options.seeds):
                 *_, snapshot = integrator.waves(subject.scene, seed=seed)
                 by_slope, by_curve = errors(np.array(snapshot.image(), dtype=np.float64), reference)
-                ratios.append(by_slope / asked)
-                curve.append(by_curve / asked)
+                ratios.append(by_curve / asked)
+                slope.append(by_slope / asked)
                 said.append(snapshot.state.noise / asked)
                 samples.append(integrator.reached.samples)
                 if seed >= 9 and time.process_time() - start > options.row_seconds:
@@ -70,7 +70,7 @@ def noises(subject: Subject, reference: Reference, options: argparse.Namespace) 
             low, middle, high = np.percentile(ratios, [2.5, 50, 97.5])
             print(
                 f"| {subject.name} | {asked:g} | `{policy}` | {len(ratios)} | {kept:.0%} | {low:.2f} | {middle:.2f} | "
-                f"{high:.2f} | {np.median(said):.2f} | {np.median(curve):.2f} | {np.mean(samples):.0f} |",
+                f"{high:.2f} | {np.median(said):.2f} | {np.median(slope):.2f} | {np.mean(samples):.0f} |",
                 flush=True,
             )
 
@@ -110,7 +110,7 @@ def main() -> None:
     if options.time:
         print("| | asked s | first | least | most | samples |\n|---" + "|---:" * 5 + "|")
     else:
-        print("| | asked | | images | kept | 2.5 % | 50 % | 97.5 % | said | tone curve | samples |")
+        print("| | asked | | images | kept | 2.5 % | 50 % | 97.5 % | said | slope | samples |")
         print("|---|---:|---|" + "---:|" * 8)
     for name in options.scene:
         subject = Subject(name, options.size)

@@ -66,7 +66,7 @@ def missing_packages() -> list[str]:
     "--noise",
     type=Finite(min=0, min_open=True),
     show_default=False,
-    help="Let prosim render until the standard error of the pixels, their root mean square, is so small, white being "
+    help="Let prosim render until the error of the displayed pixels, its root mean square, is so small, white being "
     "1; what it then takes is what others get. [default: what the scene says]",
 )
 @click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")

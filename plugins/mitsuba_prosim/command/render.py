@@ -90,7 +90,7 @@ MOST_THREADS = 1024
     "--noise",
     type=Finite(min=0, min_open=True),
     show_default=False,
-    help="Render until the standard error of the pixels, their root mean square, is so small, white being 1: 0.02 is "
+    help="Render until the error of the displayed pixels, its root mean square, is so small, white being 1: 0.02 is "
     "rough, 0.005 is good.",
 )
 @click.option(

@@ -50,7 +50,7 @@ class Prosim(WaveIntegrator):
 
      * - noise, time
        - |float|
-       - The image is taken on until the root mean square of its standard error, in the units of the displayed value, is
+       - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
          at most :monosp:`noise`, or so many seconds have passed, whichever is first; in larger patterns than
          :math:`N^2`, if it takes many samples. Not with :monosp:`thesis`. (Default: 0, not asked for)
 

@@ -21,6 +21,11 @@ def error_between_passes(total: mi.Float, pass_squares: mi.Float, passes: mi.Flo
     return standard_error(total, pass_squares, passes)
 
 
+def displayed(mean: mi.Float) -> mi.Float:
+    """Displayed value of a radiance, white being 1, up to a constant: a square root, which is close to sRGB's curve."""
+    return dr.sqrt(dr.maximum(mean, 0) + 0.01)
+
+
 def in_display_units(error: mi.Float, mean: mi.Float) -> mi.Float:
-    """Error of the displayed value, by the slope of the tone curve: a square root, which is close to sRGB's."""
-    return error / (2 * dr.sqrt(dr.maximum(mean, 0) + 0.01))
+    """Error of the displayed value, by the slope of the tone curve."""
+    return error / (2 * displayed(mean))

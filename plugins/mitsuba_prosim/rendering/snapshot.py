@@ -18,8 +18,8 @@ class Reached:
 
     #: Mean number of samples of a pixel.
     samples: float
-    #: Root mean square over the pixels of the standard error, in display units, white being 1; not a number where no
-    #: noise was asked for, as nobody has measured it then.
+    #: Root mean square over the pixels of the error of the displayed value, white being 1; not a number where no noise
+    #: was asked for, as nobody has measured it then.
     noise: float
     #: Since the beginning.
     seconds: float

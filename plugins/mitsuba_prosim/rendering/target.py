@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..sampling.hash import hash32
-from .error import in_display_units
+from .error import displayed, in_display_units
 from .estimate import Estimate
 from .plan import UNLIMITED, area, in_patterns, pixels
 from .state import State, portions
@@ -20,8 +20,8 @@ from .state import State, portions
 
 @dataclass(frozen=True)
 class Target:
-    """When an image is good enough. ``noise``: root mean square over the pixels of the standard error, in display
-    units, white being 1; ``seconds`` from the beginning. 0: not asked for. Whichever comes first ends it.
+    """When an image is good enough. ``noise``: root mean square over the pixels of the error of the displayed value,
+    white being 1; ``seconds`` from the beginning. 0: not asked for. Whichever comes first ends it.
     """
 
     noise: float = 0.0
@@ -83,10 +83,14 @@ class Twin:
         return True
 
     def noise(self, state: State) -> float:
-        """Root mean square of the standard error of the pixels of ``state``, in display units."""
+        """Root mean square of the error of the displayed pixels of ``state``, white being 1.
+
+        The displayed values are compared, as the slope of the tone curve would be that of bright spots where there are
+        some, and make little of them.
+        """
         mine = state.estimate.at(self.index)
-        first, second = (e.total / mi.Float(e.count) for e in (mine, self.estimate))
-        difference = in_display_units(first - second, (first + second) / 2)
+        first, second = (displayed(e.total / mi.Float(e.count)) for e in (mine, self.estimate))
+        difference = first - second
         return float(np.sqrt(mean(dr.square(difference)) / 2)) * state.estimator.smoothing
 
 

@@ -96,7 +96,7 @@ def test_the_expectation_is_that_of_path_through_a_thin_lens_and_in_a_crop(varia
 @pytest.mark.parametrize("sampler", ["independent", "multijitter", "stratified"])
 def test_a_sampler_that_is_given_is_drawn_from(variant_rgb, sampler):
     scene = penumbra(COPPER)
-    assert compare(scene, "path", sampler={"type": sampler})
+    assert compare(scene, "path", count=32, sampler={"type": sampler})
     ours = renderings({**scene, "integrator": adaptive("path")}, 1)
     given, other = renderings({**scene, "integrator": adaptive("path", sampler={"type": sampler})}, 2)
     assert not np.array_equal(given, ours[0]) and not np.array_equal(given, other)

@@ -107,9 +107,12 @@ class Pursuit:
 
     def __init__(self, target: Target, state: State, need: mi.Float, cancelled: Callable[[], bool]) -> None:
         self.target, self.state, self.cancelled = target, state, cancelled
-        # Where all of the first samples agree, others may not: no pixel is left out for ever.
-        need = dr.minimum(need, float(UNLIMITED))
-        self.need = need + mean(need) / 20
+        # Where all of the first samples agree, others may not: no pixel of the image is left out for ever.
+        x, y, *_ = pixels(state.plan.region)
+        inside = state.index(x, y)
+        need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
+        self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
+        dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
         self.twin = Twin(state) if target.noise else None
         self.variance = display_variance(state.estimate)
         self.effort = self.speed = 0.0  # speed: samples of a pixel, in the mean, in a second
@@ -121,8 +124,13 @@ class Pursuit:
         self._measure()
         while not self._ended() and not state.noise <= self.target.noise:
             samples = mean(state.estimate.count)
-            self._choose_patterns(samples)
-            wanted = self._next(samples)
+            if self.target.seconds and not self.speed:
+                # The first wave had to compile; the second shows how fast the samples are.
+                wanted = dr.minimum(2 * state.estimate.count, dr.opaque(mi.UInt32, state.plan.most))
+            else:
+                if self.effort == 0:
+                    self._choose_patterns(samples)
+                wanted = self._next(samples)
             if not dr.any(wanted > state.estimate.count):
                 break  # each pixel has all that the plan allows
             start = time.perf_counter()
@@ -151,10 +159,8 @@ class Pursuit:
         return max(1, int(speed * dr.width(state.estimate.count) * step))
 
     def _choose_patterns(self, samples: float) -> None:
-        """Larger patterns from now on, if many samples are to come; once."""
+        """Larger patterns from now on, if many samples are to come; as long as all pixels have the same number."""
         plan, target = self.state.plan, self.target
-        if plan.before is not None or (target.seconds and not self.speed):
-            return
         expected = float(UNLIMITED)
         if target.noise:
             expected = samples * (self.state.noise / target.noise) ** 2
@@ -169,9 +175,8 @@ class Pursuit:
         state, target = self.state, self.target
         most, goal = self.GROWTH * samples, 0.0
         if target.seconds:
-            # The first wave was slow, as it had to compile; so the second is a small one. The last takes all.
-            share = 0.9 if target.left < target.seconds / 5 else 0.5
-            most = min(most, samples + self.speed * target.left * share) if self.speed else 2 * samples
+            share = 0.9 if target.left < target.seconds / 5 else 0.5  # the last takes all
+            most = min(most, samples + self.speed * target.left * share)
         if target.noise:
             # Well-filled patterns are better than the first samples promise: not all of a long way at once.
             now = mean(self.variance / mi.Float(state.estimate.count))

@@ -30,8 +30,8 @@ class ProsimAdaptive(WaveIntegrator):
 
      * - (Nested plugin)
        - :paramtype:`sampler`
-       - What it draws from, in the place of our patterns, which are lost then; its own sample count is replaced.
-         (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
+       - What it draws from, in the place of our patterns; each wave takes a pattern of its own, whose sample count is
+         that of the wave. (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
          dimension and index)
 
      * - samples, adaptive, threshold, min_passes, max_samples, noise, time, jitter, channels, aovs, band

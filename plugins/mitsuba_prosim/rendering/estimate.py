@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -163,7 +162,7 @@ class Estimator:
         a pass. All arguments are evaluated arrays, so that one kernel serves every wave.
         """
         n = self.plan.permutations.n
-        sampler = self._forked(dr.width(x))
+        sampler = self.sampler and self._forked(self.sampler, dr.width(x), int(dr.max(end - start.count)[0]))
 
         def unfinished(estimate: Estimate) -> mi.Bool:
             active = estimate.count < end
@@ -202,14 +201,12 @@ class Estimator:
         )
         return estimate
 
-    def _forked(self, lanes: int) -> mi.Sampler | None:
-        """A sampler for so many pixels, seeded anew."""
-        if self.sampler is None:
-            return None
-        sampler = self.sampler.fork()
-        # Where samplers permute strata, an index beyond their number would never come to an end; powers of four suit
-        # them all.
-        sampler.set_sample_count(4 ** math.ceil(math.log(self.plan.most, 4)))
+    def _forked(self, sampler: mi.Sampler, lanes: int, samples: int) -> mi.Sampler:
+        """A sampler for so many pixels, seeded anew, of whose patterns exactly so many samples are taken: Mitsuba's
+        permutations are not even in their beginnings alone.
+        """
+        sampler = sampler.fork()
+        sampler.set_sample_count(samples)
         self.seeded += 1
         sampler.seed(combine(hash32(int(self.plan.seed[0])), self.seeded), lanes)
         return sampler

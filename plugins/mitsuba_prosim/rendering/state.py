@@ -86,7 +86,7 @@ class State:
 
     def _portions(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``."""
-        for done, some in portions(self.estimate.count, wanted, self.plan, self.portion):
+        for done, some in portions(self.estimate.count, wanted, self):
 
             def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
                 x, y = self._places(some)
@@ -190,18 +190,18 @@ class State:
         return result
 
 
-def portions(
-    count: mi.UInt32, wanted: mi.UInt32, plan: Plan, most_samples: int | None
-) -> Iterator[tuple[float, mi.UInt32]]:
-    """Numbers of those that lack samples, so many at a time that ``plan`` and, if there is a bound, ``most_samples``
-    are kept to: ``(part done then, numbers)``.
+def portions(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[float, mi.UInt32]]:
+    """Numbers of those that lack samples, so many at a time that the bounds of ``state`` are kept to: ``(part done
+    then, numbers)``.
     """
-    classes = by_lack(count, wanted)
+    plan = state.plan
+    # A sampler that is given takes whole patterns only.
+    classes = by_lack(count, wanted, 1.5 if state.estimator.sampler is None else 1.0)
     work, finished = sum(size * each for _, size, each in classes), 0
     for where, size, each in classes:
         lanes = max(min(plan.band, FEWEST), plan.band * min(plan.n**2, each) // each)
-        if most_samples is not None:
-            lanes = max(1, min(lanes, most_samples // each))
+        if state.portion is not None:
+            lanes = max(1, min(lanes, state.portion // each))
         for begin in range(0, size, lanes):
             end = min(begin + lanes, size)
             some = where
@@ -211,9 +211,9 @@ def portions(
             yield finished / work, some
 
 
-def by_lack(count: mi.UInt32, wanted: mi.UInt32) -> list[tuple[mi.UInt32, int, int]]:
+def by_lack(count: mi.UInt32, wanted: mi.UInt32, ratio: float) -> list[tuple[mi.UInt32, int, int]]:
     """Those that lack samples, in classes that lack about as many, so that few lanes wait for others: ``(numbers, how
-    many they are, most samples that one lacks)``.
+    many they are, most samples that one lacks)``. ``ratio``: of the most to the fewest in a class.
     """
     lacking = wanted - dr.minimum(count, wanted)
     dr.eval(lacking)
@@ -223,7 +223,7 @@ def by_lack(count: mi.UInt32, wanted: mi.UInt32) -> list[tuple[mi.UInt32, int, i
     for fewest in map(int, np.flatnonzero(sizes)):
         if fewest <= low:
             continue
-        low = fewest + fewest // 2
+        low = int(fewest * ratio)
         size = int(sizes[fewest : low + 1].sum())
         if size == dr.width(wanted):
             where = dr.arange(mi.UInt32, size)

@@ -69,7 +69,7 @@ class Twin:
         self.estimator.plan = replace(state.plan, seed=self.seed)
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
-        for _, some in portions(self.estimate.count, end, state.plan, state.portion):
+        for _, some in portions(self.estimate.count, end, state):
             if cancelled():
                 return False
             x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))

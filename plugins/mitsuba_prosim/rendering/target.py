@@ -99,9 +99,11 @@ class Pursuit:
     many samples there are; each is a pure function of seed, pixel, pass and index as ever.
     """
 
-    #: A wave takes so many times the samples that there are, at most, as the first ones know little; and aims at a
-    #: noise that is a little smaller.
-    GROWTH, AIM = 4.0, 0.96
+    #: A wave takes so many times the samples that there are, at most, as the first ones know little.
+    GROWTH = 4.0
+    #: The noise that ends it, over the one asked for: what is measured is itself uncertain, and where it is small by
+    #: chance it ends too early. A wave aims a little lower.
+    ENOUGH, AIM = 0.97, 0.94
     #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
     STEP = 0.5
 
@@ -122,7 +124,7 @@ class Pursuit:
         state = self.state
         state.portion = self._portion()
         self._measure()
-        while not self._ended() and not state.noise <= self.target.noise:
+        while not self._ended() and not state.noise <= self.ENOUGH * self.target.noise:
             samples = mean(state.estimate.count)
             if self.target.seconds and not self.speed:
                 # The first wave had to compile; the second shows how fast the samples are.

@@ -126,10 +126,8 @@ class Pursuit:
         self._measure()
         while not self._ended() and not state.noise <= self.ENOUGH * self.target.noise:
             samples = mean(state.estimate.count)
-            if self.target.seconds and not self.speed:
-                # The first wave had to compile; the second shows how fast the samples are.
-                wanted = dr.minimum(2 * state.estimate.count, dr.opaque(mi.UInt32, state.plan.most))
-            else:
+            wanted = self._everywhere(samples)
+            if wanted is None:
                 if self.effort == 0:
                     self._choose_patterns(samples)
                 wanted = self._next(samples)
@@ -160,15 +158,31 @@ class Pursuit:
         speed = self.speed or mean(state.estimate.count) / target.passed
         return max(1, int(speed * dr.width(state.estimate.count) * step))
 
-    def _choose_patterns(self, samples: float) -> None:
-        """Larger patterns from now on, if many samples are to come; as long as all pixels have the same number."""
-        plan, target = self.state.plan, self.target
-        expected = float(UNLIMITED)
+    def _expected(self, samples: float) -> float:
+        """Samples of a pixel in the end, in the mean, as far as can be known."""
+        target, expected = self.target, float(UNLIMITED)
         if target.noise:
             expected = samples * (self.state.noise / target.noise) ** 2
         if target.seconds:
             expected = min(expected, samples + self.speed * target.left)
-        n = size_of_patterns(expected)
+        return expected
+
+    def _everywhere(self, samples: float) -> mi.UInt32 | None:
+        """The counts of a wave that is the same for every pixel; None: there need not be one."""
+        plan, count = self.state.plan, self.state.estimate.count
+        size = plan.n**2
+        if self.target.seconds and not self.speed:
+            wanted = 2 * count  # the first wave had to compile; this one shows how fast the samples are
+        elif self.effort == 0 and samples < size and self._expected(samples) > 8 * size:
+            wanted = dr.opaque(mi.UInt32, size, dr.width(count))  # who stops a long render has a picture of one kind
+        else:
+            return None
+        return dr.minimum(wanted, dr.opaque(mi.UInt32, plan.most))
+
+    def _choose_patterns(self, samples: float) -> None:
+        """Larger patterns from now on, if many samples are to come; as long as all pixels have the same number."""
+        plan = self.state.plan
+        n = min(size_of_patterns(self._expected(samples)), 2 * plan.n)  # twice: a wave is to reach most pixels
         if n > 1.3 * plan.n:
             self.state.follow(plan.continued(n, int(dr.max(self.state.estimate.count)[0])))
 
@@ -222,7 +236,7 @@ def size_of_patterns(expected: float) -> int:
     """N for patterns of which a pixel takes some, where it is expected to get so many samples in the mean: the
     larger a pattern, the better each of its samples; the smaller, the nearer each pixel comes to what it needs.
     """
-    return round(min((expected / 4) ** 0.5, 32))
+    return round((expected / 4) ** 0.5)
 
 
 def display_variance(estimate: Estimate) -> mi.Float:

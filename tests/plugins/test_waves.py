@@ -200,3 +200,16 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     mi.render(scene, seed=2)
     assert 1 < time.perf_counter() - start < 4
     assert scene.integrator().reached.seconds == pytest.approx(2, abs=1) and scene.integrator().reached.samples > 5
+
+
+@pytest.mark.parametrize("noise", [0.0025, 0.001])
+def test_larger_patterns_are_the_same_whether_sums_are_kept_or_not(variant_rgb, monkeypatch, noise):
+    """What is taken anew begins with the first samples, which are of the smaller patterns."""
+    images = []
+    for kept in (1 << 30, 0):
+        monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+        scene = loaded(COPPER, noise=noise, samples=3, aovs="samples")
+        *_, last = scene.integrator().waves(scene)
+        assert last.state.plan.before is not None
+        images.append(np.array(last.image()))
+    assert np.array_equal(*images)

@@ -6,14 +6,17 @@ import drjit as dr
 import mitsuba as mi
 
 
+def variance(total: mi.Float, squares: mi.Float, count: mi.Float) -> mi.Float:
+    """Variance of a sample, from the sum of ``count`` of them and that of their squares."""
+    return dr.maximum(squares / count - dr.square(total / count), 0) * count / dr.maximum(count - 1, 1)
+
+
 def standard_error(total: mi.Float, squares: mi.Float, count: mi.Float) -> mi.Float:
     """Standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation 4.4).
 
     Samples of one N-rook pass are stratified, so their mean is better than this says.
     """
-    mean = total / count
-    variance = dr.maximum(squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
-    return dr.sqrt(variance / count)
+    return dr.sqrt(variance(total, squares, count) / count)
 
 
 def error_between_passes(total: mi.Float, pass_squares: mi.Float, passes: mi.Float) -> mi.Float:

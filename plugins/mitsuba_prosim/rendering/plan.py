@@ -125,6 +125,12 @@ class Plan:
         for r in itertools.count():
             yield self, self.begin + r * self.n
 
+    def stages(self) -> Iterator[tuple[Plan, int]]:
+        """The plans of a pixel's samples in their order: ``(plan, number of the sample that is no more its own)``."""
+        if self.before is not None:
+            yield self.before, self.begin
+        yield self, 0xFFFFFFFF
+
     @property
     def pass_size(self) -> int:
         """Samples of a pass; 0 where there are passes of two sizes."""

@@ -101,17 +101,18 @@ class State:
     def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
         image = Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))
-        left, top, right, bottom = self.outer
-        rows = max(1, self.plan.band // (right - left))
-        for begin in range(top, bottom, rows):
-            band = (left, begin, right, min(begin + rows, bottom))
+        _, top, _, bottom = self.outer
+        for band in self.bands(self.outer):
 
             def portion(quiet: Quiet | None, band: Rectangle = band) -> None:
                 x, y, *_ = pixels(band)
                 some = index_within(self.outer, x, y)
                 count, end = (dr.gather(mi.UInt32, counts, some) for counts in (self.estimate.count, wanted))
-                nothing = Estimate.nothing(self.estimator.values, area(band))
-                more = self._take(x, y, nothing, dr.maximum(count, end), quiet)
+                more = Estimate.nothing(self.estimator.values, area(band))
+                for plan, until in self.plan.stages():
+                    self.estimator.plan = plan
+                    stage = dr.minimum(dr.maximum(count, end), dr.opaque(mi.UInt32, until))
+                    more = self._take(x, y, more, stage, quiet)
                 self.estimate.put(replace(more, sums=[]), some)
                 self._add(image, band, band, more)
                 image.wait()
@@ -140,15 +141,13 @@ class State:
             return self._image
         image = Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))
         if self.keeps:
-            for band in self.bands():
+            for band in self.bands(self.plan.region):
                 self._add(image, self.outer, band, self.estimate)
         return image
 
-    def bands(self) -> Iterator[Rectangle]:
-        """The pixels whose samples reach the window, as rectangles of at most ``band`` pixels or of one row, from top
-        to bottom.
-        """
-        left, top, right, bottom = self.plan.region
+    def bands(self, rectangle: Rectangle) -> Iterator[Rectangle]:
+        """``rectangle`` in parts of at most ``band`` pixels or of one row, from top to bottom."""
+        left, top, right, bottom = rectangle
         rows = max(1, self.plan.band // (right - left))
         for begin in range(top, bottom, rows):
             yield left, begin, right, min(begin + rows, bottom)
@@ -177,7 +176,7 @@ class State:
         a rectangle that holds all within ``reach`` of it; 0 for the other pixels that are known.
         """
         result = dr.zeros(mi.Float, area(self.outer))
-        for band in self.bands():
+        for band in self.bands(self.plan.region):
             around = widened(band, reach, self.plan.domain)
             x, y, width, height = pixels(around)
             known = self.estimate.at(index_within(self.outer, x, y)) if around != self.outer else self.estimate

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..sampling.hash import hash32
-from .error import displayed, in_display_units
+from .error import displayed, in_display_units, variance
 from .estimate import Estimate
 from .plan import UNLIMITED, area, in_patterns, pixels
 from .state import State, portions
@@ -242,9 +242,8 @@ def size_of_patterns(expected: float) -> int:
 def display_variance(estimate: Estimate) -> mi.Float:
     """Variance of a sample of each pixel, in display units squared."""
     count = mi.Float(estimate.count)
-    mean = estimate.total / count
-    variance = dr.maximum(estimate.squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
-    result = dr.square(in_display_units(dr.sqrt(variance), mean))
+    deviation = dr.sqrt(variance(estimate.total, estimate.squares, count))
+    result = dr.square(in_display_units(deviation, estimate.total / count))
     dr.eval(result)
     return result
 

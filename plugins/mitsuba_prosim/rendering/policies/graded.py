@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
-from ..error import in_display_units
+from ..error import in_display_units, variance
 from ..plan import Plan
 from .neighbours import around
 
@@ -44,7 +44,6 @@ def deviation(estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Flo
     no noise.
     """
     count = mi.Float(estimate.count)
-    mean = estimate.total / count
-    variance = dr.maximum(estimate.squares / count - dr.square(mean), 0) * count / dr.maximum(count - 1, 1)
-    variance, mean = around([variance, mean], width, height, REACH)
-    return in_display_units(dr.sqrt(variance), mean)
+    own = [variance(estimate.total, estimate.squares, count), estimate.total / count]
+    within, mean = around(own, width, height, REACH)
+    return in_display_units(dr.sqrt(within), mean)

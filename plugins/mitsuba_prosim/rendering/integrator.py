@@ -161,7 +161,6 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 self.reached = Reached(state.samples(), state.noise, target.passed)
                 yield Snapshot(state, film, self.reached)
         finally:
-            self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
             # Once more: where the first wave was good enough, that was seen after it.
             self.reached = Reached(state.samples(), state.noise, target.passed)
@@ -216,7 +215,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         steps = waves(state.plan, policy, state, target, self.progress, lambda: self.cancelled)
         while True:
             with uncropped(estimator.sensor):
-                estimator.rays = ray_sampler(estimator.sensor)
+                estimator.rays = estimator.rays or ray_sampler(estimator.sensor)
                 if next(steps, None) is None:
                     return
             yield state

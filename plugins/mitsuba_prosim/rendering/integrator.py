@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -177,6 +179,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
             return super().render(scene, sensor, *arguments)
         finally:
             self._scalar = None
+            take_back_interrupts()
 
     def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
         """``(plan, estimator)``: which samples are taken, and what takes them."""
@@ -206,7 +209,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         """``(policy, state)``: an image without samples, and what says how many it gets."""
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
-        return policy, State(plan, estimator, own_aovs, policy.reach)
+        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""
@@ -258,6 +261,15 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 pass
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())
+
+
+def take_back_interrupts() -> None:
+    """Gives SIGINT back to Python, as Mitsuba (3.9) does after its own ``render``, but not where that was called within
+    another: it would take Ctrl-C for ever, for an integrator that may be gone.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, handler)
 
 
 def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:

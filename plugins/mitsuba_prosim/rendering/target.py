@@ -6,6 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -107,16 +108,10 @@ class Pursuit:
     #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
     STEP = 0.5
 
-    def __init__(self, target: Target, state: State, need: mi.Float, cancelled: Callable[[], bool]) -> None:
-        self.target, self.state, self.cancelled = target, state, cancelled
-        # Where all of the first samples agree, others may not: no pixel of the image is left out for ever.
-        x, y, *_ = pixels(state.plan.region)
-        inside = state.index(x, y)
-        need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
-        self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
-        dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
+    def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
+        self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
+        self._judge()
         self.twin = Twin(state) if target.noise else None
-        self.variance = display_variance(state.estimate)
         self.effort = self.speed = 0.0  # speed: samples of a pixel, in the mean, in a second
 
     def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
@@ -128,6 +123,8 @@ class Pursuit:
             samples = mean(state.estimate.count)
             wanted = self._everywhere(samples)
             if wanted is None:
+                if self.policy.judgements > 1:
+                    self._judge()
                 if self.effort == 0:
                     self._choose_patterns(samples)
                 wanted = self._next(samples)
@@ -141,6 +138,18 @@ class Pursuit:
             yield state
             if not whole:
                 break
+
+    def _judge(self) -> None:
+        """Asks the policy what each pixel needs, as far as can be known by now."""
+        state = self.state
+        need = state.judge(self.policy.need, self.policy.reach)
+        # Where all samples so far agree, others may not: no pixel of the image is left out for ever.
+        x, y, *_ = pixels(state.plan.region)
+        inside = state.index(x, y)
+        need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
+        self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
+        dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
+        self.variance = display_variance(state.estimate)
 
     def _ended(self) -> bool:
         return self.cancelled() or self.target.left <= self.target.seconds / 100
@@ -207,7 +216,8 @@ class Pursuit:
             counts = mi.Float(after(effort))
             return mean(counts) >= most or (target.noise > 0 and mean(self.variance / counts) <= goal)
 
-        self.effort = least(reaches, self.effort)
+        # What the pixels need may be judged higher now than before: so not from where it was.
+        self.effort = least(reaches, self.effort / 4 if self.policy.judgements > 1 else self.effort)
         return after(self.effort)
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:

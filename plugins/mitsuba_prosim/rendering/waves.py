@@ -12,6 +12,9 @@ from .plan import Plan, in_patterns
 from .state import State
 from .target import Pursuit, Target
 
+#: A wave takes so many times the samples that a pixel has, at most.
+GROWTH = 4
+
 
 def waves(
     plan: Plan,
@@ -33,12 +36,27 @@ def waves(
     yield state
     if not whole or policy.first == plan.most:
         return
-    need = state.judge(policy.need, policy.reach)
     if target:
-        yield from Pursuit(target, state, need, cancelled).waves(tell)
+        yield from Pursuit(target, state, policy, cancelled).waves(tell)
         return
-    state.grow(in_patterns(plan, need), policy.quiet, part(tell, begun, 1), cancelled)
-    yield state
+    for left in reversed(range(policy.judgements)):
+        # What is to be judged again must be known as far as those after it look.
+        wanted = in_patterns(plan, state.judge(policy.need, policy.reach, left * policy.reach))
+        if left:
+            wanted = dr.minimum(wanted, soon(plan, state.estimate.count))
+        end = int(dr.max(wanted)[0]) / plan.most if left else 1.0
+        whole = state.grow(wanted, policy.quiet, part(tell, begun, end), cancelled)
+        yield state
+        if not whole:
+            return
+        begun = end
+
+
+def soon(plan: Plan, count: mi.UInt32) -> mi.UInt32:
+    """The most samples that a wave leads to if it is not the last, as few samples know little: a first pattern, or some
+    times as many as there are.
+    """
+    return dr.maximum(GROWTH * count, dr.opaque(mi.UInt32, plan.n**2))
 
 
 def part(tell: Callable[[float], None] | None, begin: float, end: float) -> Callable[[float], None] | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import drjit as dr
@@ -15,8 +16,10 @@ from .camera import ray_sampler, uncropped
 from .derivatives import Derivatives
 from .estimate import Estimator
 from .film import Channels
+from .pace import Pace
 from .plan import Plan, Sampling
 from .policies import POLICIES
+from .record import Record
 from .snapshot import Reached, Snapshot, put
 from .state import OWN_AOVS, State
 from .target import Target
@@ -68,6 +71,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
         self.cancelled = False
+        #: Called as often as ``progress``, and at the end, with what makes the record of the image then.
+        self.keep: Callable[[Callable[[], Record]], None] | None = None
         #: How far the last image came.
         self.reached: Reached | None = None
         self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
@@ -135,11 +140,19 @@ class WaveIntegrator(mi.SamplingIntegrator):
         return image
 
     def waves(
-        self, scene: mi.Scene, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        begin: Record | None = None,
     ) -> Iterator[Snapshot]:
         """Renders as :meth:`render` does, and yields a :class:`.Snapshot` after each wave, of which the first gives a
         value to every pixel. When the iterator has come to its end, or is closed, the film holds the image so far.
-        Raises RuntimeError in scalar variants and within ``dr.freeze``.
+        ``begin``: goes on from there.
+
+        Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError where ``begin`` belongs to another
+        image, or to samples that were drawn from a sampler of Mitsuba's, which does not say where it was.
         """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(f"{self.name()}: there are no waves in scalar variants; use an llvm or cuda variant.")
@@ -152,14 +165,22 @@ class WaveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         film = sensor.film()
         film.prepare(self.aov_names())
-        target = Target(self.noise, self.time)
         policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs)
+        target, steps = Target(self.noise, self.time), self._grow
+        if begin is not None:
+            self._refuse_sampler()
+            begin.restore(state)
+            target = Target(self.noise, self.time, time.perf_counter() - begin.facts["seconds"])
+            if begin.finished and begin.same_aim(state):
+                steps = nothing_more
         self._growing = film, state
         try:
-            for _ in self._grow(policy, state, target):
+            for _ in steps(policy, state, target):
                 # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
                 self.reached = Reached(state.samples(), state.noise, target.passed)
                 yield Snapshot(state, film, self.reached)
+            if self.keep is not None:
+                self.keep(lambda: Record.of(state, target.passed, finished=not self.cancelled))
         finally:
             self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
@@ -178,6 +199,13 @@ class WaveIntegrator(mi.SamplingIntegrator):
             return super().render(scene, sensor, *arguments)
         finally:
             self._scalar = None
+
+    def _refuse_sampler(self) -> None:
+        if self.sampler is not None:
+            raise ValueError(
+                f"{self.name()}: an image can't be kept and gone on with where its samples are drawn from a sampler of "
+                "Mitsuba's, which does not say where it was; leave the sampler out."
+            )
 
     def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
         """``(plan, estimator)``: which samples are taken, and what takes them."""
@@ -213,7 +241,17 @@ class WaveIntegrator(mi.SamplingIntegrator):
         """The image wave by wave."""
         self.cancelled = False
         estimator = state.estimator
-        steps = waves(state.plan, policy, state, target, self.progress, lambda: self.cancelled)
+
+        pace = Pace(state)
+
+        def pause() -> bool:
+            if self.keep is not None:
+                pace.look()
+                self.keep(lambda: Record.of(state, target.passed))
+                pace.go_on()
+            return self.cancelled
+
+        steps = waves(state.plan, policy, state, target, self.progress, pause)
         while True:
             with uncropped(estimator.sensor):
                 estimator.rays = ray_sampler(estimator.sensor)
@@ -259,6 +297,11 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 pass
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())
+
+
+def nothing_more(policy: Any, state: State, target: Target) -> Iterator[State]:
+    """The one step of an image that has all it should."""
+    yield state
 
 
 def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:

@@ -22,22 +22,24 @@ def waves(
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[State]:
     """Lets ``state`` grow by ``policy`` (see :mod:`.policies`) until ``target``, if there is one, and yields it after
-    each wave; after the first one every pixel has a value.
+    each wave; after the first one every pixel has a value. A state with samples and decisions goes on where it is.
 
     ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
     """
     pixels = dr.width(state.estimate.count)
     begun = policy.first / plan.most  # the first wave's share, as long as nobody knows how many follow
-    first = dr.opaque(mi.UInt32, policy.first, pixels)
-    whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
-    yield state
-    if not whole or policy.first == plan.most:
-        return
-    need = state.judge(policy.need, policy.reach)
+    decisions = state.decisions
+    if decisions.need is None:
+        first = dr.opaque(mi.UInt32, policy.first, pixels)
+        whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
+        yield state
+        if not whole or policy.first == plan.most:
+            return
+        decisions.need = state.judge(policy.need, policy.reach)
     if target:
-        yield from Pursuit(target, state, need, cancelled).waves(tell)
+        yield from Pursuit(target, state, decisions.need, cancelled).waves(tell)
         return
-    state.grow(in_patterns(plan, need), policy.quiet, part(tell, begun, 1), cancelled)
+    state.grow(in_patterns(plan, decisions.need), policy.quiet, part(tell, begun, 1), cancelled)
     yield state
 
 

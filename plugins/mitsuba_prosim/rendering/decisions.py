@@ -1,0 +1,31 @@
+"""What has been decided of an image on its way, beside its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mitsuba as mi
+
+if TYPE_CHECKING:
+    from .accumulate import Image
+    from .estimate import Estimate
+
+
+@dataclass
+class Decisions:
+    """All that the next step of an image follows from, with the samples that it has: who knows both goes on as if there
+    had been nothing between. Dr.Jit arrays have one entry a pixel that is known.
+    """
+
+    #: Samples that each pixel should have, by the first wave; None before its end.
+    need: mi.Float | None = None
+    #: Where noise or time were asked for: the variance of a sample in display units squared, by the first wave; the
+    #: counts of the wave at hand, None between two; and how many samples there are for each that is needed.
+    variance: mi.Float | None = None
+    wanted: mi.UInt32 | None = None
+    effort: float = 0.0
+    #: Samples of the :class:`.Twin`, of its pixels alone.
+    twin: Estimate | None = None
+    #: Where sums are not kept: the image that the wave at hand has made of the rows above the one of this number.
+    rows: tuple[Image, int] | None = None

@@ -71,8 +71,9 @@ class WaveIntegrator(mi.SamplingIntegrator):
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
         self.cancelled = False
-        #: Called as often as ``progress``, and at the end, with what makes the record of the image then.
-        self.keep: Callable[[Callable[[], Record]], None] | None = None
+        #: Called as often as ``progress``, and at the end, with what makes the record of the image then, and whether it
+        #: is the end.
+        self.keep: Callable[[Callable[[], Record], bool], None] | None = None
         #: How far the last image came.
         self.reached: Reached | None = None
         self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
@@ -180,7 +181,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 self.reached = Reached(state.samples(), state.noise, target.passed)
                 yield Snapshot(state, film, self.reached)
             if self.keep is not None:
-                self.keep(lambda: Record.of(state, target.passed, finished=not self.cancelled))
+                self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
         finally:
             self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
@@ -247,7 +248,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         def pause() -> bool:
             if self.keep is not None:
                 pace.look()
-                self.keep(lambda: Record.of(state, target.passed))
+                self.keep(lambda: Record.of(state, target.passed), False)
                 pace.go_on()
             return self.cancelled
 

@@ -12,6 +12,7 @@ import prosim_scene
 
 from .. import registry
 from . import integrators, session
+from .digest import digest
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -61,6 +62,8 @@ class SceneFile:
             resolution = samples = None  # said in the translation
         with self._search_paths():
             self.state = parse(self.xml, self.definitions)
+            #: What is the same for scenes of the same content, and differs for others.
+            self.digest = digest(self.state)
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)

@@ -1,0 +1,5 @@
+"""Images on their way, as files: to be gone on with, and to be put together from parts."""
+
+from .files import StateError, about, load, save
+
+__all__ = ["StateError", "about", "load", "save"]

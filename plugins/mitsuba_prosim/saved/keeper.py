@@ -1,0 +1,45 @@
+"""A state that is written from time to time, while an image is rendered."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..rendering.record import Record
+from . import files
+
+
+class Keeper:
+    """Writes the record of an image to ``path`` every few seconds, and at its end.
+
+    ``about``: as for :func:`.files.save`. To be called between two portions of the work.
+    """
+
+    #: Seconds from one to the next: so many times what writing it takes, within bounds; where it takes long, so many
+    #: times at least.
+    TIMES, SHORTEST, LONGEST, LEAST_TIMES = 50, 4.0, 7.0, 20
+
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        self.path, self.about = path, about
+        self.written = time.perf_counter()
+        self.wait = self.SHORTEST
+        #: Seconds that it took in all, and what went wrong the last time.
+        self.cost = 0.0
+        self.failure: OSError | None = None
+
+    def __call__(self, record: Callable[[], Record], last: bool) -> None:
+        """Writes it if it is time for it, or the ``last`` time. What fails is tried again the next time."""
+        begun = time.perf_counter()
+        if not last and begun - self.written < self.wait:
+            return
+        try:
+            files.save(record(), self.path, self.about)
+            self.failure = None
+        except OSError as error:
+            self.failure = error
+        self.written = time.perf_counter()
+        took = self.written - begun
+        self.cost += took
+        self.wait = max(min(max(self.TIMES * took, self.SHORTEST), self.LONGEST), self.LEAST_TIMES * took)

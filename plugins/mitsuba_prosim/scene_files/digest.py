@@ -19,7 +19,7 @@ def digest(state: mi.parser.ParserState) -> str:
     result = hashlib.sha256()
     contents = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in named_files(state)}
     for path in state.files:
-        text = COMMENT.sub(b"", Path(path).read_bytes())
+        text = COMMENT.sub(b"", Path(str(path)).read_bytes())
         for name in sorted(contents, key=len, reverse=True):  # none within another
             text = text.replace(name.encode(), contents[name].encode())
         result.update(text + b"\0")

@@ -13,6 +13,7 @@ COMMANDS = {
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
     "link": ("link:link", "Let the mitsuba command run plugins in Python."),
     "render": ("render:render", "Render a scene to an EXR and a PNG image."),
+    "resume": ("resume:resume", "Go on with a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
 }
 

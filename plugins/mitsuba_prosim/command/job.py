@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 
+from ..rendering.record import Record
 from ..scene_files import opening
 
 
@@ -29,6 +31,23 @@ class Job:
     integrator: Mapping[str, Any]
     language: Mapping[str, Any]
     exposure: float
+
+    @classmethod
+    def of(cls, record: Record) -> Job:
+        """The job that a record is of. Raises ValueError where it is of none."""
+        try:
+            said = dict(record.about["job"])
+            tuples = {name: said[name] and tuple(said[name]) for name in ("resolution", "crop")}
+            return cls(**(said | tuples))
+        except (KeyError, TypeError):
+            raise ValueError(
+                "this state was not kept by prosim render, so the command can't know what it is of; go on with it "
+                "where it comes from, by integrator.waves(begin=...)"
+            ) from None
+
+    def about(self, file: opening.SceneFile) -> dict[str, Any]:
+        """What a record of it has to say, so that another process can go on: ``job`` and ``digest``."""
+        return {"job": asdict(replace(self, scene=os.path.abspath(self.scene))), "digest": file.digest()}
 
     def open(self, folder: Path) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
         """The scene file, its scene and its sensor. ``folder``: for translations. Raises what their makers raise."""

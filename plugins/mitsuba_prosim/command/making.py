@@ -13,6 +13,9 @@ import click
 import mitsuba as mi
 from tqdm.auto import tqdm
 
+from ..rendering.record import Record
+from ..rendering.state import KEPT
+from ..saved.keeper import Keeper
 from ..scene_files import images, rendering, session, writing
 from . import output as files
 from . import reached
@@ -21,30 +24,48 @@ from .job import Job
 from .log import log
 from .options import InputError, wrong_input
 
-SUFFIXES = (".exr", ".png")
+#: What an image is written as, and its state.
+SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
 
 
-def make(job: Job, stem: Path, threads: int | None, verbose: int) -> None:
+def make(
+    job: Job, stem: Path, threads: int | None, verbose: int, begin: Record | None = None, keep: bool = False
+) -> None:
     """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
 
-    ``threads``: None for all; ``verbose``: as for :func:`.log.log`. Raises InputError, where nothing has been written,
-    and ClickException; ends the process where it was interrupted.
+    ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
+    write the state beside the image, from time to time and at the end. Raises InputError, where nothing has been
+    written, and ClickException; ends the process where it was interrupted.
     """
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
             file, loaded, chosen = job.open(folder)
+            integrator = loaded.integrator()
+            about = job.about(file) if keep or begin is not None else {}
+            if about:
+                refuse_to_keep(integrator)
+            if begin is not None and begin.about["digest"] != about["digest"]:
+                raise ValueError(
+                    f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
+                    "it names. Render it anew, or name the right one with --scene."
+                )
         width, height = chosen.film().crop_size()
-        integrator = loaded.integrator()
         refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), job.variant)
         # Four channels of 32 bits and what else the integrator gives, and three bytes of the PNG.
         size = int(width * height) * (19 + 4 * len(integrator.aov_names())) + 2**16
-        files.check(Path(job.scene), stem, SUFFIXES, size)
+        suffixes: tuple[str, ...] = SUFFIXES
+        if keep:
+            suffixes, size = (*SUFFIXES, STATE), size + 2 * size_of_state(integrator, chosen.film())  # the old one, too
+        files.check(Path(job.scene), stem, suffixes, size)
+        keeper = Keeper(stem.with_name(stem.name + STATE), about, warn) if keep else None
 
         start = perf_counter()
         with interruptible(integrator.cancel) as signals:
             try:
                 with progress_bar(integrator, job.variant) as tell:
-                    rendering.render(loaded, chosen, job.seed, job.spp, tell)
+                    rendering.render(loaded, chosen, job.seed, job.spp, tell, begin, keeper)
+            except ValueError as error:
+                raise InputError(f"it can't be gone on with: {error}") from None
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
             seconds, interrupted = perf_counter() - start, bool(signals)
@@ -64,8 +85,39 @@ def make(job: Job, stem: Path, threads: int | None, verbose: int) -> None:
     )
     if said := reached.sentence(integrator, interrupted):
         click.echo(said)
+    if keeper is not None:
+        if keeper.failure is not None:
+            raise click.ClickException(f"the state could not be written to {keeper.path}: {keeper.failure.strerror}")
+        click.echo(f"{keeper.path}: its state, to go on with by prosim resume")
     if interrupted:
         sys.exit(1)
+
+
+def refuse_to_keep(integrator: mi.Integrator) -> None:
+    """Raises ValueError where an image can't be gone on with."""
+    if not rendering.keeps(integrator):
+        raise ValueError(
+            f"a state can be kept where prosim or prosim_adaptive takes the samples, in all but scalar variants; this "
+            f"scene's integrator is {integrator.class_name()}. Say how it should be sampled, such as --noise 0.01 or "
+            "--adaptive none --samples 8: it is put within prosim_adaptive then."
+        )
+    if getattr(integrator, "sampler", None) is not None:
+        raise ValueError(
+            "a state can't be kept where samples are drawn from a sampler of Mitsuba's, which does not say where it "
+            "was; leave the sampler out of prosim_adaptive."
+        )
+
+
+def size_of_state(integrator: mi.Integrator, film: mi.Film) -> int:
+    """Bytes that a state takes, about: the twin has a sixteenth of the pixels."""
+    values = (5 + len(integrator.aov_names())) * (2 * film.rfilter().border_size() + 1) ** 2
+    pixels = int(film.crop_size()[0] * film.crop_size()[1])
+    return min(4 * pixels * values, KEPT) + 4 * pixels * 12 + 2**16
+
+
+def warn(text: str) -> None:
+    """Says something beside the progress bar."""
+    tqdm.write(f"warning: {text}", file=sys.stderr)
 
 
 def refuse_waves(names: Iterable[str], variant: str) -> None:

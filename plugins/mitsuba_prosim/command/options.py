@@ -17,6 +17,9 @@ from ..scene_files import opening, session
 
 SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 
+#: More than any machine has processors.
+MOST_THREADS = 1024
+
 #: Beyond these factors of two, single precision ends.
 STOPS = 64
 
@@ -117,6 +120,18 @@ defines = click.option(
     multiple=True,
     help="Constant that replaces $key in the XML scene. May be repeated.",
 )
+
+
+def running(command: Callable) -> Callable:
+    """Decorator: the options of a process that renders."""
+    threads = click.option(
+        "-t",
+        "--threads",
+        type=click.IntRange(1, MOST_THREADS),
+        show_default=False,
+        help="Number of threads. [default: all]",
+    )
+    return threads(click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")(command))
 
 
 def translation(command: Callable) -> Callable:

@@ -11,10 +11,7 @@ from ..rendering.policies import POLICIES
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, choose_variant, defines, translation
-
-#: More than any machine has processors.
-MOST_THREADS = 1024
+from .options import SCENE, STOPS, Crop, Finite, choose_variant, defines, running, translation
 
 
 @click.command()
@@ -37,14 +34,7 @@ MOST_THREADS = 1024
 )
 @defines
 @click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
-@click.option(
-    "-t",
-    "--threads",
-    type=click.IntRange(1, MOST_THREADS),
-    show_default=False,
-    help="Number of threads. [default: all]",
-)
-@click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")
+@running
 @click.option(
     "--spp",
     type=click.IntRange(1, 2**24),
@@ -109,6 +99,12 @@ MOST_THREADS = 1024
     metavar="STOPS",
     help="Makes the PNG brighter by so many factors of two; negative: darker.",
 )
+@click.option(
+    "--keep",
+    is_flag=True,
+    help="Write the state beside the image, as NAME.state.exr, from time to time and at the end: prosim resume goes on "
+    "with it, whatever has ended this render.",
+)
 @translation
 def render(
     scene: Path,
@@ -129,6 +125,7 @@ def render(
     max_samples: int | None,
     adaptive: str | None,
     exposure: float,
+    keep: bool,
     resolution: tuple[int, int] | None,
     samples: int | None,
     **language: Any,
@@ -144,6 +141,7 @@ def render(
     asked = sampling(threshold, noise, time, max_samples, adaptive)
     variant = choose_variant(mode)
     options = {"--noise": noise, "--time": time, "--max-samples": max_samples, "--adaptive": adaptive}
+    options["--keep"] = keep or None
     refuse_waves((option for option, value in options.items() if value is not None), variant)
     job = Job(
         scene=str(scene),
@@ -159,7 +157,7 @@ def render(
         language=language,
         exposure=exposure,
     )
-    make(job, stem, threads, verbose)
+    make(job, stem, threads, verbose, keep=keep)
 
 
 def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:

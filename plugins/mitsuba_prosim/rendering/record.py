@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import mitsuba as mi
@@ -33,13 +33,15 @@ class Record:
 
     ``facts``: what can be said in words and numbers (they are JSON); ``pixels``: name -> values of all pixels that are
     known, shape (height, width); ``twin``: name -> values of the twin's pixels, shape (pixels,); ``image``: name ->
-    channels of the image, where the sums of its samples are not kept, shape (height, width).
+    channels of the image, where the sums of its samples are not kept, shape (height, width). ``about``: what those who
+    keep it say of where it comes from, in JSON.
     """
 
     facts: Mapping[str, Any]
     pixels: Mapping[str, np.ndarray]
     twin: Mapping[str, np.ndarray]
     image: Mapping[str, np.ndarray]
+    about: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, state: State, seconds: float, finished: bool = False) -> Record:

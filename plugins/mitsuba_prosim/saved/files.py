@@ -28,16 +28,15 @@ class StateError(ValueError):
     """A file that can't be gone on with."""
 
 
-def save(record: Record, path: str | Path, about: Mapping[str, Any] | None = None) -> None:
-    """Writes ``record``, which takes the place of what was there when it is complete. ``about``: what else is to be
-    known of it, in JSON.
+def save(record: Record, path: str | Path) -> None:
+    """Writes ``record``, which takes the place of what was there when it is complete.
 
     Raises OSError.
     """
-    writing.write({Path(path): encode(record, about or {})})
+    writing.write({Path(path): encode(record)})
 
 
-def encode(record: Record, about: Mapping[str, Any]) -> memoryview:
+def encode(record: Record) -> memoryview:
     """The content of the file. Its pixels are not compressed, as that would take longer than the samples."""
     groups = {
         "pixels": record.pixels,
@@ -49,7 +48,7 @@ def encode(record: Record, about: Mapping[str, Any]) -> memoryview:
     text = {
         "format": FORMAT,
         "origin": origin.here(),
-        "about": dict(about),
+        "about": dict(record.about),
         "facts": dict(record.facts),
         "twin": len(next(iter(record.twin.values()), ())),
         "checksum": checksum(groups.values()),
@@ -113,7 +112,7 @@ def load(path: str | Path) -> Record:
     if not whole:
         raise StateError(f"{path} is damaged: its values are not those that were written")
     twin = {name: values.ravel()[: text["twin"]] for name, values in groups.get("twin", {}).items()}
-    return Record(text["facts"], groups["pixels"], twin, groups.get("image", {}))
+    return Record(text["facts"], groups["pixels"], twin, groups.get("image", {}), text["about"])
 
 
 def folded(values: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,16 @@ from . import files
 class Keeper:
     """Writes the record of an image to ``path`` every few seconds, and at its end.
 
-    ``about``: as for :func:`.files.save`. To be called between two portions of the work.
+    ``about``: that of :class:`.Record`; ``say``: told once that it can't be written. To be called between two portions
+    of the work.
     """
 
     #: Seconds from one to the next: so many times what writing it takes, within bounds; where it takes long, so many
     #: times at least.
     TIMES, SHORTEST, LONGEST, LEAST_TIMES = 50, 4.0, 7.0, 20
 
-    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
-        self.path, self.about = path, about
+    def __init__(self, path: Path, about: Mapping[str, Any], say: Callable[[str], None] = lambda _: None) -> None:
+        self.path, self.about, self.say = path, about, say
         self.written = time.perf_counter()
         self.wait = self.SHORTEST
         #: Seconds that it took in all, and what went wrong the last time.
@@ -35,9 +37,11 @@ class Keeper:
         if not last and begun - self.written < self.wait:
             return
         try:
-            files.save(record(), self.path, self.about)
+            files.save(replace(record(), about=self.about), self.path)
             self.failure = None
         except OSError as error:
+            if self.failure is None:
+                self.say(f"the state can't be written to {self.path}: {error.strerror or error}; the render goes on")
             self.failure = error
         self.written = time.perf_counter()
         took = self.written - begun

@@ -62,8 +62,6 @@ class SceneFile:
             resolution = samples = None  # said in the translation
         with self._search_paths():
             self.state = parse(self.xml, self.definitions)
-            #: What is the same for scenes of the same content, and differs for others.
-            self.digest = digest(self.state)
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
@@ -73,6 +71,11 @@ class SceneFile:
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
             self._warn_of_distortion(*self.resolution)
+
+    def digest(self) -> str:
+        """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
+        with self._search_paths():
+            return digest(self.state)
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

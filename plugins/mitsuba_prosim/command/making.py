@@ -13,6 +13,7 @@ import click
 import mitsuba as mi
 from tqdm.auto import tqdm
 
+from ..rendering.part import Part
 from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
@@ -29,43 +30,51 @@ SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
 
 
 def make(
-    job: Job, stem: Path, threads: int | None, verbose: int, begin: Record | None = None, keep: bool = False
+    job: Job,
+    stem: Path,
+    threads: int | None,
+    verbose: int,
+    begin: Record | None = None,
+    keep: bool = False,
+    part: Part | None = None,
 ) -> None:
     """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
 
     ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
-    write the state beside the image, from time to time and at the end. Raises InputError, where nothing has been
-    written, and ClickException; ends the process where it was interrupted.
+    write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
+    which the state is all that is written. Raises InputError, where nothing has been written, and ClickException; ends
+    the process where it was interrupted.
     """
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
             file, loaded, chosen = job.open(folder)
-            integrator = loaded.integrator()
             about = job.about(file) if keep or begin is not None else {}
             if about:
-                refuse_to_keep(integrator)
+                refuse_to_keep(loaded.integrator())
             if begin is not None and begin.about["digest"] != about["digest"]:
                 raise ValueError(
                     f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
                     "it names. Render it anew, or name the right one with --scene."
                 )
         width, height = chosen.film().crop_size()
+        integrator = loaded.integrator()
         refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), job.variant)
         # Four channels of 32 bits and what else the integrator gives, and three bytes of the PNG.
         size = int(width * height) * (19 + 4 * len(integrator.aov_names())) + 2**16
-        suffixes: tuple[str, ...] = SUFFIXES
+        suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
+        keeper, state = None, STATE if part is None else f".{part}.exr"
         if keep:
-            suffixes, size = (*SUFFIXES, STATE), size + 2 * size_of_state(integrator, chosen.film())  # the old one, too
+            suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film())  # the old one, too
+            keeper = Keeper(stem.with_name(stem.name + state), about, warn)
         files.check(Path(job.scene), stem, suffixes, size)
-        keeper = Keeper(stem.with_name(stem.name + STATE), about, warn) if keep else None
 
         start = perf_counter()
         with interruptible(integrator.cancel) as signals:
             try:
                 with progress_bar(integrator, job.variant) as tell:
-                    rendering.render(loaded, chosen, job.seed, job.spp, tell, begin, keeper)
+                    rendering.render(loaded, chosen, job.seed, job.spp, tell, begin, keeper, part)
             except ValueError as error:
-                raise InputError(f"it can't be gone on with: {error}") from None
+                raise InputError(str(error)) from None
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
             seconds, interrupted = perf_counter() - start, bool(signals)
@@ -77,19 +86,25 @@ def make(
                 "prosim.seed": str(job.seed),
                 "prosim.seconds": f"{seconds:.3f}",
             }
-            written = files.save(stem, images.encode(chosen.film().bitmap(), facts, job.exposure))
+            written = []
+            if part is None:
+                written = files.save(stem, images.encode(chosen.film().bitmap(), facts, job.exposure))
+        if keeper is not None:
+            if keeper.unwritten is not None:
+                files.save(stem, {state: keeper.unwritten})
+            written.append(keeper.path)
     click.echo(
-        f"{' and '.join(map(str, written))}: {width} x {height} pixels, {job.variant}, {seconds:.2f} s"
+        f"{' and '.join(map(str, written))}: "
+        + (f"part {part.number} of {part.of}, " if part else "")
+        + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
         + (", interrupted" if interrupted else "")
     )
-    if said := reached.sentence(integrator, interrupted):
+    if part is None and (said := reached.sentence(integrator, interrupted)):
         click.echo(said)
-    if keeper is not None:
-        if keeper.failure is not None:
-            raise click.ClickException(f"the state could not be written to {keeper.path}: {keeper.failure.strerror}")
-        click.echo(f"{keeper.path}: its state, to go on with by prosim resume")
     if interrupted:
+        if keeper is not None:
+            click.echo(f"To go on with it: prosim resume {keeper.path}")
         sys.exit(1)
 
 

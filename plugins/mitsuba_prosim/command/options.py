@@ -13,12 +13,16 @@ import mitsuba as mi
 import prosim_scene
 from click.core import ParameterSource
 
+from ..rendering.part import Part
 from ..scene_files import opening, session
 
 SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 
 #: More than any machine has processors.
 MOST_THREADS = 1024
+
+#: More would have less than a tile each, of an image of usual size.
+MOST_PARTS = 4096
 
 #: Beyond these factors of two, single precision ends.
 STOPS = 64
@@ -85,6 +89,22 @@ class Crop(click.ParamType):
         if min(x, y) < 0 or min(width, height) < 1:
             self.fail(f"{value!r}: X and Y are 0 or more, W and H are 1 or more", param, ctx)
         return x, y, width, height
+
+
+class Share(click.ParamType):
+    """A part such as 3/16."""
+
+    name = "K/M"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Part:
+        """The part, counted from 1."""
+        try:
+            number, of = (int(word) for word in value.split("/"))
+        except ValueError:
+            self.fail(f"{value!r} is not of the form {self.name}, such as 3/16", param, ctx)
+        if not 1 <= number <= of <= MOST_PARTS:
+            self.fail(f"{value!r}: K is 1 to M, and M at most {MOST_PARTS}", param, ctx)
+        return Part(number, of)
 
 
 class Finite(click.FloatRange):

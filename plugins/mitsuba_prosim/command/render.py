@@ -7,11 +7,12 @@ from typing import Any
 
 import click
 
+from ..rendering.part import Part
 from ..rendering.policies import POLICIES
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, choose_variant, defines, running, translation
+from .options import SCENE, STOPS, Crop, Finite, Share, choose_variant, defines, running, translation
 
 
 @click.command()
@@ -105,6 +106,13 @@ from .options import SCENE, STOPS, Crop, Finite, choose_variant, defines, runnin
     help="Write the state beside the image, as NAME.state.exr, from time to time and at the end: prosim resume goes on "
     "with it, whatever has ended this render.",
 )
+@click.option(
+    "--part",
+    type=Share(),
+    show_default=False,
+    help="Render only part K of M, of which NAME.K-of-M.exr is written, from time to time and at the end: prosim merge "
+    "makes the image of all.",
+)
 @translation
 def render(
     scene: Path,
@@ -126,6 +134,7 @@ def render(
     adaptive: str | None,
     exposure: float,
     keep: bool,
+    part: Part | None,
     resolution: tuple[int, int] | None,
     samples: int | None,
     **language: Any,
@@ -138,10 +147,15 @@ def render(
     if spp and samples:
         raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
     stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES)
+    if part and (noise or time):
+        raise click.UsageError(
+            "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
+            "then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr --noise X."
+        )
     asked = sampling(threshold, noise, time, max_samples, adaptive)
     variant = choose_variant(mode)
     options = {"--noise": noise, "--time": time, "--max-samples": max_samples, "--adaptive": adaptive}
-    options["--keep"] = keep or None
+    options |= {"--keep": keep or None, "--part": str(part) if part else None}
     refuse_waves((option for option, value in options.items() if value is not None), variant)
     job = Job(
         scene=str(scene),
@@ -157,7 +171,7 @@ def render(
         language=language,
         exposure=exposure,
     )
-    make(job, stem, threads, verbose, keep=keep)
+    make(job, stem, threads, verbose, keep=keep or part is not None, part=part)
 
 
 def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +16,27 @@ from ..rendering.record import Record
 from ..scene_files import session
 from . import output as files
 from .job import Job
-from .making import STATE, SUFFIXES, make
+from .making import SUFFIXES, make
 from .options import SCENE, STOPS, Finite, InputError, choose_variant, running
 
 #: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
 BY_FIRST = ("neighbours", "thesis")
+
+
+#: Decorators: the options of commands that open a state.
+moved = click.option(
+    "--scene",
+    type=SCENE,
+    show_default=False,
+    help="Where the scene is now. [default: where it was, or beside the state]",
+)
+exposing = click.option(
+    "--exposure",
+    type=Finite(-STOPS, STOPS),
+    metavar="STOPS",
+    show_default=False,
+    help="Makes the PNG brighter by so many factors of two. [default: what was asked for]",
+)
 
 
 @click.command()
@@ -50,16 +68,8 @@ BY_FIRST = ("neighbours", "thesis")
     show_default=False,
     help="Most samples that a pixel may get. [default: what was asked for]",
 )
-@click.option(
-    "--scene", type=SCENE, show_default=False, help="Where the scene is now. [default: where it was, or beside STATE]"
-)
-@click.option(
-    "--exposure",
-    type=Finite(-STOPS, STOPS),
-    metavar="STOPS",
-    show_default=False,
-    help="Makes the PNG brighter by so many factors of two. [default: what was asked for]",
-)
+@moved
+@exposing
 @running
 def resume(
     state: Path,
@@ -77,17 +87,23 @@ def resume(
     The image is then the same to the bit as if nothing had been between. Other aims are pursued from where it is. A
     state that does not belong to the scene, or to this version, is refused.
     """
-    record, job = opened(state, scene)
+    record, job = opened(state, scene, exposure)
     stem = files.stem(output, named(state), SUFFIXES)
     asked = {"noise": noise, "time": time, "max_samples": max_samples}
+    if record.part and any(asked.values()):
+        raise click.UsageError(
+            f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, --time "
+            "and --max-samples are for the image that prosim merge --keep makes of them."
+        )
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})
-    if exposure is not None:
-        job = replace(job, exposure=exposure)
-    make(job, stem, threads, verbose, record, keep=True)
+    make(job, stem, threads, verbose, record, keep=True, part=record.part)
 
 
-def opened(state: Path, scene: Path | None) -> tuple[Record, Job]:
-    """The record in a file, and the job that it is of, whose variant is set; ``scene``: where that of the job is now.
+def opened(
+    state: Path, scene: Path | None, exposure: float | None, read: Callable[[], Record] | None = None
+) -> tuple[Record, Job]:
+    """The record in a file, and the job that it is of, whose variant is set; ``scene``: where that of the job is now;
+    ``exposure``: in the place of that of the job; ``read``: what makes the record, if it is not in this file alone.
 
     Raises InputError.
     """
@@ -96,9 +112,10 @@ def opened(state: Path, scene: Path | None) -> tuple[Record, Job]:
         choose_variant(variant)
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            record = saved.load(state)
+            record = read() if read else saved.load(state)
         job = Job.of(record)
-        return record, replace(job, scene=str(scene or found(Path(job.scene), state)))
+        job = replace(job, scene=str(scene or found(Path(job.scene), state)))
+        return record, job if exposure is None else replace(job, exposure=exposure)
     except OSError as error:
         raise InputError(f"{state}: {files.said(error)}") from None
     except ValueError as error:
@@ -107,7 +124,7 @@ def opened(state: Path, scene: Path | None) -> tuple[Record, Job]:
 
 def named(state: Path) -> Path:
     """The path of a state without its suffix."""
-    return state.with_name(state.name.removesuffix(STATE).removesuffix(".exr"))
+    return state.with_name(re.sub(r"(\.state|\.\d+-of-\d+)?\.exr$", "", state.name))
 
 
 def found(scene: Path, state: Path) -> Path:

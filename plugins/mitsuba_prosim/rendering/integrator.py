@@ -17,6 +17,7 @@ from .derivatives import Derivatives
 from .estimate import Estimator
 from .film import Channels
 from .pace import Pace
+from .part import Part
 from .plan import Plan, Sampling
 from .policies import POLICIES
 from .record import Record
@@ -147,13 +148,15 @@ class WaveIntegrator(mi.SamplingIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
         begin: Record | None = None,
+        part: Part | None = None,
     ) -> Iterator[Snapshot]:
         """Renders as :meth:`render` does, and yields a :class:`.Snapshot` after each wave, of which the first gives a
         value to every pixel. When the iterator has come to its end, or is closed, the film holds the image so far.
-        ``begin``: goes on from there.
+        ``begin``: goes on from there; ``part``: takes the samples of its pixels alone (``begin`` knows its own).
 
         Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError where ``begin`` belongs to another
-        image, or to samples that were drawn from a sampler of Mitsuba's, which does not say where it was.
+        image, where samples are drawn from a sampler of Mitsuba's, which does not say where it was, and for a part
+        where noise or time are asked for, which go by the whole image.
         """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(f"{self.name()}: there are no waves in scalar variants; use an llvm or cuda variant.")
@@ -166,10 +169,17 @@ class WaveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         film = sensor.film()
         film.prepare(self.aov_names())
-        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs)
+        part = part if begin is None else begin.part
+        if part is not None and (self.noise or self.time):
+            raise ValueError(
+                f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
+                "without them, and let the image that is put together go on until it is good enough."
+            )
+        if part is not None or begin is not None:
+            self._refuse_sampler()
+        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs, part)
         target, steps = Target(self.noise, self.time), self._grow
         if begin is not None:
-            self._refuse_sampler()
             begin.restore(state)
             target = Target(self.noise, self.time, time.perf_counter() - begin.facts["seconds"])
             if begin.finished and begin.same_aim(state):
@@ -231,12 +241,18 @@ class WaveIntegrator(mi.SamplingIntegrator):
         return plan, Estimator(plan, scene, sensor, transport, channels, self.sampler)
 
     def _begin(
-        self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int, own_aovs: Sequence[str]
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: int | mi.UInt32,
+        spp: int,
+        own_aovs: Sequence[str],
+        part: Part | None = None,
     ) -> tuple[Any, State]:
-        """``(policy, state)``: an image without samples, and what says how many it gets."""
+        """``(policy, state)``: an image without samples, or a part of one, and what says how many it gets."""
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
-        return policy, State(plan, estimator, own_aovs, policy.reach)
+        return policy, State(plan, estimator, own_aovs, policy.reach, part)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""

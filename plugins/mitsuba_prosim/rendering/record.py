@@ -12,6 +12,7 @@ import numpy as np
 
 from .decisions import Decisions
 from .estimate import Estimate
+from .part import Part
 from .state import State
 
 #: What ``Sampling`` says that has no say in which samples an image takes.
@@ -25,6 +26,9 @@ ENDS = ("noise", "time")
 
 #: Names of an estimate's arrays, without its sums.
 STATISTICS = ("total", "squares", "pass_squares", "in_pass")
+
+#: Names of what was decided of each pixel.
+DECIDED = ("need", "variance", "wanted")
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Record:
         facts = {
             "samples": identity(state),
             "sampling": {name: value for name, value in asdict(plan.sampling).items() if name not in FREE},
+            "part": None if state.part is None else (state.part.number, state.part.of),
+            "region": state.plan.region,
             "known": state.outer,
             "later": None if plan.before is None else (plan.n, plan.begin),
             "noise": state.noise,
@@ -59,7 +65,7 @@ class Record:
             "row": row,
             "finished": finished,
         }
-        others = {name: getattr(decisions, name) for name in ("need", "variance", "wanted")}
+        others = {name: getattr(decisions, name) for name in DECIDED}
         pixels = arrays(state.estimate, state) | {k: np.array(v) for k, v in others.items() if v is not None}
         left, top, right, bottom = state.outer
         return cls(
@@ -73,6 +79,11 @@ class Record:
     def finished(self) -> bool:
         """Whether the image has all that was asked for."""
         return bool(self.facts["finished"])
+
+    @property
+    def part(self) -> Part | None:
+        """The part of the image that it is of; None for all."""
+        return Part(*self.facts["part"]) if self.facts["part"] else None
 
     def difference(self, state: State) -> str | None:
         """Why the samples are not those of ``state``, in words; None where they are."""
@@ -103,6 +114,7 @@ class Record:
                 "adaptive = neighbours decides once, by the first samples alone; let graded go on where threshold, "
                 "max_samples or adaptive are not what they were"
             )
+        state.keeps = any(name not in (*STATISTICS, "count", *DECIDED) for name in self.pixels)
         if self.facts["later"]:
             state.follow(state.plan.continued(*self.facts["later"]))
         state.estimate = estimate({name: self._placed(self.pixels[name], state) for name in names(state)}, state)
@@ -110,7 +122,7 @@ class Record:
         state.decisions = Decisions(twin=estimate(self.twin, state) if self.twin else None)
         if decided:
             state.decisions.effort = self.facts["effort"]
-            for name in ("need", "variance", "wanted"):
+            for name in DECIDED:
                 if name in self.pixels:
                     setattr(state.decisions, name, dr_array(self._placed(self.pixels[name], state)))
         if self.image:
@@ -148,7 +160,6 @@ def identity(state: State) -> dict[str, Any]:
         "pixels that have samples": first.domain,
         "reach of the filter": first.reach,
         "channels": channels(state),
-        "sums are kept": state.keeps,
     }
 
 

@@ -14,6 +14,7 @@ from . import collector
 from .accumulate import Image
 from .decisions import Decisions
 from .estimate import Estimate, Estimator
+from .part import Part
 from .plan import Plan, Rectangle, area, index_within, pixels, widened
 
 if TYPE_CHECKING:
@@ -33,15 +34,19 @@ class State:
     """The samples of an image so far.
 
     The first samples of a pixel, as many as it has, are the same whatever was taken when; so the image depends on the
-    counts alone. ``margin``: how many pixels beyond its own the image must know, as its decisions look at them.
+    counts alone. ``margin``: how many pixels beyond its own the image must know, as its decisions look at them;
+    ``part``: the part of it whose samples are taken, None for all.
     """
 
-    def __init__(self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], margin: int = 0) -> None:
-        self.plan, self.estimator, self.own_aovs = plan, estimator, own_aovs
+    def __init__(
+        self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], margin: int = 0, part: Part | None = None
+    ) -> None:
+        self.plan, self.estimator, self.own_aovs, self.part = plan, estimator, own_aovs, part
         #: The pixels that are known, row by row.
         self.outer = widened(plan.region, margin, plan.domain)
         pixel_count = area(self.outer)
-        self.keeps = 4 * estimator.values * pixel_count <= KEPT
+        # Of parts they are always kept, as it is by them that these are put together.
+        self.keeps = part is not None or 4 * estimator.values * pixel_count <= KEPT
         self.estimate = Estimate.nothing(estimator.values if self.keeps else 0, pixel_count)
         #: Samples of a portion, if there is a reason to bound them, and the noise, if it was measured (see
         #: :class:`.Twin`).
@@ -54,6 +59,13 @@ class State:
     def follow(self, plan: Plan) -> None:
         """Takes all further samples by ``plan``."""
         self.plan = self.estimator.plan = plan
+
+    def share(self, counts: mi.UInt32, reach: int = 0) -> mi.UInt32:
+        """``counts`` for the pixels within ``reach`` of this part's, none for the others."""
+        if self.part is None:
+            return counts
+        x, y, *_ = pixels(self.outer)
+        return dr.select(self.part.near(self.plan.region, x, y, reach), counts, 0)
 
     # ---------------------------------------------------------------- growing
 

@@ -31,7 +31,7 @@ def waves(
     decisions = state.decisions
     if decisions.need is None:
         first = dr.opaque(mi.UInt32, policy.first, pixels)
-        whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
+        whole = state.grow(state.share(first, policy.reach), policy.quiet, part(tell, 0, begun), cancelled)
         yield state
         if not whole or policy.first == plan.most:
             return
@@ -39,7 +39,7 @@ def waves(
     if target:
         yield from Pursuit(target, state, decisions.need, cancelled).waves(tell)
         return
-    state.grow(in_patterns(plan, decisions.need), policy.quiet, part(tell, begun, 1), cancelled)
+    state.grow(state.share(in_patterns(plan, decisions.need)), policy.quiet, part(tell, begun, 1), cancelled)
     yield state
 
 

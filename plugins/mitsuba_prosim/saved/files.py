@@ -37,7 +37,9 @@ def save(record: Record, path: str | Path) -> None:
 
 
 def encode(record: Record) -> memoryview:
-    """The content of the file. Its pixels are not compressed, as that would take longer than the samples."""
+    """The content of the file. Its pixels are not compressed, as that would take long; the pixels of a part that are
+    another's, all zero, take next to no room.
+    """
     groups = {
         "pixels": record.pixels,
         "twin": {name: folded(values) for name, values in record.twin.items()},
@@ -53,10 +55,11 @@ def encode(record: Record) -> memoryview:
         "twin": len(next(iter(record.twin.values()), ())),
         "checksum": checksum(groups.values()),
     }
+    compression = OpenEXR.RLE_COMPRESSION if record.part else OpenEXR.NO_COMPRESSION
     parts = []
     for name, planes in groups.items():
         if planes:
-            header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.NO_COMPRESSION, "displayWindow": window}
+            header = {"type": OpenEXR.scanlineimage, "compression": compression, "displayWindow": window}
             if name == "pixels":
                 header |= {"dataWindow": window, ATTRIBUTE: json.dumps(text)}
             parts.append(OpenEXR.Part(header, {k: np.ascontiguousarray(v) for k, v in planes.items()}, name))
@@ -80,7 +83,7 @@ def about(path: str | Path) -> dict[str, Any]:
     if text["format"] != FORMAT:
         raise StateError(f"{path} was written in another way ({text['format']}) than this version's ({FORMAT})")
     left, top, right, bottom = text["facts"]["known"]
-    if size < 4 * len(header["channels"]) * (right - left) * (bottom - top):
+    if text["facts"]["part"] is None and size < 4 * len(header["channels"]) * (right - left) * (bottom - top):
         raise StateError(f"{path} is not whole")
     return text
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..rendering.record import Record
+from ..scene_files import writing
 from . import files
 
 
@@ -25,25 +26,28 @@ class Keeper:
 
     def __init__(self, path: Path, about: Mapping[str, Any], say: Callable[[str], None] = lambda _: None) -> None:
         self.path, self.about, self.say = path, about, say
-        self.written = time.perf_counter()
+        self.last = time.perf_counter()
         self.wait = self.SHORTEST
-        #: Seconds that it took in all, and what went wrong the last time.
+        #: Seconds that it took in all; whether it went wrong; and what could not be written in the end.
         self.cost = 0.0
-        self.failure: OSError | None = None
+        self.failed = False
+        self.unwritten: memoryview | None = None
 
     def __call__(self, record: Callable[[], Record], last: bool) -> None:
         """Writes it if it is time for it, or the ``last`` time. What fails is tried again the next time."""
         begun = time.perf_counter()
-        if not last and begun - self.written < self.wait:
+        if not last and begun - self.last < self.wait:
             return
+        content = files.encode(replace(record(), about=self.about))
         try:
-            files.save(replace(record(), about=self.about), self.path)
-            self.failure = None
+            writing.write({self.path: content})
         except OSError as error:
-            if self.failure is None:
+            if last:
+                self.unwritten = content
+            elif not self.failed:
                 self.say(f"the state can't be written to {self.path}: {error.strerror or error}; the render goes on")
-            self.failure = error
-        self.written = time.perf_counter()
-        took = self.written - begun
+            self.failed = True
+        self.last = time.perf_counter()
+        took = self.last - begun
         self.cost += took
         self.wait = max(min(max(self.TIMES * took, self.SHORTEST), self.LONGEST), self.LEAST_TIMES * took)

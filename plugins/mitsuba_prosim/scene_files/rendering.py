@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..rendering.part import Part
 from ..rendering.record import Record
 
 
@@ -34,12 +35,14 @@ def render(
     tell: Callable[[float], None] | None = None,
     begin: Record | None = None,
     keep: Callable[[Callable[[], Record], bool], None] | None = None,
+    part: Part | None = None,
 ) -> None:
     """Renders into the sensor's film with the scene's integrator, and waits for the end.
 
     ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
     step of an integrator that :func:`tells_progress`. ``begin``, ``keep``: for an integrator that :func:`keeps`, the
-    record of an image to go on with, and what is called with a record from time to time.
+    record of an image to go on with, and what is called with a record from time to time; ``part``: of the image, where
+    that is to be kept.
     """
     integrator: Any = scene.integrator()
     told = tell is not None and tells_progress(integrator)
@@ -50,7 +53,7 @@ def render(
     try:
         if begin is not None or keep is not None:
             integrator.keep = keep
-            for _ in integrator.waves(scene, sensor, seed, spp, begin):
+            for _ in integrator.waves(scene, sensor, seed, spp, begin, part):
                 pass
         else:
             # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.

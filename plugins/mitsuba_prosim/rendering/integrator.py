@@ -193,7 +193,6 @@ class WaveIntegrator(mi.SamplingIntegrator):
             if self.keep is not None:
                 self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
         finally:
-            self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
             # Once more: where the first wave was good enough, that was seen after it.
             self.reached = Reached(state.samples(), state.noise, target.passed)
@@ -271,7 +270,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         steps = waves(state.plan, policy, state, target, self.progress, pause)
         while True:
             with uncropped(estimator.sensor):
-                estimator.rays = ray_sampler(estimator.sensor)
+                estimator.rays = estimator.rays or ray_sampler(estimator.sensor)
                 if next(steps, None) is None:
                     return
             yield state

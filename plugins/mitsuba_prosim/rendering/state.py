@@ -201,6 +201,8 @@ class State:
 
     def counts(self) -> mi.UInt32:
         """Number of samples of each pixel whose samples reach the window, row by row."""
+        if self.outer == self.plan.region:
+            return self.estimate.count
         x, y, *_ = pixels(self.plan.region)
         return dr.gather(mi.UInt32, self.estimate.count, index_within(self.outer, x, y))
 

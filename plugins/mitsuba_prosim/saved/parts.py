@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,14 @@ def merge(paths: Sequence[str | Path]) -> Record:
     Raises StateError where a part is missing, there twice, not finished, or of another image; and as :func:`.load`.
     """
     check(paths)
+    return put_together(map(load, paths))
+
+
+def put_together(parts: Iterable[Record]) -> Record:
+    """The record of the image of which these are all parts, in any order; they are looked at one by one."""
     result: Record | None = None
     seconds = 0.0
-    for path in paths:
-        record = load(path)
+    for record in parts:
         part = record.part
         assert part is not None
         left, top, right, bottom = record.facts["known"]

@@ -1,5 +1,8 @@
 """An image grows in waves, until it is stopped or good enough: the same samples whatever happens on the way."""
 
+import subprocess
+import sys
+import textwrap
 import time
 
 import drjit as dr
@@ -92,7 +95,7 @@ def test_waves_show_the_image_grow_until_it_is_the_rendered_one(variant_rgb, fil
         assert np.array_equal(state.counts(), np.rint(image[..., -2])) and np.all(state.counts() > 0)
         assert np.allclose(state.error(), image[..., -1], rtol=1e-5)
         assert state.reached.seconds > 0 and state.reached.samples >= 5
-    assert len(seen) == 2 and np.all(np.rint(seen[0][..., -2]) == 5)
+    assert len(seen) == 3 and np.all(np.rint(seen[0][..., -2]) == 5)
     assert np.array_equal(seen[-1], expected)
     assert scene.integrator().reached.samples == state.reached.samples
     assert np.array_equal(np.array(scene.sensors()[0].film().develop()), expected)
@@ -117,6 +120,26 @@ def test_there_are_no_waves_in_scalar_variants(variant_scalar):
     scene = loaded(size=4)
     with pytest.raises(RuntimeError, match="prosim: there are no waves in scalar variants"):
         next(scene.integrator().waves(scene))
+
+
+def test_ctrl_c_is_pythons_again_after_a_scalar_image():
+    """In a process of its own, which Mitsuba's handler would end."""
+    script = """
+        import os, signal
+        import mitsuba as mi
+        mi.set_variant("scalar_rgb")
+        import mitsuba_prosim
+        film = {"type": "hdrfilm", "width": 2, "height": 2}
+        scene = {"type": "scene", "light": {"type": "constant"}, "sensor": {"type": "perspective", "film": film}}
+        mi.render(mi.load_dict({**scene, "integrator": {"type": "prosim"}}), spp=1)
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            print("interrupted")
+    """
+    code = textwrap.dedent(script)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.stdout.endswith("interrupted\n"), run.stdout + run.stderr
 
 
 def test_there_are_no_waves_in_a_frozen_function(variant_rgb):

@@ -18,13 +18,15 @@ class Decisions:
     had been nothing between. Dr.Jit arrays have one entry a pixel that is known.
     """
 
-    #: Samples that each pixel should have, by the first wave; None before its end.
-    need: mi.Float | None = None
-    #: Where noise or time were asked for: the variance of a sample in display units squared, by the first wave; the
-    #: counts of the wave at hand, None between two; and how many samples there are for each that is needed.
-    variance: mi.Float | None = None
+    #: How often it has been judged what the pixels need; 0 before the end of the first wave.
+    judged: int = 0
+    #: The counts that the wave at hand leads to; None in the first one and between two.
     wanted: mi.UInt32 | None = None
+    #: Where noise or time were asked for: how many samples there are for each that is needed; and, if that is judged
+    #: once, what is needed, and the variance of a sample in display units squared.
     effort: float = 0.0
+    need: mi.Float | None = None
+    variance: mi.Float | None = None
     #: Samples of the :class:`.Twin`, of its pixels alone.
     twin: Estimate | None = None
     #: Where sums are not kept: the image that the wave at hand has made of the rows above the one of this number.

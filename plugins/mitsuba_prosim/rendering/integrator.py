@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -209,6 +211,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
             return super().render(scene, sensor, *arguments)
         finally:
             self._scalar = None
+            take_back_interrupts()
 
     def _refuse_sampler(self) -> None:
         if self.sampler is not None:
@@ -251,7 +254,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         """``(policy, state)``: an image without samples, or a part of one, and what says how many it gets."""
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
-        return policy, State(plan, estimator, own_aovs, policy.reach, part)
+        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach, part)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""
@@ -318,6 +321,15 @@ class WaveIntegrator(mi.SamplingIntegrator):
 def nothing_more(policy: Any, state: State, target: Target) -> Iterator[State]:
     """The one step of an image that has all it should."""
     yield state
+
+
+def take_back_interrupts() -> None:
+    """Gives SIGINT back to Python, as Mitsuba (3.9) does after its own ``render``, but not where that was called within
+    another: it would take Ctrl-C for ever, for an integrator that may be gone.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, handler)
 
 
 def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:

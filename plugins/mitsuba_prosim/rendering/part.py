@@ -42,10 +42,10 @@ class Part:
 
     def near(self, region: Rectangle, x: mi.Int32, y: mi.Int32, reach: int) -> mi.Bool:
         """Which of the pixels (x, y), all within ``reach`` of ``region``, are so near to one of this part's; ``reach``:
-        less than the side of a tile.
+        at most the side of a tile.
         """
-        xs = [dr.clip(x + step, region[0], region[2] - 1) for step in (-reach, reach)]
-        ys = [dr.clip(y + step, region[1], region[3] - 1) for step in (-reach, reach)]
+        xs = [dr.clip(x + step, region[0], region[2] - 1) for step in (-reach, 0, reach)]
+        ys = [dr.clip(y + step, region[1], region[3] - 1) for step in (-reach, 0, reach)]
         result = mi.Bool(False)
         for px in xs:
             for py in ys:

@@ -60,6 +60,7 @@ class Record:
             "known": state.outer,
             "later": None if plan.before is None else (plan.n, plan.begin),
             "noise": state.noise,
+            "judged": decisions.judged,
             "effort": decisions.effort,
             "seconds": seconds,
             "row": row,
@@ -121,7 +122,7 @@ class Record:
         state.noise = self.facts["noise"]
         state.decisions = Decisions(twin=estimate(self.twin, state) if self.twin else None)
         if decided:
-            state.decisions.effort = self.facts["effort"]
+            state.decisions.judged, state.decisions.effort = self.facts["judged"], self.facts["effort"]
             for name in DECIDED:
                 if name in self.pixels:
                     setattr(state.decisions, name, dr_array(self._placed(self.pixels[name], state)))
@@ -192,5 +193,5 @@ def estimate(arrays: Mapping[str, np.ndarray], state: State) -> Estimate:
 
 
 def dr_array(values: np.ndarray) -> mi.Float | mi.UInt32:
-    """A Dr.Jit array of these values, row by row."""
-    return (mi.UInt32 if values.dtype == np.uint32 else mi.Float)(np.ascontiguousarray(values).ravel())
+    """A Dr.Jit array of these values, row by row. It has memory of its own: else a state would grow into its record."""
+    return (mi.UInt32 if values.dtype == np.uint32 else mi.Float)(np.array(values).ravel())

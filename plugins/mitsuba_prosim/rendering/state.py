@@ -206,12 +206,15 @@ class State:
         x, y, *_ = pixels(self.plan.region)
         return dr.gather(mi.UInt32, self.estimate.count, index_within(self.outer, x, y))
 
-    def judge(self, judgement: Callable[[Estimate, mi.UInt32, mi.UInt32], mi.Float], reach: int) -> mi.Float:
-        """What ``judgement(estimate, width, height)`` says of each pixel whose samples reach the window, from those of
-        a rectangle that holds all within ``reach`` of it; 0 for the other pixels that are known.
+    def judge(
+        self, judgement: Callable[[Estimate, mi.UInt32, mi.UInt32], mi.Float], reach: int, margin: int = 0
+    ) -> mi.Float:
+        """What ``judgement(estimate, width, height)`` says of each pixel whose samples reach the window, and of those
+        within ``margin`` of them, from those of a rectangle that holds all within ``reach``; 0 for the other pixels
+        that are known.
         """
         result = dr.zeros(mi.Float, area(self.outer))
-        for band in self.bands(self.plan.region):
+        for band in self.bands(widened(self.plan.region, margin, self.plan.domain)):
             around = widened(band, reach, self.plan.domain)
             x, y, width, height = pixels(around)
             known = self.estimate.at(index_within(self.outer, x, y)) if around != self.outer else self.estimate

@@ -6,6 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -109,20 +110,18 @@ class Pursuit:
     #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
     STEP = 0.5
 
-    def __init__(self, target: Target, state: State, need: mi.Float, cancelled: Callable[[], bool]) -> None:
-        self.target, self.state, self.cancelled = target, state, cancelled
-        # Where all of the first samples agree, others may not: no pixel of the image is left out for ever.
-        x, y, *_ = pixels(state.plan.region)
-        inside = state.index(x, y)
-        need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
-        self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
-        dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
+    def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
+        self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
+        decisions = state.decisions
+        if decisions.need is not None and decisions.variance is not None:
+            self.need, self.variance = decisions.need, decisions.variance
+        else:
+            self._judge()
+        if policy.judgements == 1:
+            decisions.need, decisions.variance = self.need, self.variance
         self.twin = Twin(state) if target.noise else None
-        if state.decisions.variance is None:
-            state.decisions.variance = display_variance(state.estimate)
-        self.variance = state.decisions.variance
         # Samples of a pixel, in the mean, in a second.
-        self.speed = mean(state.estimate.count) / target.passed if state.decisions.effort else 0.0
+        self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
 
     def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
         """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
@@ -136,6 +135,8 @@ class Pursuit:
             if wanted is None:
                 wanted = self._everywhere(samples)
                 if wanted is None:
+                    if self.policy.judgements > 1:
+                        self._judge()
                     if decisions.effort == 0:
                         self._choose_patterns(samples)
                     wanted = self._next(samples)
@@ -151,6 +152,18 @@ class Pursuit:
                 break
             decisions.wanted = None
             yield state
+
+    def _judge(self) -> None:
+        """Asks the policy what each pixel needs, as far as can be known by now."""
+        state = self.state
+        need = state.judge(self.policy.need, self.policy.reach)
+        # Where all samples so far agree, others may not: no pixel of the image is left out for ever.
+        x, y, *_ = pixels(state.plan.region)
+        inside = state.index(x, y)
+        need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
+        self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
+        dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
+        self.variance = display_variance(state.estimate)
 
     def _ended(self) -> bool:
         return self.cancelled() or self.target.left <= self.target.seconds / 100
@@ -222,7 +235,9 @@ class Pursuit:
             counts = mi.Float(after(effort))
             return mean(counts) >= most or (target.noise > 0 and mean(self.variance / counts) <= goal)
 
-        state.decisions.effort = least(reaches, state.decisions.effort)
+        # What the pixels need may be judged higher now than before: so not from where it was.
+        effort = state.decisions.effort
+        state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
         return after(state.decisions.effort)
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:

@@ -91,7 +91,7 @@ def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
             os.kill(os.getpid(), number)
             return super().update(done)
 
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
+    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.making"], "tqdm", Bar)
     monkeypatch.setattr(os, "_exit", lambda _: None)  # there may be a second band
     scene.write_text(BANDS)
     before = signal.getsignal(number)
@@ -108,7 +108,7 @@ def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):
             os.kill(os.getpid(), signal.SIGHUP)
             return super().update(done)
 
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
+    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.making"], "tqdm", Bar)
     scene.write_text(BANDS)
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

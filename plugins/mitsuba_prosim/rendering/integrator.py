@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import drjit as dr
@@ -17,8 +18,11 @@ from .camera import ray_sampler, uncropped
 from .derivatives import Derivatives
 from .estimate import Estimator
 from .film import Channels
+from .pace import Pace
+from .part import Part
 from .plan import Plan, Sampling
 from .policies import POLICIES
+from .record import Record
 from .snapshot import Reached, Snapshot, put
 from .state import OWN_AOVS, State
 from .target import Target
@@ -70,6 +74,9 @@ class WaveIntegrator(mi.SamplingIntegrator):
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
         self.cancelled = False
+        #: Called as often as ``progress``, and at the end, with what makes the record of the image then, and whether it
+        #: is the end.
+        self.keep: Callable[[Callable[[], Record], bool], None] | None = None
         #: How far the last image came.
         self.reached: Reached | None = None
         self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
@@ -137,11 +144,21 @@ class WaveIntegrator(mi.SamplingIntegrator):
         return image
 
     def waves(
-        self, scene: mi.Scene, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        begin: Record | None = None,
+        part: Part | None = None,
     ) -> Iterator[Snapshot]:
         """Renders as :meth:`render` does, and yields a :class:`.Snapshot` after each wave, of which the first gives a
         value to every pixel. When the iterator has come to its end, or is closed, the film holds the image so far.
-        Raises RuntimeError in scalar variants and within ``dr.freeze``.
+        ``begin``: goes on from there; ``part``: takes the samples of its pixels alone (``begin`` knows its own).
+
+        Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError where ``begin`` belongs to another
+        image, where samples are drawn from a sampler of Mitsuba's, which does not say where it was, and for a part
+        where noise or time are asked for, which go by the whole image.
         """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(f"{self.name()}: there are no waves in scalar variants; use an llvm or cuda variant.")
@@ -154,14 +171,29 @@ class WaveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         film = sensor.film()
         film.prepare(self.aov_names())
-        target = Target(self.noise, self.time)
-        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs)
+        part = part if begin is None else begin.part
+        if part is not None and (self.noise or self.time):
+            raise ValueError(
+                f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
+                "without them, and let the image that is put together go on until it is good enough."
+            )
+        if part is not None or begin is not None:
+            self._refuse_sampler()
+        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs, part)
+        target, steps = Target(self.noise, self.time), self._grow
+        if begin is not None:
+            begin.restore(state)
+            target = Target(self.noise, self.time, time.perf_counter() - begin.facts["seconds"])
+            if begin.finished and begin.same_aim(state):
+                steps = nothing_more
         self._growing = film, state
         try:
-            for _ in self._grow(policy, state, target):
+            for _ in steps(policy, state, target):
                 # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
                 self.reached = Reached(state.samples(), state.noise, target.passed)
                 yield Snapshot(state, film, self.reached)
+            if self.keep is not None:
+                self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
         finally:
             self._growing = None
             # Once more: where the first wave was good enough, that was seen after it.
@@ -180,6 +212,13 @@ class WaveIntegrator(mi.SamplingIntegrator):
         finally:
             self._scalar = None
             take_back_interrupts()
+
+    def _refuse_sampler(self) -> None:
+        if self.sampler is not None:
+            raise ValueError(
+                f"{self.name()}: an image can't be kept and gone on with where its samples are drawn from a sampler of "
+                "Mitsuba's, which does not say where it was; leave the sampler out."
+            )
 
     def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
         """``(plan, estimator)``: which samples are taken, and what takes them."""
@@ -204,18 +243,34 @@ class WaveIntegrator(mi.SamplingIntegrator):
         return plan, Estimator(plan, scene, sensor, transport, channels, self.sampler)
 
     def _begin(
-        self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int, own_aovs: Sequence[str]
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: int | mi.UInt32,
+        spp: int,
+        own_aovs: Sequence[str],
+        part: Part | None = None,
     ) -> tuple[Any, State]:
-        """``(policy, state)``: an image without samples, and what says how many it gets."""
+        """``(policy, state)``: an image without samples, or a part of one, and what says how many it gets."""
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
-        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach)
+        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach, part)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""
         self.cancelled = False
         estimator = state.estimator
-        steps = waves(state.plan, policy, state, target, self.progress, lambda: self.cancelled)
+
+        pace = Pace(state)
+
+        def pause() -> bool:
+            if self.keep is not None:
+                pace.look()
+                self.keep(lambda: Record.of(state, target.passed), False)
+                pace.go_on()
+            return self.cancelled
+
+        steps = waves(state.plan, policy, state, target, self.progress, pause)
         while True:
             with uncropped(estimator.sensor):
                 estimator.rays = estimator.rays or ray_sampler(estimator.sensor)
@@ -261,6 +316,11 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 pass
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())
+
+
+def nothing_more(policy: Any, state: State, target: Target) -> Iterator[State]:
+    """The one step of an image that has all it should."""
+    yield state
 
 
 def take_back_interrupts() -> None:

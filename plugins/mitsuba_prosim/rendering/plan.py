@@ -65,6 +65,8 @@ class Plan:
     reach: int
     #: Pixels that are rendered at a time.
     band: int
+    #: What was asked for.
+    sampling: Sampling
     #: The plan of the first samples of every pixel, where this one is for those that follow; and how many these are.
     before: Plan | None = None
     begin: int = 0
@@ -97,6 +99,7 @@ class Plan:
             (-border, -border, width + border, height + border),
             reach,
             sampling.band,
+            sampling,
         )
 
     @property

@@ -62,7 +62,9 @@ class Twin:
         self.estimator = copy.copy(state.estimator)
         self.seed = hash32(state.plan.seed + 1)
         dr.make_opaque(self.seed)
-        self.estimate = Estimate.nothing(self.estimator.values, dr.width(self.index))
+        if state.decisions.twin is None:
+            state.decisions.twin = Estimate.nothing(self.estimator.values, dr.width(self.index))
+        self.estimate = state.decisions.twin
         dr.eval(self.x, self.y, self.index)
 
     def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
@@ -110,34 +112,46 @@ class Pursuit:
 
     def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
         self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
-        self._judge()
+        decisions = state.decisions
+        if decisions.need is not None and decisions.variance is not None:
+            self.need, self.variance = decisions.need, decisions.variance
+        else:
+            self._judge()
+        if policy.judgements == 1:
+            decisions.need, decisions.variance = self.need, self.variance
         self.twin = Twin(state) if target.noise else None
-        self.effort = self.speed = 0.0  # speed: samples of a pixel, in the mean, in a second
+        # Samples of a pixel, in the mean, in a second.
+        self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
 
     def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
         """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
-        state = self.state
+        state, decisions = self.state, self.state.decisions
         state.portion = self._portion()
-        self._measure()
+        if decisions.wanted is None:
+            self._measure()
         while not self._ended() and not state.noise <= self.ENOUGH * self.target.noise:
             samples = mean(state.estimate.count)
-            wanted = self._everywhere(samples)
+            wanted = decisions.wanted
             if wanted is None:
-                if self.policy.judgements > 1:
-                    self._judge()
-                if self.effort == 0:
-                    self._choose_patterns(samples)
-                wanted = self._next(samples)
-            if not dr.any(wanted > state.estimate.count):
-                break  # each pixel has all that the plan allows
+                wanted = self._everywhere(samples)
+                if wanted is None:
+                    if self.policy.judgements > 1:
+                        self._judge()
+                    if decisions.effort == 0:
+                        self._choose_patterns(samples)
+                    wanted = self._next(samples)
+                if not dr.any(wanted > state.estimate.count):
+                    break  # each pixel has all that the plan allows
+                decisions.wanted = wanted
             start = time.perf_counter()
             whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
             self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
             state.portion = self._portion()
-            self._measure()
-            yield state
-            if not whole:
+            if not whole or not self._measure():
+                yield state
                 break
+            decisions.wanted = None
+            yield state
 
     def _judge(self) -> None:
         """Asks the policy what each pixel needs, as far as can be known by now."""
@@ -154,9 +168,14 @@ class Pursuit:
     def _ended(self) -> bool:
         return self.cancelled() or self.target.left <= self.target.seconds / 100
 
-    def _measure(self) -> None:
-        if self.twin is not None and self.twin.follow(self.state, self._ended):
+    def _measure(self) -> bool:
+        """Returns whether it got to its end."""
+        if self.twin is None:
+            return True
+        followed = self.twin.follow(self.state, self._ended)
+        if followed:
             self.state.noise = self.twin.noise(self.state)
+        return followed
 
     def _portion(self) -> int | None:
         """Samples of a portion that ends soon enough to look at whether to stop; None: no bound."""
@@ -182,7 +201,7 @@ class Pursuit:
         size = plan.n**2
         if self.target.seconds and not self.speed:
             wanted = 2 * count  # the first wave had to compile; this one shows how fast the samples are
-        elif self.effort == 0 and samples < size and self._expected(samples) > 8 * size:
+        elif self.state.decisions.effort == 0 and samples < size and self._expected(samples) > 8 * size:
             wanted = dr.opaque(mi.UInt32, size, dr.width(count))  # who stops a long render has a picture of one kind
         else:
             return None
@@ -190,10 +209,10 @@ class Pursuit:
 
     def _choose_patterns(self, samples: float) -> None:
         """Larger patterns from now on, if many samples are to come; as long as all pixels have the same number."""
-        plan = self.state.plan
+        plan, count = self.state.plan, self.state.estimate.count
         n = min(size_of_patterns(self._expected(samples)), 2 * plan.n)  # twice: a wave is to reach most pixels
-        if n > 1.3 * plan.n:
-            self.state.follow(plan.continued(n, int(dr.max(self.state.estimate.count)[0])))
+        if n > 1.3 * plan.n and plan.before is None and dr.all(count == dr.max(count)):
+            self.state.follow(plan.continued(n, int(dr.max(count)[0])))
 
     def _next(self, samples: float) -> mi.UInt32:
         """The counts that the next wave leads to."""
@@ -217,8 +236,9 @@ class Pursuit:
             return mean(counts) >= most or (target.noise > 0 and mean(self.variance / counts) <= goal)
 
         # What the pixels need may be judged higher now than before: so not from where it was.
-        self.effort = least(reaches, self.effort / 4 if self.policy.judgements > 1 else self.effort)
-        return after(self.effort)
+        effort = state.decisions.effort
+        state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
+        return after(state.decisions.effort)
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
         """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is

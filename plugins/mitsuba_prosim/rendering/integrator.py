@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -161,11 +162,11 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 self.reached = Reached(state.samples(), state.noise, target.passed)
                 yield Snapshot(state, film, self.reached)
         finally:
-            self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
-            # Once more: where the first wave was good enough, that was seen after it.
-            self.reached = Reached(state.samples(), state.noise, target.passed)
-            put(state, film)
+            if not sys.is_finalizing():  # an iterator that the program left behind
+                # Once more: where the first wave was good enough, that was seen after it.
+                self.reached = Reached(state.samples(), state.noise, target.passed)
+                put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
@@ -205,13 +206,13 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int, own_aovs: Sequence[str]
     ) -> tuple[Any, State]:
         """``(policy, state)``: an image without samples, and what says how many it gets."""
+        self.cancelled = False  # before the work: what is cancelled during it stays so
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
         return policy, State(plan, estimator, own_aovs, policy.reach)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""
-        self.cancelled = False
         estimator = state.estimator
         steps = waves(state.plan, policy, state, target, self.progress, lambda: self.cancelled)
         while True:

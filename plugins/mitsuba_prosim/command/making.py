@@ -78,6 +78,8 @@ def make(
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
             seconds, interrupted = perf_counter() - start, bool(signals)
+            if interrupted and reached.nothing(integrator):
+                raise click.ClickException("interrupted before the image had begun; nothing was written.")
             facts = reached.facts(integrator, interrupted) | {
                 "prosim.scene": job.scene,
                 "prosim.version": version("mitsuba-prosim"),

@@ -32,6 +32,12 @@ class Target:
     def __bool__(self) -> bool:
         return self.noise > 0 or self.seconds > 0
 
+    def work(self, noise: float) -> float:
+        """How many times the samples it takes from ``noise`` to the one asked for, as far as numbers go: the work grows
+        with the inverse square of the noise.
+        """
+        return min(noise / self.noise, 1e100) ** 2
+
     @property
     def passed(self) -> float:
         """Seconds since the beginning."""
@@ -52,15 +58,24 @@ class Twin:
 
     #: One pixel in so many, and at least so many pixels.
     ONE_IN, LEAST = 16, 4096
+    #: Where the image has fewer pixels than this, whose differences could all happen to be small, each is there several
+    #: times, but no more often than so many times.
+    FEW, MOST = 512, 64
 
     def __init__(self, state: State) -> None:
         x, y, *_ = pixels(state.plan.region)
         index = state.index(x, y)
         every = max(1, min(self.ONE_IN, area(state.plan.region) // self.LEAST))
         chosen = dr.compress(hash32(hash32(index) + 1) % every == 0) if every > 1 else dr.arange(mi.UInt32, dr.width(x))
+        size = dr.width(chosen)
+        self.copies = min(-(-self.FEW // size), self.MOST)
+        self.seed = state.plan.seed + 1
+        if self.copies > 1:
+            lane = dr.arange(mi.UInt32, size * self.copies)
+            chosen, self.seed = dr.gather(mi.UInt32, chosen, lane % size), self.seed + lane // size
         self.x, self.y, self.index = (dr.gather(type(v), v, chosen) for v in (x, y, index))
         self.estimator = copy.copy(state.estimator)
-        self.seed = hash32(state.plan.seed + 1)
+        self.seed = hash32(self.seed)
         dr.make_opaque(self.seed)
         if state.decisions.twin is None:
             state.decisions.twin = Estimate.nothing(self.estimator.values, dr.width(self.index))
@@ -69,15 +84,17 @@ class Twin:
 
     def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
         """Takes as many samples as ``state`` has. Returns whether it got to its end."""
-        self.estimator.plan = replace(state.plan, seed=self.seed)
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
         for _, some in portions(self.estimate.count, end, state):
             if cancelled():
                 return False
             x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
-            start = self.estimate.at(some)
-            dr.eval(x, y, start, wanted)
+            start, seed = self.estimate.at(some), self.seed
+            if self.copies > 1:
+                seed = dr.gather(mi.UInt32, seed, some)
+            dr.eval(x, y, start, wanted, seed)
+            self.estimator.plan = replace(state.plan, seed=seed)
             more = self.estimator.take(x, y, start, wanted)
             dr.eval(more)
             self.estimate.put(more, some)
@@ -190,7 +207,7 @@ class Pursuit:
         """Samples of a pixel in the end, in the mean, as far as can be known."""
         target, expected = self.target, float(UNLIMITED)
         if target.noise:
-            expected = samples * (self.state.noise / target.noise) ** 2
+            expected = samples * target.work(self.state.noise)
         if target.seconds:
             expected = min(expected, samples + self.speed * target.left)
         return expected
@@ -224,7 +241,7 @@ class Pursuit:
         if target.noise:
             # Well-filled patterns are better than the first samples promise: not all of a long way at once.
             now = mean(self.variance / mi.Float(state.estimate.count))
-            way = (state.noise / (self.AIM * target.noise)) ** 2
+            way = target.work(state.noise / self.AIM)
             goal = now / (way if way < 2 else way**0.7)
 
         def after(effort: float) -> mi.UInt32:
@@ -242,7 +259,7 @@ class Pursuit:
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
         """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
-        told that of the image, as far as can be known. The work grows with the inverse square of the noise.
+        told that of the image, as far as can be known.
         """
         if tell is None:
             return None
@@ -251,7 +268,7 @@ class Pursuit:
         stages = [mean(count) / state.plan.most for count in counts]
         if target.noise:
             now, then = (mean(self.variance / mi.Float(count)) for count in counts)
-            reached = (target.noise / max(state.noise, 1e-12)) ** 2
+            reached = 1 / max(target.work(state.noise), 1e-24)
             stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
         begin, end = (min(stage, 1.0) for stage in stages)
 

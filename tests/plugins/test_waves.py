@@ -253,6 +253,11 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     assert scene.integrator().reached.seconds == pytest.approx(2, abs=1) and scene.integrator().reached.samples > 5
 
 
+def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
+    image = render(COPPER, time=1e-6, aovs="samples,error")
+    assert np.all(image[..., -2] == 1)
+
+
 @pytest.mark.parametrize("noise", [0.0025, 0.001])
 def test_larger_patterns_are_the_same_whether_sums_are_kept_or_not(variant_rgb, monkeypatch, noise):
     """What is taken anew begins with the first samples, which are of the smaller patterns."""

@@ -18,6 +18,9 @@ from .estimate import Estimate
 from .plan import UNLIMITED, area, in_patterns, pixels
 from .state import State, portions
 
+#: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
+STEP = 0.5
+
 
 @dataclass(frozen=True)
 class Target:
@@ -47,6 +50,18 @@ class Target:
     def left(self) -> float:
         """Seconds until the end."""
         return self.seconds - self.passed if self.seconds else np.inf
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is up."""
+        return self.left <= self.seconds / 100
+
+    def portion(self, state: State, speed: float) -> int:
+        """Samples of a portion that ends soon enough to look at whether to stop, where a pixel gets ``speed`` samples
+        in a second.
+        """
+        step = min(STEP, self.seconds / 100) if self.seconds else STEP
+        return max(1, int(speed * dr.width(state.estimate.count) * step))
 
 
 class Twin:
@@ -124,9 +139,6 @@ class Pursuit:
     #: The noise that ends it, over the one asked for: what is measured is itself uncertain, and where it is small by
     #: chance it ends too early. A wave aims a little lower.
     ENOUGH, AIM = 0.97, 0.94
-    #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
-    STEP = 0.5
-
     def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
         self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
         decisions = state.decisions
@@ -183,7 +195,7 @@ class Pursuit:
         self.variance = display_variance(state.estimate)
 
     def _ended(self) -> bool:
-        return self.cancelled() or self.target.left <= self.target.seconds / 100
+        return self.cancelled() or self.target.over
 
     def _measure(self) -> bool:
         """Returns whether it got to its end."""
@@ -195,13 +207,11 @@ class Pursuit:
         return followed
 
     def _portion(self) -> int | None:
-        """Samples of a portion that ends soon enough to look at whether to stop; None: no bound."""
+        """Samples of a portion; None: no bound."""
         state, target = self.state, self.target
         if not target.seconds and state.estimator.sampler is not None:
             return None  # it has a state: which samples it draws must not depend on the time
-        step = min(self.STEP, target.seconds / 100) if target.seconds else self.STEP
-        speed = self.speed or mean(state.estimate.count) / target.passed
-        return max(1, int(speed * dr.width(state.estimate.count) * step))
+        return target.portion(state, self.speed or mean(state.estimate.count) / target.passed)
 
     def _expected(self, samples: float) -> float:
         """Samples of a pixel in the end, in the mean, as far as can be known."""
@@ -277,6 +287,28 @@ class Pursuit:
             tell(min(max(begin + (end - begin) * part, by_time), 1.0))
 
         return told
+
+
+def first_in_time(
+    target: Target,
+    state: State,
+    wanted: mi.UInt32,
+    tell: Callable[[float], None] | None,
+    cancelled: Callable[[], bool],
+) -> bool:
+    """A first wave that the time can cut short: sample by sample, as after one of them there is an image. Returns whether
+    it got to its end.
+    """
+    most = int(dr.max(wanted)[0])
+    for count in range(1, most + 1):
+        start = time.perf_counter()
+        soon = dr.minimum(wanted, dr.opaque(mi.UInt32, count))
+        if not state.grow(soon, None, None, cancelled if count == 1 else lambda: cancelled() or target.over):
+            return False
+        state.portion = target.portion(state, 1 / max(time.perf_counter() - start, 1e-9))
+        if tell is not None:
+            tell(count / most)
+    return True
 
 
 def size_of_patterns(expected: float) -> int:

@@ -60,4 +60,4 @@ def half_buffers(
             if not going.any():
                 break
     image = np.array(state.image().tensor(), dtype=np.float64)
-    return image[..., :3] / image[..., channels.names.index("W"), None], state.samples()
+    return image[..., :3] / image[..., channels.names.index("W"), None], float(np.mean(np.array(state.counts())))

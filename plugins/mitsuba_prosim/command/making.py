@@ -90,7 +90,7 @@ def make(
         + (f"part {part.number} of {part.of}, " if part else "")
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
-        + (", interrupted" if interrupted else "")
+        + (f", {reached.interrupted(integrator)}" if interrupted else "")
     )
     if part is None and (said := reached.sentence(integrator, interrupted)):
         click.echo(said)

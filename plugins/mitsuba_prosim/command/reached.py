@@ -54,6 +54,12 @@ def nothing(integrator: mi.Integrator) -> bool:
     return last is not None and last.samples == 0
 
 
+def interrupted(integrator: mi.Integrator) -> str:
+    """What a signal has left of the last render of ``integrator``, in words."""
+    last = getattr(integrator, "reached", None)
+    return "interrupted" if last is None or last.least > 0 else "interrupted: pixels without a sample are black"
+
+
 def asked(integrator: mi.Integrator) -> bool:
     """Whether an integrator has rendered, and was asked for noise or time."""
     return getattr(integrator, "reached", None) is not None and bool(noises(integrator) or integrator.time)

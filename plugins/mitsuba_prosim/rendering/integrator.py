@@ -203,7 +203,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         try:
             for _ in steps(policy, state, target):
                 # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
-                self.reached = Reached(state.samples(), state.noise, state.noise_99, target.passed)
+                self.reached = Reached.of(state, target.passed)
                 yield Snapshot(state, film, self.reached)
             if self.keep is not None:
                 self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
@@ -211,7 +211,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
             self._growing = None
             if not sys.is_finalizing():  # an iterator that the program left behind
                 # Once more: where the first wave was good enough, that was seen after it.
-                self.reached = Reached(state.samples(), state.noise, state.noise_99, target.passed)
+                self.reached = Reached.of(state, target.passed)
                 put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:

@@ -195,10 +195,6 @@ class State:
         """Numbers of the pixels (x, y) in the arrays of ``estimate``."""
         return index_within(self.outer, x, y)
 
-    def samples(self) -> float:
-        """Mean number of samples of the pixels whose samples reach the window."""
-        return float(np.mean(np.array(self.counts()), dtype=np.float64))
-
     def counts(self) -> mi.UInt32:
         """Number of samples of each pixel whose samples reach the window, row by row."""
         if self.outer == self.plan.region:

@@ -60,6 +60,7 @@ def stop_within(monkeypatch, portions):
 
     def call(self, record, last):
         keep(self, record, last)
+        self.writer.join()
         left[0] -= 1
         if left[0] == 0:
             raise KeyboardInterrupt

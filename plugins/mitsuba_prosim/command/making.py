@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import click
 import mitsuba as mi
@@ -51,11 +52,7 @@ def make(
             about = job.about(file) if keep or begin is not None else {}
             if about:
                 refuse_to_keep(loaded.integrator())
-            if begin is not None and begin.about["digest"] != about["digest"]:
-                raise ValueError(
-                    f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
-                    "it names. Render it anew, or name the right one with --scene."
-                )
+            refuse_another_scene(job, begin, about)
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
         refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), job.variant)
@@ -78,16 +75,11 @@ def make(
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
             seconds, interrupted = perf_counter() - start, bool(signals)
-            facts = reached.facts(integrator, interrupted) | {
-                "prosim.scene": job.scene,
-                "prosim.version": version("mitsuba-prosim"),
-                "prosim.variant": job.variant,
-                "prosim.integrator": str(integrator),
-                "prosim.seed": str(job.seed),
-                "prosim.seconds": f"{seconds:.3f}",
-            }
+            if interrupted and reached.nothing(integrator):
+                raise click.ClickException("interrupted before the image had begun; nothing was written.")
             written = []
             if part is None:
+                facts = metadata(job, integrator, interrupted, seconds)
                 written = files.save(stem, images.encode(chosen.film().bitmap(), facts, job.exposure))
         if keeper is not None:
             if keeper.unwritten is not None:
@@ -106,6 +98,27 @@ def make(
         if keeper is not None:
             click.echo(f"To go on with it: prosim resume {keeper.path}")
         sys.exit(1)
+
+
+def refuse_another_scene(job: Job, begin: Record | None, about: Mapping[str, Any]) -> None:
+    """Raises ValueError where a record was not made of this scene."""
+    if begin is not None and begin.about["digest"] != about["digest"]:
+        raise ValueError(
+            f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
+            "it names. Render it anew, or name the right one with --scene."
+        )
+
+
+def metadata(job: Job, integrator: mi.Integrator, interrupted: bool, seconds: float) -> dict[str, str]:
+    """What an EXR image says of how it was made."""
+    return reached.facts(integrator, interrupted) | {
+        "prosim.scene": job.scene,
+        "prosim.version": version("mitsuba-prosim"),
+        "prosim.variant": job.variant,
+        "prosim.integrator": str(integrator),
+        "prosim.seed": str(job.seed),
+        "prosim.seconds": f"{seconds:.3f}",
+    }
 
 
 def refuse_to_keep(integrator: mi.Integrator) -> None:

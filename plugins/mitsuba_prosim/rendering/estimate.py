@@ -185,6 +185,7 @@ class Estimator:
             in_pass = estimate.in_pass + luminance
             if sampler is not None:
                 sampler.advance()
+                sampler.schedule_state()  # else the kernel of each sample would count up to it
             last = (t + 1) % n == 0
             estimate = Estimate(
                 sums,
@@ -201,6 +202,8 @@ class Estimator:
             lambda estimate, active, sampler: active,
             step,
             labels=("estimate", "active", "sampler"),
+            # Which sample is next is no part of the state that Mitsuba's samplers give to a symbolic loop.
+            mode=None if sampler is None else "evaluated",
             max_iterations=-1,
         )
         return estimate

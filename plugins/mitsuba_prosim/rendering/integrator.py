@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -196,9 +197,10 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
         finally:
             self._growing = None
-            # Once more: where the first wave was good enough, that was seen after it.
-            self.reached = Reached(state.samples(), state.noise, target.passed)
-            put(state, film)
+            if not sys.is_finalizing():  # an iterator that the program left behind
+                # Once more: where the first wave was good enough, that was seen after it.
+                self.reached = Reached(state.samples(), state.noise, target.passed)
+                put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
@@ -252,13 +254,13 @@ class WaveIntegrator(mi.SamplingIntegrator):
         part: Part | None = None,
     ) -> tuple[Any, State]:
         """``(policy, state)``: an image without samples, or a part of one, and what says how many it gets."""
+        self.cancelled = False  # before the work: what is cancelled during it stays so
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
         return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach, part)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""
-        self.cancelled = False
         estimator = state.estimator
 
         pace = Pace(state)

@@ -18,6 +18,9 @@ from .estimate import Estimate
 from .plan import UNLIMITED, area, in_patterns, pixels
 from .state import State, portions
 
+#: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
+STEP = 0.5
+
 
 @dataclass(frozen=True)
 class Target:
@@ -32,6 +35,12 @@ class Target:
     def __bool__(self) -> bool:
         return self.noise > 0 or self.seconds > 0
 
+    def work(self, noise: float) -> float:
+        """How many times the samples it takes from ``noise`` to the one asked for, as far as numbers go: the work grows
+        with the inverse square of the noise.
+        """
+        return min(noise / self.noise, 1e100) ** 2
+
     @property
     def passed(self) -> float:
         """Seconds since the beginning."""
@@ -41,6 +50,18 @@ class Target:
     def left(self) -> float:
         """Seconds until the end."""
         return self.seconds - self.passed if self.seconds else np.inf
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is up."""
+        return self.left <= self.seconds / 100
+
+    def portion(self, state: State, speed: float) -> int:
+        """Samples of a portion that ends soon enough to look at whether to stop, where a pixel gets ``speed`` samples
+        in a second.
+        """
+        step = min(STEP, self.seconds / 100) if self.seconds else STEP
+        return max(1, int(speed * dr.width(state.estimate.count) * step))
 
 
 class Twin:
@@ -52,15 +73,24 @@ class Twin:
 
     #: One pixel in so many, and at least so many pixels.
     ONE_IN, LEAST = 16, 4096
+    #: Where the image has fewer pixels than this, whose differences could all happen to be small, each is there several
+    #: times, but no more often than so many times.
+    FEW, MOST = 512, 64
 
     def __init__(self, state: State) -> None:
         x, y, *_ = pixels(state.plan.region)
         index = state.index(x, y)
         every = max(1, min(self.ONE_IN, area(state.plan.region) // self.LEAST))
         chosen = dr.compress(hash32(hash32(index) + 1) % every == 0) if every > 1 else dr.arange(mi.UInt32, dr.width(x))
+        size = dr.width(chosen)
+        self.copies = min(-(-self.FEW // size), self.MOST)
+        self.seed = state.plan.seed + 1
+        if self.copies > 1:
+            lane = dr.arange(mi.UInt32, size * self.copies)
+            chosen, self.seed = dr.gather(mi.UInt32, chosen, lane % size), self.seed + lane // size
         self.x, self.y, self.index = (dr.gather(type(v), v, chosen) for v in (x, y, index))
         self.estimator = copy.copy(state.estimator)
-        self.seed = hash32(state.plan.seed + 1)
+        self.seed = hash32(self.seed)
         dr.make_opaque(self.seed)
         if state.decisions.twin is None:
             state.decisions.twin = Estimate.nothing(self.estimator.values, dr.width(self.index))
@@ -69,15 +99,17 @@ class Twin:
 
     def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
         """Takes as many samples as ``state`` has. Returns whether it got to its end."""
-        self.estimator.plan = replace(state.plan, seed=self.seed)
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
         for _, some in portions(self.estimate.count, end, state):
             if cancelled():
                 return False
             x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
-            start = self.estimate.at(some)
-            dr.eval(x, y, start, wanted)
+            start, seed = self.estimate.at(some), self.seed
+            if self.copies > 1:
+                seed = dr.gather(mi.UInt32, seed, some)
+            dr.eval(x, y, start, wanted, seed)
+            self.estimator.plan = replace(state.plan, seed=seed)
             more = self.estimator.take(x, y, start, wanted)
             dr.eval(more)
             self.estimate.put(more, some)
@@ -107,9 +139,6 @@ class Pursuit:
     #: The noise that ends it, over the one asked for: what is measured is itself uncertain, and where it is small by
     #: chance it ends too early. A wave aims a little lower.
     ENOUGH, AIM = 0.97, 0.94
-    #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
-    STEP = 0.5
-
     def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
         self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
         decisions = state.decisions
@@ -166,7 +195,7 @@ class Pursuit:
         self.variance = display_variance(state.estimate)
 
     def _ended(self) -> bool:
-        return self.cancelled() or self.target.left <= self.target.seconds / 100
+        return self.cancelled() or self.target.over
 
     def _measure(self) -> bool:
         """Returns whether it got to its end."""
@@ -178,19 +207,17 @@ class Pursuit:
         return followed
 
     def _portion(self) -> int | None:
-        """Samples of a portion that ends soon enough to look at whether to stop; None: no bound."""
+        """Samples of a portion; None: no bound."""
         state, target = self.state, self.target
         if not target.seconds and state.estimator.sampler is not None:
             return None  # it has a state: which samples it draws must not depend on the time
-        step = min(self.STEP, target.seconds / 100) if target.seconds else self.STEP
-        speed = self.speed or mean(state.estimate.count) / target.passed
-        return max(1, int(speed * dr.width(state.estimate.count) * step))
+        return target.portion(state, self.speed or mean(state.estimate.count) / target.passed)
 
     def _expected(self, samples: float) -> float:
         """Samples of a pixel in the end, in the mean, as far as can be known."""
         target, expected = self.target, float(UNLIMITED)
         if target.noise:
-            expected = samples * (self.state.noise / target.noise) ** 2
+            expected = samples * target.work(self.state.noise)
         if target.seconds:
             expected = min(expected, samples + self.speed * target.left)
         return expected
@@ -224,7 +251,7 @@ class Pursuit:
         if target.noise:
             # Well-filled patterns are better than the first samples promise: not all of a long way at once.
             now = mean(self.variance / mi.Float(state.estimate.count))
-            way = (state.noise / (self.AIM * target.noise)) ** 2
+            way = target.work(state.noise / self.AIM)
             goal = now / (way if way < 2 else way**0.7)
 
         def after(effort: float) -> mi.UInt32:
@@ -242,7 +269,7 @@ class Pursuit:
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
         """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
-        told that of the image, as far as can be known. The work grows with the inverse square of the noise.
+        told that of the image, as far as can be known.
         """
         if tell is None:
             return None
@@ -251,7 +278,7 @@ class Pursuit:
         stages = [mean(count) / state.plan.most for count in counts]
         if target.noise:
             now, then = (mean(self.variance / mi.Float(count)) for count in counts)
-            reached = (target.noise / max(state.noise, 1e-12)) ** 2
+            reached = 1 / max(target.work(state.noise), 1e-24)
             stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
         begin, end = (min(stage, 1.0) for stage in stages)
 
@@ -260,6 +287,28 @@ class Pursuit:
             tell(min(max(begin + (end - begin) * part, by_time), 1.0))
 
         return told
+
+
+def first_in_time(
+    target: Target,
+    state: State,
+    wanted: mi.UInt32,
+    tell: Callable[[float], None] | None,
+    cancelled: Callable[[], bool],
+) -> bool:
+    """A first wave that the time can cut short: sample by sample, as after one of them there is an image. Returns whether
+    it got to its end.
+    """
+    most = int(dr.max(wanted)[0])
+    for count in range(1, most + 1):
+        start = time.perf_counter()
+        soon = dr.minimum(wanted, dr.opaque(mi.UInt32, count))
+        if not state.grow(soon, None, None, cancelled if count == 1 else lambda: cancelled() or target.over):
+            return False
+        state.portion = target.portion(state, 1 / max(time.perf_counter() - start, 1e-9))
+        if tell is not None:
+            tell(count / most)
+    return True
 
 
 def size_of_patterns(expected: float) -> int:

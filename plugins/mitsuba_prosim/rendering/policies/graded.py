@@ -47,4 +47,4 @@ def deviation(estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Flo
     count = mi.Float(estimate.count)
     own = [variance(estimate.total, estimate.squares, count), estimate.total / count]
     within, mean = around(own, width, height, REACH)
-    return in_display_units(dr.sqrt(within), mean)
+    return dr.select(dr.isfinite(within), in_display_units(dr.sqrt(within), mean), dr.inf)

@@ -250,7 +250,7 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     start = time.perf_counter()
     mi.render(scene, seed=2)
     assert 1 < time.perf_counter() - start < 4
-    assert scene.integrator().reached.seconds == pytest.approx(2, abs=1) and scene.integrator().reached.samples > 5
+    assert scene.integrator().reached.seconds == pytest.approx(2, abs=1) and scene.integrator().reached.samples > 1
 
 
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):

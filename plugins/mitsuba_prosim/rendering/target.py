@@ -305,7 +305,8 @@ def first_in_time(
         soon = dr.minimum(wanted, dr.opaque(mi.UInt32, count))
         if not state.grow(soon, None, None, cancelled if count == 1 else lambda: cancelled() or target.over):
             return False
-        state.portion = target.portion(state, 1 / max(time.perf_counter() - start, 1e-9))
+        passed = (0.1 if count == 1 else 1) * (time.perf_counter() - start)  # the first had to compile
+        state.portion = target.portion(state, 1 / max(passed, 1e-9))
         if tell is not None:
             tell(count / most)
     return True

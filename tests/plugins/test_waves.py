@@ -29,6 +29,10 @@ def render(*arguments, seed=0, **settings):
     return np.array(mi.render(loaded(*arguments, **settings), seed=seed))
 
 
+def displayed_luminance(image):
+    return np.sqrt(np.maximum(np.array(image, dtype=np.float64)[..., :3] @ LUMINANCE, 0) + 0.01)
+
+
 def begun(scene, seed=3):
     """The state of ``scene`` after the first wave."""
     return next(scene.integrator().waves(scene, seed=seed)).state
@@ -170,7 +174,7 @@ def test_the_twin_measures_the_noise_and_is_independent(variant_rgb):
         state = begun(loaded(adaptive="none", samples=4), seed)
         twin = Twin(state)
         twin.follow(state)
-        measured.append(twin.noise(state) ** 2)
+        measured.append(twin.noise(state)[0] ** 2)
         images.append(np.array(state.estimate.at(twin.index).total) / 16)
         twins.append(np.array(twin.estimate.total) / 16)
     images, twins = np.array(images, dtype=float), np.array(twins, dtype=float)
@@ -239,6 +243,19 @@ def test_noise_says_what_it_reached_and_ends_at_the_most_samples(variant_rgb, ad
     image = np.array(mi.render(scene))
     assert np.rint(image[..., -1]).max() == 60
     assert scene.integrator().reached.noise > 1e-6
+
+
+def test_the_error_of_99_pixels_in_100(variant_rgb):
+    """Within what was asked for, but for what may be expected of a hundredth of 4096 pixels, here and in the twin."""
+    settings = alone(COPPER, size=64, type="prosim", samples=3)
+    many = mi.load_dict({**settings, "integrator": settings["integrator"] | {"adaptive": "none", "samples": 40}})
+    reference = displayed_luminance(mi.render(many, seed=1000))
+    integrator = settings["integrator"] | {"noise": 0.02, "noise_99": 0.004, "aovs": "samples"}
+    scene = mi.load_dict({**settings, "integrator": integrator})
+    errors = np.abs(displayed_luminance(mi.render(scene, seed=1)) - reference)
+    reached = scene.integrator().reached
+    assert reached.noise < 0.004 and 0.002 < reached.noise_99 <= 0.97 * 0.004
+    assert 0.6 < np.percentile(errors, 99) / reached.noise_99 < 1.4
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ def make(
             refuse_another_scene(job, begin, about)
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
-        refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), job.variant)
+        refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
         # Four channels of 32 bits and what else the integrator gives, and three bytes of the PNG.
         size = int(width * height) * (19 + 4 * len(integrator.aov_names())) + 2**16
         suffixes: tuple[str, ...] = SUFFIXES if part is None else ()

@@ -46,11 +46,12 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self.min_passes = whole(props, "min_passes", 1, 1)
         self.max_samples = whole(props, "max_samples", 0, 0)
         self.noise = number(props, "noise", 0.0, 0)
+        self.noise_99 = number(props, "noise_99", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
         # What makes most of many samples is the default where there may be many.
-        default = "graded" if self.noise or self.time else "neighbours"
+        default = "graded" if self._aims() else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
-        if (self.noise or self.time) and self.adaptive == "thesis":
+        if self._aims() and self.adaptive == "thesis":
             raise reject(
                 props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"
             )
@@ -95,7 +96,18 @@ class WaveIntegrator(mi.SamplingIntegrator):
 
     def parameter_names(self) -> list[str]:
         """Names of the parameters that ``str()`` shows."""
-        return ["samples", "adaptive", "threshold", "min_passes", "max_samples", "noise", "time", "jitter", "channels"]
+        return [
+            "samples",
+            "adaptive",
+            "threshold",
+            "min_passes",
+            "max_samples",
+            "noise",
+            "noise_99",
+            "time",
+            "jitter",
+            "channels",
+        ]
 
     def to_string(self) -> str:
         return describe(self, **{name: getattr(self, name) for name in self.parameter_names()}, aovs=self.aov_names())
@@ -173,7 +185,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         film = sensor.film()
         film.prepare(self.aov_names())
         part = part if begin is None else begin.part
-        if part is not None and (self.noise or self.time):
+        if part is not None and self._aims():
             raise ValueError(
                 f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
                 "without them, and let the image that is put together go on until it is good enough."
@@ -181,17 +193,17 @@ class WaveIntegrator(mi.SamplingIntegrator):
         if part is not None or begin is not None:
             self._refuse_sampler()
         policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs, part)
-        target, steps = Target(self.noise, self.time), self._grow
+        target, steps = self._target(time.perf_counter()), self._grow
         if begin is not None:
             begin.restore(state)
-            target = Target(self.noise, self.time, time.perf_counter() - begin.facts["seconds"])
+            target = self._target(time.perf_counter() - begin.facts["seconds"])
             if begin.finished and begin.same_aim(state):
                 steps = nothing_more
         self._growing = film, state
         try:
             for _ in steps(policy, state, target):
                 # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
-                self.reached = Reached(state.samples(), state.noise, target.passed)
+                self.reached = Reached(state.samples(), state.noise, state.noise_99, target.passed)
                 yield Snapshot(state, film, self.reached)
             if self.keep is not None:
                 self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
@@ -199,14 +211,14 @@ class WaveIntegrator(mi.SamplingIntegrator):
             self._growing = None
             if not sys.is_finalizing():  # an iterator that the program left behind
                 # Once more: where the first wave was good enough, that was seen after it.
-                self.reached = Reached(state.samples(), state.noise, target.passed)
+                self.reached = Reached(state.samples(), state.noise, state.noise_99, target.passed)
                 put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
         if self._scalar is not None:  # Mitsuba calls render() of this class once more
             return super().render(scene, sensor, *arguments)
-        if self.noise or self.time:
+        if self._aims():
             mi.Log(mi.LogLevel.Warn, f"{self.name()}: noise and time end nothing in scalar variants; the samples do.")
         self._scalar = self.transport(scene, sensor)
         try:
@@ -214,6 +226,12 @@ class WaveIntegrator(mi.SamplingIntegrator):
         finally:
             self._scalar = None
             take_back_interrupts()
+
+    def _aims(self) -> bool:
+        return self.noise > 0 or self.noise_99 > 0 or self.time > 0
+
+    def _target(self, begun: float) -> Target:
+        return Target(self.noise, self.time, begun, self.noise_99)
 
     def _refuse_sampler(self) -> None:
         if self.sampler is not None:
@@ -232,6 +250,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 self.min_passes,
                 self.max_samples,
                 self.noise,
+                self.noise_99,
                 self.time,
                 self.jitter,
                 self.band,
@@ -314,7 +333,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
             policy, state = self._begin(scene, sensor, seed, spp, [])
-            for _ in self._grow(policy, state, Target(self.noise, self.time)):
+            for _ in self._grow(policy, state, self._target(time.perf_counter())):
                 pass
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())

@@ -22,6 +22,8 @@ class Reached:
     #: Root mean square over the pixels of the error of the displayed value, white being 1; not a number where no noise
     #: was asked for, as nobody has measured it then.
     noise: float
+    #: What the error of 99 pixels in 100 is within; likewise.
+    noise_99: float
     #: Since the beginning.
     seconds: float
 

@@ -51,7 +51,7 @@ class State:
         #: Samples of a portion, if there is a reason to bound them, and the noise, if it was measured (see
         #: :class:`.Twin`).
         self.portion: int | None = None
-        self.noise = float("nan")
+        self.noise = self.noise_99 = float("nan")
         self.decisions = Decisions()
         #: What the last whole wave has made, where sums are not kept.
         self.made: Image | None = None

@@ -25,21 +25,33 @@ STEP = 0.5
 @dataclass(frozen=True)
 class Target:
     """When an image is good enough. ``noise``: root mean square over the pixels of the error of the displayed value,
-    white being 1; ``seconds`` from the beginning. 0: not asked for. Whichever comes first ends it.
+    white being 1; ``noise_99``: what that of 99 pixels in 100 is within; ``seconds`` from the beginning. 0: not asked
+    for. Both of the noise that are asked for, or the time, whichever comes first, end it.
     """
 
     noise: float = 0.0
     seconds: float = 0.0
     begun: float = field(default_factory=time.perf_counter)
+    noise_99: float = 0.0
 
     def __bool__(self) -> bool:
-        return self.noise > 0 or self.seconds > 0
+        return self.noisy or self.seconds > 0
 
-    def work(self, noise: float) -> float:
-        """How many times the samples it takes from ``noise`` to the one asked for, as far as numbers go: the work grows
+    @property
+    def noisy(self) -> bool:
+        """Whether it is a noise that is asked for."""
+        return self.noise > 0 or self.noise_99 > 0
+
+    def excess(self, state: State) -> float:
+        """How many times what was asked for the noise of ``state`` is, as measured last; the worse of the two."""
+        asked = ((state.noise, self.noise), (state.noise_99, self.noise_99))
+        return min(max((measured / most for measured, most in asked if most), default=np.nan), 1e100)
+
+    def work(self, state: State, aim: float = 1.0) -> float:
+        """How many times its samples ``state`` takes until the noise is ``aim`` times the one asked for: the work grows
         with the inverse square of the noise.
         """
-        return min(noise / self.noise, 1e100) ** 2
+        return (self.excess(state) / aim) ** 2
 
     @property
     def passed(self) -> float:
@@ -117,16 +129,17 @@ class Twin:
             dr.sync_thread()
         return True
 
-    def noise(self, state: State) -> float:
-        """Root mean square of the error of the displayed pixels of ``state``, white being 1.
+    def noise(self, state: State) -> tuple[float, float]:
+        """Root mean square of the error of the displayed pixels of ``state``, white being 1, and what 99 in 100 are
+        within.
 
         The displayed values are compared, as the slope of the tone curve would be that of bright spots where there are
         some, and make little of them.
         """
         mine = state.estimate.at(self.index)
         first, second = (displayed(e.total / mi.Float(e.count)) for e in (mine, self.estimate))
-        difference = first - second
-        return float(np.sqrt(mean(dr.square(difference)) / 2)) * state.estimator.smoothing
+        errors = np.abs(np.array(first - second, dtype=np.float64)) / 2**0.5 * state.estimator.smoothing
+        return float(np.sqrt(np.mean(errors**2))), float(np.percentile(errors, 99))
 
 
 class Pursuit:
@@ -139,6 +152,7 @@ class Pursuit:
     #: The noise that ends it, over the one asked for: what is measured is itself uncertain, and where it is small by
     #: chance it ends too early. A wave aims a little lower.
     ENOUGH, AIM = 0.97, 0.94
+
     def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
         self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
         decisions = state.decisions
@@ -148,7 +162,7 @@ class Pursuit:
             self._judge()
         if policy.judgements == 1:
             decisions.need, decisions.variance = self.need, self.variance
-        self.twin = Twin(state) if target.noise else None
+        self.twin = Twin(state) if target.noisy else None
         # Samples of a pixel, in the mean, in a second.
         self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
 
@@ -158,7 +172,7 @@ class Pursuit:
         state.portion = self._portion()
         if decisions.wanted is None:
             self._measure()
-        while not self._ended() and not state.noise <= self.ENOUGH * self.target.noise:
+        while not self._ended() and not self.target.excess(state) <= self.ENOUGH:
             samples = mean(state.estimate.count)
             wanted = decisions.wanted
             if wanted is None:
@@ -203,7 +217,7 @@ class Pursuit:
             return True
         followed = self.twin.follow(self.state, self._ended)
         if followed:
-            self.state.noise = self.twin.noise(self.state)
+            self.state.noise, self.state.noise_99 = self.twin.noise(self.state)
         return followed
 
     def _portion(self) -> int | None:
@@ -216,8 +230,8 @@ class Pursuit:
     def _expected(self, samples: float) -> float:
         """Samples of a pixel in the end, in the mean, as far as can be known."""
         target, expected = self.target, float(UNLIMITED)
-        if target.noise:
-            expected = samples * target.work(self.state.noise)
+        if target.noisy:
+            expected = samples * target.work(self.state)
         if target.seconds:
             expected = min(expected, samples + self.speed * target.left)
         return expected
@@ -248,10 +262,10 @@ class Pursuit:
         if target.seconds:
             share = 0.9 if target.left < target.seconds / 5 else 0.5  # the last takes all
             most = min(most, samples + self.speed * target.left * share)
-        if target.noise:
+        if target.noisy:
             # Well-filled patterns are better than the first samples promise: not all of a long way at once.
             now = mean(self.variance / mi.Float(state.estimate.count))
-            way = target.work(state.noise / self.AIM)
+            way = target.work(state, self.AIM)
             goal = now / (way if way < 2 else way**0.7)
 
         def after(effort: float) -> mi.UInt32:
@@ -260,7 +274,7 @@ class Pursuit:
 
         def reaches(effort: float) -> bool:
             counts = mi.Float(after(effort))
-            return mean(counts) >= most or (target.noise > 0 and mean(self.variance / counts) <= goal)
+            return mean(counts) >= most or (target.noisy and mean(self.variance / counts) <= goal)
 
         # What the pixels need may be judged higher now than before: so not from where it was.
         effort = state.decisions.effort
@@ -276,9 +290,9 @@ class Pursuit:
         state, target = self.state, self.target
         counts = state.estimate.count, wanted
         stages = [mean(count) / state.plan.most for count in counts]
-        if target.noise:
+        if target.noisy:
             now, then = (mean(self.variance / mi.Float(count)) for count in counts)
-            reached = 1 / max(target.work(state.noise), 1e-24)
+            reached = 1 / max(target.work(state), 1e-24)
             stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
         begin, end = (min(stage, 1.0) for stage in stages)
 
@@ -290,14 +304,11 @@ class Pursuit:
 
 
 def first_in_time(
-    target: Target,
-    state: State,
-    wanted: mi.UInt32,
-    tell: Callable[[float], None] | None,
-    cancelled: Callable[[], bool],
+    target: Target, state: State, wanted: mi.UInt32, tell: Callable[[float], None] | None, cancelled: Callable[[], bool]
 ) -> bool:
-    """A first wave that the time can cut short: sample by sample, as after one of them there is an image. Returns whether
-    it got to its end.
+    """A first wave that the time can cut short: sample by sample, as after one of them there is an image.
+
+    Returns whether it got to its end.
     """
     most = int(dr.max(wanted)[0])
     for count in range(1, most + 1):

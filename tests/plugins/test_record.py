@@ -65,7 +65,7 @@ def test_an_image_goes_on_to_the_same_bits(variant_rgb):
     [
         *((0, {"adaptive": name}) for name in ("none", "thesis", "graded")),
         *((kept, {"adaptive": "neighbours"}) for kept in (0, 1 << 30)),
-        (0, {"noise": 0.003, "max_samples": 100, "rfilter": "box"}),
+        (0, {"noise": 0.004, "noise_99": 0.01, "max_samples": 100, "rfilter": "box"}),
         (1 << 30, {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"}),
         (1 << 30, {"film": CROP, "adaptive": "graded"}),
     ],
@@ -86,6 +86,12 @@ def test_another_aim_is_pursued_from_where_it_is(variant_rgb):
     image, (samples, noise) = finished(loaded(size=24, noise=0.0015, adaptive="graded"), begin=quick)
     assert float(noise) <= 0.0015 and samples > np.mean(quick.pixels["count"])
     assert np.all(np.rint(image[..., -2]) >= quick.pixels["count"])
+
+
+def test_the_first_portion_is_small_where_a_state_is_kept(variant_rgb, monkeypatch):
+    monkeypatch.setattr(Pace, "FIRST", 500)
+    found = records(loaded(size=16, adaptive="none"))
+    assert np.sum(found[1].pixels["count"] > 0) == 20 and np.sum(found[1].pixels["count"]) == 500
 
 
 def test_what_belongs_to_another_image_is_refused(variant_rgb):

@@ -61,7 +61,10 @@ def make(
         suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
         keeper, state = None, STATE if part is None else f".{part}.exr"
         if keep:
-            suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film())  # the old one, too
+            suffixes, size = (
+                (*suffixes, state),
+                size + 2 * size_of_state(integrator, chosen.film(), part),
+            )  # the old one, too
             keeper = Keeper(stem.with_name(stem.name + state), about, warn)
         files.check(Path(job.scene), stem, suffixes, size)
 
@@ -136,10 +139,12 @@ def refuse_to_keep(integrator: mi.Integrator) -> None:
         )
 
 
-def size_of_state(integrator: mi.Integrator, film: mi.Film) -> int:
-    """Bytes that a state takes, about: the twin has a sixteenth of the pixels."""
+def size_of_state(integrator: mi.Integrator, film: mi.Film, part: Part | None) -> int:
+    """Bytes that a state takes, about: the twin is small, and what is another part's is compressed to nothing."""
     values = (5 + len(integrator.aov_names())) * (2 * film.rfilter().border_size() + 1) ** 2
     pixels = int(film.crop_size()[0] * film.crop_size()[1])
+    if part is not None:
+        return 4 * pixels * (values + 12) // part.of + 2**16
     return min(4 * pixels * values, KEPT) + 4 * pixels * 12 + 2**16
 
 

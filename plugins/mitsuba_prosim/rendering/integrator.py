@@ -283,6 +283,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         estimator = state.estimator
 
         pace = Pace(state)
+        if self.keep is not None:
+            state.portion = Pace.FIRST
 
         def pause() -> bool:
             if self.keep is not None:

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.rendering.target import Twin
+from mitsuba_prosim.rendering.twin import Twin
 from scenes import alone, penumbra
 from scipy import stats
 

@@ -8,8 +8,8 @@ import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import plugin
-from ..rendering.film import aov_values
-from ..rendering.integrator import WaveIntegrator, with_more_channels
+from ..rendering.film import aov_values, with_more_channels
+from ..rendering.integrator import WaveIntegrator
 from ..transport.nested import Nested
 
 

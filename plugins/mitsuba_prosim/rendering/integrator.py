@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -18,14 +16,15 @@ from . import collector
 from .camera import ray_sampler, uncropped
 from .derivatives import Derivatives
 from .estimate import Estimator
-from .film import Channels
+from .film import Channels, asked_aovs, with_more_channels
 from .pace import Pace
 from .part import Part
 from .plan import Plan, Sampling
 from .policies import POLICIES
 from .record import Record
+from .scalar import take_back_interrupts
 from .snapshot import Reached, Snapshot, put
-from .state import OWN_AOVS, State
+from .state import State
 from .target import Target
 from .waves import waves
 
@@ -60,17 +59,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         if set(self.channels) - set("rgb"):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
         self.band = whole(props, "band", 1 << 18, 1)
-        self.own_aovs, self.mitsuba_aovs = [], None
-        others = []
-        for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
-            if aov in OWN_AOVS:
-                self.own_aovs.append(aov)
-            elif ":" in aov:
-                others.append(aov)
-            else:
-                raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
-        if others:
-            self.mitsuba_aovs = mi.load_dict({"type": "aov", "aovs": ",".join(others)})
+        self.own_aovs, self.mitsuba_aovs = asked_aovs(props)
         #: What the samples are drawn from, if not from N-rook patterns.
         self.sampler: mi.Sampler | None = None
         #: Called with the part done, 0 to 1, while an image is rendered.
@@ -344,21 +333,3 @@ class WaveIntegrator(mi.SamplingIntegrator):
 def nothing_more(policy: Any, state: State, target: Target) -> Iterator[State]:
     """The one step of an image that has all it should."""
     yield state
-
-
-def take_back_interrupts() -> None:
-    """Gives SIGINT back to Python, as Mitsuba (3.9) does after its own ``render``, but not where that was called within
-    another: it would take Ctrl-C for ever, for an integrator that may be gone.
-    """
-    handler = signal.getsignal(signal.SIGINT)
-    if handler is not None and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, handler)
-
-
-def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
-    """``image``, shape (height, width, channels), and so many further channels of zeros, which come last."""
-    height, width, channels = image.shape
-    complete = dr.zeros(mi.Float, height * width * (channels + more))
-    i = dr.arange(mi.UInt32, height * width * channels)
-    dr.scatter(complete, image.array, i // channels * (channels + more) + i % channels)
-    return mi.TensorXf(complete, (height, width, channels + more))

@@ -268,10 +268,6 @@ def by_lack(count: mi.UInt32, wanted: mi.UInt32, ratio: float) -> list[tuple[mi.
     return classes
 
 
-#: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
-OWN_AOVS = ("samples", "error")
-
-
 def own_channel(name: str, estimate: Estimate, n: int) -> mi.Float:
     """``samples``: of each pixel; ``error``: the standard error of its luminance."""
     return mi.Float(estimate.count) if name == "samples" else estimate.error(n)

@@ -9,8 +9,9 @@ import drjit as dr
 import mitsuba as mi
 
 from .plan import Plan, in_patterns
+from .pursuit import Pursuit
 from .state import State
-from .target import Pursuit, Target, first_in_time
+from .target import Target, first_in_time
 
 #: A wave takes so many times the samples that a pixel has, at most.
 GROWTH = 4

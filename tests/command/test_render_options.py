@@ -92,7 +92,7 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
             scene,
             tmp_path / "out",
             samples=samples,
-            integrator=render.parameters(*asked[:2]) | render.sampling(asked[2], None, None, None, None),
+            integrator=render.parameters(*asked[:2]) | render.sampling(asked[2], {}, None, None),
         ).load()
         assert [text for text in said if text not in str(loaded.integrator())] == []
         assert (loaded.integrator().ambient is None) == asked[0]

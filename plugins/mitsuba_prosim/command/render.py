@@ -16,8 +16,8 @@ from tqdm.auto import tqdm
 
 from ..rendering.policies import POLICIES
 from ..scene_files import images, opening, rendering, session, writing
+from . import denoised, reached
 from . import output as files
-from . import reached
 from .interrupts import interruptible
 from .log import log
 from .options import SCENE, STOPS, Crop, Finite, InputError, choose_variant, defines, translation, wrong_input
@@ -120,6 +120,12 @@ MOST_THREADS = 1024
     metavar="STOPS",
     help="Makes the PNG brighter by so many factors of two; negative: darker.",
 )
+@click.option(
+    "--denoise",
+    is_flag=True,
+    help="Denoise the image, as far as two halves of its samples agree that this makes it better. The raw image is a "
+    "layer of the EXR.",
+)
 @translation
 def render(
     scene: Path,
@@ -140,6 +146,7 @@ def render(
     max_samples: int | None,
     adaptive: str | None,
     exposure: float,
+    denoise: bool,
     resolution: tuple[int, int] | None,
     samples: int | None,
     **language: Any,
@@ -173,14 +180,21 @@ def render(
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
         refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), variant)
-        # Four channels of 32 bits and what else the integrator gives, and three bytes of the PNG.
-        files.check(scene, stem, SUFFIXES, int(width * height) * (19 + 4 * len(integrator.aov_names())) + 2**16)
+        if denoise:
+            denoised.check(chosen.film())
+        # Four channels of 32 bits and what else there is, and three bytes of the PNG.
+        others = len(integrator.aov_names()) + 9 * denoise
+        files.check(scene, stem, SUFFIXES, int(width * height) * (19 + 4 * others) + 2**16)
 
         start = perf_counter()
         with interruptible(integrator.cancel) as signals:
             try:
                 with progress_bar(integrator, variant) as tell:
-                    rendering.render(loaded, chosen, seed, spp or 0, tell)
+                    if denoise:
+                        picture = denoised.render(loaded, chosen, seed, spp or 0, tell, lambda: bool(signals))
+                    else:
+                        rendering.render(loaded, chosen, seed, spp or 0, tell)
+                        picture = denoised.Picture(chosen.film().bitmap())
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
             seconds, interrupted = perf_counter() - start, bool(signals)
@@ -192,7 +206,8 @@ def render(
                 "prosim.seed": str(seed),
                 "prosim.seconds": f"{seconds:.3f}",
             }
-            written = files.save(stem, images.encode(chosen.film().bitmap(), facts, exposure))
+            facts |= picture.facts
+            written = files.save(stem, images.encode(picture.bitmap, facts, exposure, picture.facts))
     click.echo(
         f"{' and '.join(map(str, written))}: {width} x {height} pixels, {variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
@@ -200,6 +215,8 @@ def render(
     )
     if said := reached.sentence(integrator, interrupted):
         click.echo(said)
+    if picture.said:
+        click.echo(picture.said)
     if interrupted:
         sys.exit(1)
 

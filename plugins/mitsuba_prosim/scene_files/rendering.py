@@ -20,14 +20,19 @@ def samples_of_a_step() -> int:
 
 
 def render(
-    scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0, tell: Callable[[float], None] | None = None
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    seed: int = 0,
+    spp: int = 0,
+    tell: Callable[[float], None] | None = None,
+    integrator: Any = None,
 ) -> None:
-    """Renders into the sensor's film with the scene's integrator, and waits for the end.
+    """Renders into the sensor's film with the scene's integrator, or another, and waits for the end.
 
     ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
     step of an integrator that :func:`tells_progress`.
     """
-    integrator: Any = scene.integrator()
+    integrator = integrator or scene.integrator()
     told = tell is not None and tells_progress(integrator)
     if told:
         # At each step Ctrl-C is heard as well.

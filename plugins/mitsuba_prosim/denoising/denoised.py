@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rendering.estimate import BRIGHTEST
-from .mixing import mix
+from .mixing import WINDOW, mix
 from .oidn import Denoiser
+from .pyramid import average
 
 
 @dataclass(frozen=True)
@@ -25,13 +26,13 @@ class Denoised:
     final_error: np.ndarray
 
     def noise(self, error: np.ndarray) -> float:
-        """Root mean square over the pixels of the error of the displayed value, white being 1, by one of the maps; as
-        :class:`~mitsuba_prosim.rendering.target.Target` has it.
-        """
-        return float(np.sqrt(np.mean(error.astype(np.float64) ** 2 / (4 * (self._light() + 0.01)))))
+        """Root mean square over the pixels of the error of the displayed value, white being 1, by one of the maps.
 
-    def _light(self) -> np.ndarray:
-        return np.maximum(self.final.mean(2, dtype=np.float64), 0)
+        About what :class:`~mitsuba_prosim.rendering.target.Target` means by noise, as far as an error is the same for
+        all pixels of a window.
+        """
+        light = average(np.maximum(self.final.mean(2), 0), WINDOW) + np.float32(0.01)
+        return float(np.sqrt(np.mean((np.sqrt(light + error) - np.sqrt(light)) ** 2, dtype=np.float64)))
 
 
 def denoise(

@@ -88,6 +88,8 @@ def _kept(
     noise, shared = mean((r - s + d) ** 2) / 4, mean((r - s + d) * d) / 4
     whole, signal = mean((r + s) ** 2), mean(4 * r * s - d * (r - s))
     part = np.clip(np.divide(signal, whole, out=np.ones_like(whole), where=whole > 0), 0, 1)
+    if coarser is None:
+        part = np.ones_like(part)  # the light of the whole is that of the samples
     error = part * noise + (1 - part) * np.clip(shared, 0, noise)
     kept = (part**CAUTION)[..., None] * (r + s) / 2
     if coarser is None:

@@ -12,7 +12,9 @@ COMMANDS = {
     "doctor": ("doctor:doctor", "Print what was found on this machine."),
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
     "link": ("link:link", "Let the mitsuba command run plugins in Python."),
+    "merge": ("merge:merge", "Make the image of parts that were rendered one by one."),
     "render": ("render:render", "Render a scene to an EXR and a PNG image."),
+    "resume": ("resume:resume", "Go on with a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
 }
 

@@ -143,7 +143,7 @@ def test_what_is_going_on_is_said_from_the_beginning(scene, monkeypatch):
             words.append(text)
             super().set_description_str(text, refresh)
 
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
+    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.making"], "tqdm", Bar)
     scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/></integrator>'))
     assert prosim("render", scene).exit_code == 0
     assert words == ["compiling kernels", "rendering"]

@@ -5,9 +5,12 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from mitsuba_prosim.command import output
+from mitsuba_prosim.command.interrupts import interruptible
+from mitsuba_prosim.rendering.plan import Plan
 from mitsuba_prosim.scene_files import rendering, writing
 from running import XML, names, pixels, prosim
 from tqdm.auto import tqdm
@@ -91,7 +94,7 @@ def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
             os.kill(os.getpid(), number)
             return super().update(done)
 
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
+    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.making"], "tqdm", Bar)
     monkeypatch.setattr(os, "_exit", lambda _: None)  # there may be a second band
     scene.write_text(BANDS)
     before = signal.getsignal(number)
@@ -102,13 +105,39 @@ def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
     assert image[0].min() > 0 and image[-1].max() == 0
 
 
+def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
+    """It comes while the render is prepared, and is not forgotten when it begins."""
+    made = Plan.of
+
+    def interrupted(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        return made(*arguments)
+
+    monkeypatch.setattr(Plan, "of", interrupted)
+    scene.write_text(BANDS)
+    done = prosim("render", scene)
+    assert done.exit_code == 1 and "interrupted before the image had begun" in done.stderr
+    assert names(scene.parent) == ["scene.xml"]
+
+
+def test_a_renderer_that_forgot_a_signal_is_told_again():
+    calls = []
+    with interruptible(lambda: calls.append(True)):
+        os.kill(os.getpid(), signal.SIGINT)
+        first = len(calls)
+        deadline = time.monotonic() + 10
+        while len(calls) < first + 3 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert len(calls) >= first + 3
+
+
 def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):
     class Bar(tqdm):
         def update(self, done):
             os.kill(os.getpid(), signal.SIGHUP)
             return super().update(done)
 
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.render"], "tqdm", Bar)
+    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.making"], "tqdm", Bar)
     scene.write_text(BANDS)
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

@@ -70,7 +70,7 @@ def test_noise_that_the_scene_asks_a_scalar_variant_for(scene):
 
 def test_a_signal_after_the_first_wave_leaves_a_whole_image(scene, monkeypatch):
     told = []
-    module = sys.modules["mitsuba_prosim.command.render"]
+    module = sys.modules["mitsuba_prosim.command.making"]
 
     class Bar(module.tqdm):
         def update(self, done):

@@ -92,6 +92,22 @@ def test_the_expectation_is_that_of_path_through_a_thin_lens_and_in_a_crop(varia
     assert same_expectation(whole[:, 8:24, 4:28], crop)
 
 
+@pytest.mark.parametrize("sampler", ["stratified", "multijitter"])
+def test_a_sampler_that_is_given_goes_on_from_sample_to_sample(variant_rgb, sampler):
+    """25 samples, one in each of a pixel's 25 strata: their mean is within half a stratum of the pixel's middle."""
+    film = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}, "component_format": "float32"}
+    # The camera sees x and y from -1 to 1.
+    scene = {
+        "type": "scene",
+        "sensor": {"type": "orthographic", "to_world": mi.ScalarTransform4f().translate([0, 0, -3]), "film": film},
+        "wall": {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(9)},
+        "integrator": adaptive({"type": "aov", "aovs": "p:position"}, adaptive="none", sampler={"type": sampler}),
+    }
+    x, y = np.moveaxis(np.array(mi.render(mi.load_dict(scene)))[..., -3:-1], 2, 0)
+    middles = np.array([-0.75, -0.25, 0.25, 0.75])
+    assert np.allclose(np.sort(x), middles, atol=0.05) and np.allclose(np.sort(y, axis=0).T, middles, atol=0.05)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["independent", "multijitter", "stratified"])
 def test_a_sampler_that_is_given_is_drawn_from(variant_rgb, sampler):

@@ -124,6 +124,8 @@ def test_beyond_all_cells_a_new_pattern_begins(variant_rgb, n, jitter):
     key = pixel_key(7, lane // (3 * size))
     points = np.array(NRook.at(Permutations(n), key, lane % (3 * size), jitter)(3)).T.reshape(4000, 3, size, 2)
     assert np.array_equal(points[:, 0], pattern(n, 4000, jitter=jitter).reshape(4000, size, 2))
+    first = NRook.in_first_epoch(Permutations(n), key, lane % size, jitter)(3)
+    assert np.array_equal(np.array(first).T.reshape(4000, 3, size, 2)[:, 0], points[:, 0])
     cells = np.floor(points * n).astype(int) @ [n, 1]
     assert np.all(np.sort(cells, axis=2) == np.arange(size))
     first, second = cells[:, 0, 0], cells[:, 1, 0]

@@ -10,6 +10,9 @@ import mitsuba as mi
 from ..denoising import halves, layers, oidn
 from .options import InputError
 
+#: Channels of the raw and of the denoised image, and of the errors.
+LAYERS = 9
+
 
 @dataclass(frozen=True)
 class Picture:

@@ -1,6 +1,7 @@
 """Signals that end a render, and let it keep what it has."""
 
 import os
+import select
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -9,10 +10,14 @@ from contextlib import contextmanager
 #: Ctrl-C, the polite kill, and the end of the terminal.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
+#: Seconds from one time that it is told to stop to the next.
+AGAIN = 0.1
+
 
 @contextmanager
 def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
-    """Calls ``stop`` at the first signal that ends a program; a second ends the process at once.
+    """Calls ``stop`` at the first signal that ends a program, and again and again until the end, as a renderer that has
+    not begun yet forgets it; a second signal ends the process at once.
 
     Yields the list of the signals that have come. What the process was told to ignore (by ``nohup``, or in the
     background of a script) stays ignored.
@@ -25,7 +30,13 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
     # In a thread, because Mitsuba's own integrators hold up Python's handlers, in the main thread, until they are done.
     def watch() -> None:
         come = 0
-        while number := int.from_bytes(os.read(reader, 1), "little"):
+        while True:
+            if come and not select.select([reader], [], [], AGAIN)[0]:
+                stop()
+                continue
+            number = int.from_bytes(os.read(reader, 1), "little")
+            if not number:  # the end
+                return
             come += number in handled
             if come > 1:
                 os._exit(128 + number)

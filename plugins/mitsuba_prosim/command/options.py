@@ -13,9 +13,16 @@ import mitsuba as mi
 import prosim_scene
 from click.core import ParameterSource
 
+from ..rendering.part import Part
 from ..scene_files import opening, session
 
 SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
+
+#: More than any machine has processors.
+MOST_THREADS = 1024
+
+#: More would have less than a tile each, of an image of usual size.
+MOST_PARTS = 4096
 
 #: Beyond these factors of two, single precision ends.
 STOPS = 64
@@ -84,6 +91,22 @@ class Crop(click.ParamType):
         return x, y, width, height
 
 
+class Share(click.ParamType):
+    """A part such as 3/16."""
+
+    name = "K/M"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Part:
+        """The part, counted from 1."""
+        try:
+            number, of = (int(word) for word in value.split("/"))
+        except ValueError:
+            self.fail(f"{value!r} is not of the form {self.name}, such as 3/16", param, ctx)
+        if not 1 <= number <= of <= MOST_PARTS:
+            self.fail(f"{value!r}: K is 1 to M, and M at most {MOST_PARTS}", param, ctx)
+        return Part(number, of)
+
+
 class Finite(click.FloatRange):
     """A number in a range, and not "nan", which no range keeps out."""
 
@@ -117,6 +140,18 @@ defines = click.option(
     multiple=True,
     help="Constant that replaces $key in the XML scene. May be repeated.",
 )
+
+
+def running(command: Callable) -> Callable:
+    """Decorator: the options of a process that renders."""
+    threads = click.option(
+        "-t",
+        "--threads",
+        type=click.IntRange(1, MOST_THREADS),
+        show_default=False,
+        help="Number of threads. [default: all]",
+    )
+    return threads(click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")(command))
 
 
 def translation(command: Callable) -> Callable:

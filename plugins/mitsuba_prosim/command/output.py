@@ -66,7 +66,7 @@ def check(scene: Path, stem: Path, suffixes: Collection[str], size: int) -> None
             raise InputError(f"{path} is the scene itself; choose another name with -o.")
 
 
-def save(stem: Path, contents: Mapping[str, bytes]) -> list[Path]:
+def save(stem: Path, contents: Mapping[str, bytes | memoryview]) -> list[Path]:
     """Writes suffix -> content; returns the paths. What can't be written there goes wherever there is room.
 
     Raises ClickException, which says where that is.

@@ -49,6 +49,12 @@ def facts(integrator: mi.Integrator, interrupted: bool) -> dict[str, str]:
     return result
 
 
+def nothing(integrator: mi.Integrator) -> bool:
+    """Whether the last render of ``integrator`` is known to have ended before the first sample."""
+    last = getattr(integrator, "reached", None)
+    return last is not None and last.samples == 0
+
+
 def asked(integrator: mi.Integrator) -> bool:
     """Whether an integrator has rendered, and was asked for noise or time."""
     return getattr(integrator, "reached", None) is not None and (integrator.noise > 0 or integrator.time > 0)

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import click
-import mitsuba as mi
-from tqdm.auto import tqdm
 
+from ..rendering.part import Part
 from ..rendering.policies import POLICIES
-from ..scene_files import images, opening, rendering, session, writing
-from . import denoised, reached
 from . import output as files
-from .interrupts import interruptible
-from .log import log
-from .options import SCENE, STOPS, Crop, Finite, InputError, choose_variant, defines, translation, wrong_input
-
-SUFFIXES = (".exr", ".png")
-
-#: More than any machine has processors.
-MOST_THREADS = 1024
+from .job import Job
+from .making import SUFFIXES, make, refuse_waves
+from .options import SCENE, STOPS, Crop, Finite, Share, choose_variant, defines, running, translation
 
 
 @click.command()
@@ -48,14 +35,7 @@ MOST_THREADS = 1024
 )
 @defines
 @click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
-@click.option(
-    "-t",
-    "--threads",
-    type=click.IntRange(1, MOST_THREADS),
-    show_default=False,
-    help="Number of threads. [default: all]",
-)
-@click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")
+@running
 @click.option(
     "--spp",
     type=click.IntRange(1, 2**24),
@@ -126,6 +106,19 @@ MOST_THREADS = 1024
     help="Denoise the image, as far as two halves of its samples agree that this makes it better. The raw image is a "
     "layer of the EXR.",
 )
+@click.option(
+    "--keep",
+    is_flag=True,
+    help="Write the state beside the image, as NAME.state.exr, from time to time and at the end: prosim resume goes on "
+    "with it, whatever has ended this render.",
+)
+@click.option(
+    "--part",
+    type=Share(),
+    show_default=False,
+    help="Render only part K of M, of which NAME.K-of-M.exr is written, from time to time and at the end: prosim merge "
+    "makes the image of all.",
+)
 @translation
 def render(
     scene: Path,
@@ -147,6 +140,8 @@ def render(
     adaptive: str | None,
     exposure: float,
     denoise: bool,
+    keep: bool,
+    part: Part | None,
     resolution: tuple[int, int] | None,
     samples: int | None,
     **language: Any,
@@ -159,66 +154,35 @@ def render(
     if spp and samples:
         raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
     stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES)
+    if part and (noise or time):
+        raise click.UsageError(
+            "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
+            "then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr --noise X."
+        )
+    if denoise and (keep or part):
+        raise click.UsageError(
+            "--denoise renders two images, and --keep and --part keep the state of one; give either."
+        )
     asked = sampling(threshold, noise, time, max_samples, adaptive)
     variant = choose_variant(mode)
     options = {"--noise": noise, "--time": time, "--max-samples": max_samples, "--adaptive": adaptive}
+    options |= {"--keep": keep or None, "--part": str(part) if part else None}
     refuse_waves((option for option, value in options.items() if value is not None), variant)
-    with log(verbose), session.threads(threads):
-        with writing.scratch() as folder, wrong_input():
-            file = opening.SceneFile(
-                scene,
-                folder,
-                definitions=dict(definitions),
-                resolution=resolution,
-                crop=crop,
-                samples=samples,
-                integrator=parameters(paths, max_level) | asked,
-                **language,
-            )
-            loaded = file.load()
-            chosen = opening.pick_sensor(loaded, sensor)
-        width, height = chosen.film().crop_size()
-        integrator = loaded.integrator()
-        refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), variant)
-        if denoise:
-            denoised.check(chosen.film())
-        # Four channels of 32 bits and what else there is, and three bytes of the PNG.
-        others = len(integrator.aov_names()) + 9 * denoise
-        files.check(scene, stem, SUFFIXES, int(width * height) * (19 + 4 * others) + 2**16)
-
-        start = perf_counter()
-        with interruptible(integrator.cancel) as signals:
-            try:
-                with progress_bar(integrator, variant) as tell:
-                    if denoise:
-                        picture = denoised.render(loaded, chosen, seed, spp or 0, tell, lambda: bool(signals))
-                    else:
-                        rendering.render(loaded, chosen, seed, spp or 0, tell)
-                        picture = denoised.Picture(chosen.film().bitmap())
-            except (RuntimeError, MemoryError) as error:
-                raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-            seconds, interrupted = perf_counter() - start, bool(signals)
-            facts = reached.facts(integrator, interrupted) | {
-                "prosim.scene": str(scene),
-                "prosim.version": version("mitsuba-prosim"),
-                "prosim.variant": variant,
-                "prosim.integrator": str(integrator),
-                "prosim.seed": str(seed),
-                "prosim.seconds": f"{seconds:.3f}",
-            }
-            facts |= picture.facts
-            written = files.save(stem, images.encode(picture.bitmap, facts, exposure, picture.facts))
-    click.echo(
-        f"{' and '.join(map(str, written))}: {width} x {height} pixels, {variant}, {seconds:.2f} s"
-        + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
-        + (", interrupted" if interrupted else "")
+    job = Job(
+        scene=str(scene),
+        variant=variant,
+        definitions=dict(definitions),
+        sensor=sensor,
+        seed=seed,
+        spp=spp or 0,
+        resolution=resolution,
+        crop=crop,
+        samples=samples,
+        integrator=parameters(paths, max_level) | asked,
+        language=language,
+        exposure=exposure,
     )
-    if said := reached.sentence(integrator, interrupted):
-        click.echo(said)
-    if picture.said:
-        click.echo(picture.said)
-    if interrupted:
-        sys.exit(1)
+    make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
 
 
 def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:
@@ -240,34 +204,3 @@ def sampling(
         )
     asked = {"threshold": threshold, "noise": noise, "time": time, "max_samples": max_samples, "adaptive": adaptive}
     return {name: value for name, value in asked.items() if value is not None}
-
-
-def refuse_waves(names: Iterable[str], variant: str) -> None:
-    """Raises InputError where something of these names was asked of a scalar variant, which knows no waves."""
-    if variant.startswith("scalar_") and (names := list(names)):
-        raise InputError(
-            f"{', '.join(names)}: {variant} finishes one pixel after the other, each with the samples of the scene's "
-            "sampler, and can't go by what the whole image has come to. Take a variant that can, such as -m "
-            "llvm_ad_rgb (prosim doctor says which this machine can run), or say --spp instead."
-        )
-
-
-@contextmanager
-def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
-    """Shows how far a render is, with the time left, if the integrator tells and a person watches.
-
-    Yields the function to be told the part done, 0 to 1, or None.
-    """
-    told = rendering.tells_progress(integrator)
-    form = "{l_bar}{bar}| {elapsed}" if told else "{desc}"
-    # The first step comes when the kernels are compiled and a part is rendered.
-    doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
-    with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
-
-        def tell(done: float) -> None:
-            bar.set_description_str("rendering", refresh=False)
-            if done > 0.01:  # before, nobody knows
-                bar.bar_format = form + ", {remaining} left"
-            bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown
-
-        yield tell if told else None

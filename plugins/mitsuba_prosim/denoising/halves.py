@@ -87,13 +87,15 @@ def halves(
     with halved(integrator, sensor, spp) as (_, half):
         # No neighbouring seed, which may be that of another image.
         for k, own in enumerate((seed, combine(hash32(seed), 1))):
-            rendering.render(scene, sensor, own, half, part(tell, 0.48 * k, 0.48 * (k + 1)), integrator)
+            rendering.render(scene, sensor, own, half, part(tell, 0.48 * k, 0.48 * (k + 1)), integrator=integrator)
             images.append(np.array(sensor.film().develop()))
             reached.append(getattr(integrator, "reached", None))
             if stopped():
                 break
     names = [field.name for field in sensor.film().bitmap().struct_()]
     if stopped():
+        if reached[0]:
+            integrator.reached = reached[0]
         return Halves(names, images[0], None)
     if all(reached):
         integrator.reached = together(*reached)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .plan import Rectangle, index_within, pixels
 
@@ -67,6 +68,10 @@ class Image:
         """Waits until what was added is there."""
         dr.eval(self.values)
         dr.sync_thread()
+
+    def planes(self) -> np.ndarray:
+        """The values as they are, shape (height, width, channels)."""
+        return np.array(self.values).reshape(self.height, self.width, self.channels)
 
     def tensor(self) -> mi.TensorXf:
         """Shape (height, width, channels), the integrator's own channels multiplied by the weight, as films expect."""

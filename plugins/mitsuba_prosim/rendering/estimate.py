@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 #: A sample counts as no brighter than this in what is said of the error: the squares of N² samples stay finite.
 BRIGHTEST = 1e16
 
+#: A sample that is darker counts as black there: its square would be a denormal number, which Dr.Jit's threads take for
+#: zero and the main thread, which works where there is but one, does not.
+DARKEST = 1e-16
+
 
 @dataclass
 class Estimate:
@@ -177,10 +181,11 @@ class Estimator:
             t = estimate.count
             values, luminance, position = self.sample(x, y, t, sampler)
             sums = [s + w * v for s, (w, v) in zip(estimate.sums, self.spread(values, position))]
-            luminance = dr.clip(luminance, -BRIGHTEST, BRIGHTEST)
+            luminance = dr.clip(dr.select(dr.abs(luminance) > DARKEST, luminance, 0), -BRIGHTEST, BRIGHTEST)
             in_pass = estimate.in_pass + luminance
             if sampler is not None:
                 sampler.advance()
+                sampler.schedule_state()  # else the kernel of each sample would count up to it
             last = (t + 1) % n == 0
             estimate = Estimate(
                 sums,
@@ -197,6 +202,8 @@ class Estimator:
             lambda estimate, active, sampler: active,
             step,
             labels=("estimate", "active", "sampler"),
+            # Which sample is next is no part of the state that Mitsuba's samplers give to a symbolic loop.
+            mode=None if sampler is None else "evaluated",
             max_iterations=-1,
         )
         return estimate

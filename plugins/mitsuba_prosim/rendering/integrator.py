@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import drjit as dr
@@ -15,8 +19,11 @@ from .camera import ray_sampler, uncropped
 from .derivatives import Derivatives
 from .estimate import Estimator
 from .film import Channels
+from .pace import Pace
+from .part import Part
 from .plan import Plan, Sampling
 from .policies import POLICIES
+from .record import Record
 from .snapshot import Reached, Snapshot, put
 from .state import OWN_AOVS, State
 from .target import Target
@@ -68,6 +75,9 @@ class WaveIntegrator(mi.SamplingIntegrator):
         #: Called with the part done, 0 to 1, while an image is rendered.
         self.progress = None
         self.cancelled = False
+        #: Called as often as ``progress``, and at the end, with what makes the record of the image then, and whether it
+        #: is the end.
+        self.keep: Callable[[Callable[[], Record], bool], None] | None = None
         #: How far the last image came.
         self.reached: Reached | None = None
         self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
@@ -135,11 +145,21 @@ class WaveIntegrator(mi.SamplingIntegrator):
         return image
 
     def waves(
-        self, scene: mi.Scene, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        begin: Record | None = None,
+        part: Part | None = None,
     ) -> Iterator[Snapshot]:
         """Renders as :meth:`render` does, and yields a :class:`.Snapshot` after each wave, of which the first gives a
         value to every pixel. When the iterator has come to its end, or is closed, the film holds the image so far.
-        Raises RuntimeError in scalar variants and within ``dr.freeze``.
+        ``begin``: goes on from there; ``part``: takes the samples of its pixels alone (``begin`` knows its own).
+
+        Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError where ``begin`` belongs to another
+        image, where samples are drawn from a sampler of Mitsuba's, which does not say where it was, and for a part
+        where noise or time are asked for, which go by the whole image.
         """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(f"{self.name()}: there are no waves in scalar variants; use an llvm or cuda variant.")
@@ -152,20 +172,35 @@ class WaveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         film = sensor.film()
         film.prepare(self.aov_names())
-        target = Target(self.noise, self.time)
-        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs)
+        part = part if begin is None else begin.part
+        if part is not None and (self.noise or self.time):
+            raise ValueError(
+                f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
+                "without them, and let the image that is put together go on until it is good enough."
+            )
+        if part is not None or begin is not None:
+            self._refuse_sampler()
+        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs, part)
+        target, steps = Target(self.noise, self.time), self._grow
+        if begin is not None:
+            begin.restore(state)
+            target = Target(self.noise, self.time, time.perf_counter() - begin.facts["seconds"])
+            if begin.finished and begin.same_aim(state):
+                steps = nothing_more
         self._growing = film, state
         try:
-            for _ in self._grow(policy, state, target):
+            for _ in steps(policy, state, target):
                 # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
                 self.reached = Reached(state.samples(), state.noise, target.passed)
                 yield Snapshot(state, film, self.reached)
+            if self.keep is not None:
+                self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
         finally:
-            self.reached = Reached(state.samples(), state.noise, target.passed)  # measured after the last wave
             self._growing = None
-            # Once more: where the first wave was good enough, that was seen after it.
-            self.reached = Reached(state.samples(), state.noise, target.passed)
-            put(state, film)
+            if not sys.is_finalizing():  # an iterator that the program left behind
+                # Once more: where the first wave was good enough, that was seen after it.
+                self.reached = Reached(state.samples(), state.noise, target.passed)
+                put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
@@ -178,6 +213,14 @@ class WaveIntegrator(mi.SamplingIntegrator):
             return super().render(scene, sensor, *arguments)
         finally:
             self._scalar = None
+            take_back_interrupts()
+
+    def _refuse_sampler(self) -> None:
+        if self.sampler is not None:
+            raise ValueError(
+                f"{self.name()}: an image can't be kept and gone on with where its samples are drawn from a sampler of "
+                "Mitsuba's, which does not say where it was; leave the sampler out."
+            )
 
     def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
         """``(plan, estimator)``: which samples are taken, and what takes them."""
@@ -202,21 +245,37 @@ class WaveIntegrator(mi.SamplingIntegrator):
         return plan, Estimator(plan, scene, sensor, transport, channels, self.sampler)
 
     def _begin(
-        self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int, own_aovs: Sequence[str]
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: int | mi.UInt32,
+        spp: int,
+        own_aovs: Sequence[str],
+        part: Part | None = None,
     ) -> tuple[Any, State]:
-        """``(policy, state)``: an image without samples, and what says how many it gets."""
+        """``(policy, state)``: an image without samples, or a part of one, and what says how many it gets."""
+        self.cancelled = False  # before the work: what is cancelled during it stays so
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
-        return policy, State(plan, estimator, own_aovs, policy.reach)
+        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach, part)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""
-        self.cancelled = False
         estimator = state.estimator
-        steps = waves(state.plan, policy, state, target, self.progress, lambda: self.cancelled)
+
+        pace = Pace(state)
+
+        def pause() -> bool:
+            if self.keep is not None:
+                pace.look()
+                self.keep(lambda: Record.of(state, target.passed), False)
+                pace.go_on()
+            return self.cancelled
+
+        steps = waves(state.plan, policy, state, target, self.progress, pause)
         while True:
             with uncropped(estimator.sensor):
-                estimator.rays = ray_sampler(estimator.sensor)
+                estimator.rays = estimator.rays or ray_sampler(estimator.sensor)
                 if next(steps, None) is None:
                     return
             yield state
@@ -259,6 +318,20 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 pass
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())
+
+
+def nothing_more(policy: Any, state: State, target: Target) -> Iterator[State]:
+    """The one step of an image that has all it should."""
+    yield state
+
+
+def take_back_interrupts() -> None:
+    """Gives SIGINT back to Python, as Mitsuba (3.9) does after its own ``render``, but not where that was called within
+    another: it would take Ctrl-C for ever, for an integrator that may be gone.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, handler)
 
 
 def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:

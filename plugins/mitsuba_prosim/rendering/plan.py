@@ -65,6 +65,8 @@ class Plan:
     reach: int
     #: Pixels that are rendered at a time.
     band: int
+    #: What was asked for.
+    sampling: Sampling
     #: The plan of the first samples of every pixel, where this one is for those that follow; and how many these are.
     before: Plan | None = None
     begin: int = 0
@@ -97,6 +99,7 @@ class Plan:
             (-border, -border, width + border, height + border),
             reach,
             sampling.band,
+            sampling,
         )
 
     @property
@@ -109,6 +112,8 @@ class Plan:
         # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         key = pixel_key(self.seed, pixel)
+        if self.before is None and self.most <= self.n**2:
+            return NRook.in_first_epoch(self.permutations, key, t, self.jitter)
         if self.before is None:
             return NRook.at(self.permutations, key, t, self.jitter)
         return NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)

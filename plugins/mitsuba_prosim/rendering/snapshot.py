@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from .plan import index_within, pixels
+from .record import Record
 from .state import State
 
 
@@ -45,6 +46,10 @@ class Snapshot:
     def counts(self) -> np.ndarray:
         """Number of samples of each pixel, shape (height, width)."""
         return self._picture(self.state.estimate.count)
+
+    def record(self) -> Record:
+        """What a process that goes on with it has to know."""
+        return Record.of(self.state, self.reached.seconds)
 
     def _picture(self, values: mi.Float) -> np.ndarray:
         x, y, width, height = pixels(self.state.plan.window)

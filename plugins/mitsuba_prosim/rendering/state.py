@@ -12,7 +12,9 @@ import numpy as np
 
 from . import collector
 from .accumulate import Image
+from .decisions import Decisions
 from .estimate import Estimate, Estimator
+from .part import Part
 from .plan import Plan, Rectangle, area, index_within, pixels, widened
 
 if TYPE_CHECKING:
@@ -32,25 +34,38 @@ class State:
     """The samples of an image so far.
 
     The first samples of a pixel, as many as it has, are the same whatever was taken when; so the image depends on the
-    counts alone. ``margin``: how many pixels beyond its own the image must know, as its decisions look at them.
+    counts alone. ``margin``: how many pixels beyond its own the image must know, as its decisions look at them;
+    ``part``: the part of it whose samples are taken, None for all.
     """
 
-    def __init__(self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], margin: int = 0) -> None:
-        self.plan, self.estimator, self.own_aovs = plan, estimator, own_aovs
+    def __init__(
+        self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], margin: int = 0, part: Part | None = None
+    ) -> None:
+        self.plan, self.estimator, self.own_aovs, self.part = plan, estimator, own_aovs, part
         #: The pixels that are known, row by row.
         self.outer = widened(plan.region, margin, plan.domain)
         pixel_count = area(self.outer)
-        self.keeps = 4 * estimator.values * pixel_count <= KEPT
+        # Of parts they are always kept, as it is by them that these are put together.
+        self.keeps = part is not None or 4 * estimator.values * pixel_count <= KEPT
         self.estimate = Estimate.nothing(estimator.values if self.keeps else 0, pixel_count)
         #: Samples of a portion, if there is a reason to bound them, and the noise, if it was measured (see
         #: :class:`.Twin`).
         self.portion: int | None = None
         self.noise = float("nan")
-        self._image: Image | None = None  # where sums are not kept
+        self.decisions = Decisions()
+        #: What the last whole wave has made, where sums are not kept.
+        self.made: Image | None = None
 
     def follow(self, plan: Plan) -> None:
         """Takes all further samples by ``plan``."""
         self.plan = self.estimator.plan = plan
+
+    def share(self, counts: mi.UInt32, reach: int = 0) -> mi.UInt32:
+        """``counts`` for the pixels within ``reach`` of this part's, none for the others."""
+        if self.part is None:
+            return counts
+        x, y, *_ = pixels(self.outer)
+        return dr.select(self.part.near(self.plan.region, x, y, reach), counts, 0)
 
     # ---------------------------------------------------------------- growing
 
@@ -69,7 +84,7 @@ class State:
         """
         if self.keeps:
             portions = self._portions(wanted)
-        elif dr.any(wanted > self.estimate.count):
+        elif self.decisions.rows is not None or dr.any(wanted > self.estimate.count):
             portions = self._bands(wanted)
         else:
             return True
@@ -100,9 +115,14 @@ class State:
 
     def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
-        image = Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))
         _, top, _, bottom = self.outer
-        for band in self.bands(self.outer):
+        image, begin = self.decisions.rows or (self.black(), top)
+        above = dr.arange(mi.UInt32, dr.width(wanted)) < (begin - top) * (self.outer[2] - self.outer[0])
+        if dr.any(above & (wanted > self.estimate.count)):
+            image, begin = self.black(), top  # the rows above were made of fewer samples
+        while begin < bottom:
+            band = self._band(begin, wanted)
+            begin = band[3]
 
             def portion(quiet: Quiet | None, band: Rectangle = band) -> None:
                 x, y, *_ = pixels(band)
@@ -116,10 +136,19 @@ class State:
                 self.estimate.put(replace(more, sums=[]), some)
                 self._add(image, band, band, more)
                 image.wait()
-                if self._image is None or band[3] == bottom:
-                    self._image = image
+                self.decisions.rows = (image, band[3]) if band[3] < bottom else None
+                if self.made is None or band[3] == bottom:
+                    self.made = image
 
             yield (band[3] - top) / (bottom - top), portion
+
+    def _band(self, begin: int, wanted: mi.UInt32) -> Rectangle:
+        """The rows from that one on that are taken at a time, as their samples are bounded too."""
+        left, _, right, bottom = self.outer
+        size = self.plan.band
+        if self.portion is not None:
+            size = min(size, self.portion // max(int(dr.max(wanted)[0]), 1))
+        return left, begin, right, min(begin + max(1, size // (right - left)), bottom)
 
     def _places(self, index: mi.UInt32) -> tuple[mi.Int32, mi.Int32]:
         """The pixels with these indices."""
@@ -137,13 +166,17 @@ class State:
 
     def image(self) -> Image:
         """The image so far; pixels without samples are black."""
-        if self._image is not None:
-            return self._image
-        image = Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))
+        if self.made is not None:
+            return self.made
+        image = self.black()
         if self.keeps:
             for band in self.bands(self.plan.region):
                 self._add(image, self.outer, band, self.estimate)
         return image
+
+    def black(self) -> Image:
+        """The image of no samples."""
+        return Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))
 
     def bands(self, rectangle: Rectangle) -> Iterator[Rectangle]:
         """``rectangle`` in parts of at most ``band`` pixels or of one row, from top to bottom."""
@@ -168,15 +201,20 @@ class State:
 
     def counts(self) -> mi.UInt32:
         """Number of samples of each pixel whose samples reach the window, row by row."""
+        if self.outer == self.plan.region:
+            return self.estimate.count
         x, y, *_ = pixels(self.plan.region)
         return dr.gather(mi.UInt32, self.estimate.count, index_within(self.outer, x, y))
 
-    def judge(self, judgement: Callable[[Estimate, mi.UInt32, mi.UInt32], mi.Float], reach: int) -> mi.Float:
-        """What ``judgement(estimate, width, height)`` says of each pixel whose samples reach the window, from those of
-        a rectangle that holds all within ``reach`` of it; 0 for the other pixels that are known.
+    def judge(
+        self, judgement: Callable[[Estimate, mi.UInt32, mi.UInt32], mi.Float], reach: int, margin: int = 0
+    ) -> mi.Float:
+        """What ``judgement(estimate, width, height)`` says of each pixel whose samples reach the window, and of those
+        within ``margin`` of them, from those of a rectangle that holds all within ``reach``; 0 for the other pixels
+        that are known.
         """
         result = dr.zeros(mi.Float, area(self.outer))
-        for band in self.bands(self.plan.region):
+        for band in self.bands(widened(self.plan.region, margin, self.plan.domain)):
             around = widened(band, reach, self.plan.domain)
             x, y, width, height = pixels(around)
             known = self.estimate.at(index_within(self.outer, x, y)) if around != self.outer else self.estimate
@@ -198,11 +236,12 @@ def portions(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tupl
     classes = by_lack(count, wanted, 1.5 if state.estimator.sampler is None else 1.0)
     work, finished = sum(size * each for _, size, each in classes), 0
     for where, size, each in classes:
-        lanes = max(min(plan.band, FEWEST), plan.band * min(plan.n**2, each) // each)
-        if state.portion is not None:
-            lanes = max(1, min(lanes, state.portion // each))
-        for begin in range(0, size, lanes):
-            end = min(begin + lanes, size)
+        most = lanes = max(min(plan.band, FEWEST), plan.band * min(plan.n**2, each) // each)
+        begin = end = 0
+        while end < size:
+            if state.portion is not None:  # it may change on the way
+                lanes = max(1, min(most, state.portion // each))
+            begin, end = end, min(end + lanes, size)
             some = where
             if end - begin < size:
                 some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))

@@ -6,6 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -31,6 +32,12 @@ class Target:
     def __bool__(self) -> bool:
         return self.noise > 0 or self.seconds > 0
 
+    def work(self, noise: float) -> float:
+        """How many times the samples it takes from ``noise`` to the one asked for, as far as numbers go: the work grows
+        with the inverse square of the noise.
+        """
+        return min(noise / self.noise, 1e100) ** 2
+
     @property
     def passed(self) -> float:
         """Seconds since the beginning."""
@@ -51,30 +58,43 @@ class Twin:
 
     #: One pixel in so many, and at least so many pixels.
     ONE_IN, LEAST = 16, 4096
+    #: Where the image has fewer pixels than this, whose differences could all happen to be small, each is there several
+    #: times, but no more often than so many times.
+    FEW, MOST = 512, 64
 
     def __init__(self, state: State) -> None:
         x, y, *_ = pixels(state.plan.region)
         index = state.index(x, y)
         every = max(1, min(self.ONE_IN, area(state.plan.region) // self.LEAST))
         chosen = dr.compress(hash32(hash32(index) + 1) % every == 0) if every > 1 else dr.arange(mi.UInt32, dr.width(x))
+        size = dr.width(chosen)
+        self.copies = min(-(-self.FEW // size), self.MOST)
+        self.seed = state.plan.seed + 1
+        if self.copies > 1:
+            lane = dr.arange(mi.UInt32, size * self.copies)
+            chosen, self.seed = dr.gather(mi.UInt32, chosen, lane % size), self.seed + lane // size
         self.x, self.y, self.index = (dr.gather(type(v), v, chosen) for v in (x, y, index))
         self.estimator = copy.copy(state.estimator)
-        self.seed = hash32(state.plan.seed + 1)
+        self.seed = hash32(self.seed)
         dr.make_opaque(self.seed)
-        self.estimate = Estimate.nothing(self.estimator.values, dr.width(self.index))
+        if state.decisions.twin is None:
+            state.decisions.twin = Estimate.nothing(self.estimator.values, dr.width(self.index))
+        self.estimate = state.decisions.twin
         dr.eval(self.x, self.y, self.index)
 
     def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
         """Takes as many samples as ``state`` has. Returns whether it got to its end."""
-        self.estimator.plan = replace(state.plan, seed=self.seed)
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
         for _, some in portions(self.estimate.count, end, state):
             if cancelled():
                 return False
             x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
-            start = self.estimate.at(some)
-            dr.eval(x, y, start, wanted)
+            start, seed = self.estimate.at(some), self.seed
+            if self.copies > 1:
+                seed = dr.gather(mi.UInt32, seed, some)
+            dr.eval(x, y, start, wanted, seed)
+            self.estimator.plan = replace(state.plan, seed=seed)
             more = self.estimator.take(x, y, start, wanted)
             dr.eval(more)
             self.estimate.put(more, some)
@@ -107,47 +127,72 @@ class Pursuit:
     #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
     STEP = 0.5
 
-    def __init__(self, target: Target, state: State, need: mi.Float, cancelled: Callable[[], bool]) -> None:
-        self.target, self.state, self.cancelled = target, state, cancelled
-        # Where all of the first samples agree, others may not: no pixel of the image is left out for ever.
+    def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
+        self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
+        decisions = state.decisions
+        if decisions.need is not None and decisions.variance is not None:
+            self.need, self.variance = decisions.need, decisions.variance
+        else:
+            self._judge()
+        if policy.judgements == 1:
+            decisions.need, decisions.variance = self.need, self.variance
+        self.twin = Twin(state) if target.noise else None
+        # Samples of a pixel, in the mean, in a second.
+        self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
+
+    def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
+        """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
+        state, decisions = self.state, self.state.decisions
+        state.portion = self._portion()
+        if decisions.wanted is None:
+            self._measure()
+        while not self._ended() and not state.noise <= self.ENOUGH * self.target.noise:
+            samples = mean(state.estimate.count)
+            wanted = decisions.wanted
+            if wanted is None:
+                wanted = self._everywhere(samples)
+                if wanted is None:
+                    if self.policy.judgements > 1:
+                        self._judge()
+                    if decisions.effort == 0:
+                        self._choose_patterns(samples)
+                    wanted = self._next(samples)
+                if not dr.any(wanted > state.estimate.count):
+                    break  # each pixel has all that the plan allows
+                decisions.wanted = wanted
+            start = time.perf_counter()
+            whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
+            self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
+            state.portion = self._portion()
+            if not whole or not self._measure():
+                yield state
+                break
+            decisions.wanted = None
+            yield state
+
+    def _judge(self) -> None:
+        """Asks the policy what each pixel needs, as far as can be known by now."""
+        state = self.state
+        need = state.judge(self.policy.need, self.policy.reach)
+        # Where all samples so far agree, others may not: no pixel of the image is left out for ever.
         x, y, *_ = pixels(state.plan.region)
         inside = state.index(x, y)
         need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
         self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
         dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
-        self.twin = Twin(state) if target.noise else None
         self.variance = display_variance(state.estimate)
-        self.effort = self.speed = 0.0  # speed: samples of a pixel, in the mean, in a second
-
-    def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
-        """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
-        state = self.state
-        state.portion = self._portion()
-        self._measure()
-        while not self._ended() and not state.noise <= self.ENOUGH * self.target.noise:
-            samples = mean(state.estimate.count)
-            wanted = self._everywhere(samples)
-            if wanted is None:
-                if self.effort == 0:
-                    self._choose_patterns(samples)
-                wanted = self._next(samples)
-            if not dr.any(wanted > state.estimate.count):
-                break  # each pixel has all that the plan allows
-            start = time.perf_counter()
-            whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
-            self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
-            state.portion = self._portion()
-            self._measure()
-            yield state
-            if not whole:
-                break
 
     def _ended(self) -> bool:
         return self.cancelled() or self.target.left <= self.target.seconds / 100
 
-    def _measure(self) -> None:
-        if self.twin is not None and self.twin.follow(self.state, self._ended):
+    def _measure(self) -> bool:
+        """Returns whether it got to its end."""
+        if self.twin is None:
+            return True
+        followed = self.twin.follow(self.state, self._ended)
+        if followed:
             self.state.noise = self.twin.noise(self.state)
+        return followed
 
     def _portion(self) -> int | None:
         """Samples of a portion that ends soon enough to look at whether to stop; None: no bound."""
@@ -162,7 +207,7 @@ class Pursuit:
         """Samples of a pixel in the end, in the mean, as far as can be known."""
         target, expected = self.target, float(UNLIMITED)
         if target.noise:
-            expected = samples * (self.state.noise / target.noise) ** 2
+            expected = samples * target.work(self.state.noise)
         if target.seconds:
             expected = min(expected, samples + self.speed * target.left)
         return expected
@@ -173,7 +218,7 @@ class Pursuit:
         size = plan.n**2
         if self.target.seconds and not self.speed:
             wanted = 2 * count  # the first wave had to compile; this one shows how fast the samples are
-        elif self.effort == 0 and samples < size and self._expected(samples) > 8 * size:
+        elif self.state.decisions.effort == 0 and samples < size and self._expected(samples) > 8 * size:
             wanted = dr.opaque(mi.UInt32, size, dr.width(count))  # who stops a long render has a picture of one kind
         else:
             return None
@@ -181,10 +226,10 @@ class Pursuit:
 
     def _choose_patterns(self, samples: float) -> None:
         """Larger patterns from now on, if many samples are to come; as long as all pixels have the same number."""
-        plan = self.state.plan
+        plan, count = self.state.plan, self.state.estimate.count
         n = min(size_of_patterns(self._expected(samples)), 2 * plan.n)  # twice: a wave is to reach most pixels
-        if n > 1.3 * plan.n:
-            self.state.follow(plan.continued(n, int(dr.max(self.state.estimate.count)[0])))
+        if n > 1.3 * plan.n and plan.before is None and dr.all(count == dr.max(count)):
+            self.state.follow(plan.continued(n, int(dr.max(count)[0])))
 
     def _next(self, samples: float) -> mi.UInt32:
         """The counts that the next wave leads to."""
@@ -196,7 +241,7 @@ class Pursuit:
         if target.noise:
             # Well-filled patterns are better than the first samples promise: not all of a long way at once.
             now = mean(self.variance / mi.Float(state.estimate.count))
-            way = (state.noise / (self.AIM * target.noise)) ** 2
+            way = target.work(state.noise / self.AIM)
             goal = now / (way if way < 2 else way**0.7)
 
         def after(effort: float) -> mi.UInt32:
@@ -207,12 +252,14 @@ class Pursuit:
             counts = mi.Float(after(effort))
             return mean(counts) >= most or (target.noise > 0 and mean(self.variance / counts) <= goal)
 
-        self.effort = least(reaches, self.effort)
-        return after(self.effort)
+        # What the pixels need may be judged higher now than before: so not from where it was.
+        effort = state.decisions.effort
+        state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
+        return after(state.decisions.effort)
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
         """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
-        told that of the image, as far as can be known. The work grows with the inverse square of the noise.
+        told that of the image, as far as can be known.
         """
         if tell is None:
             return None
@@ -221,7 +268,7 @@ class Pursuit:
         stages = [mean(count) / state.plan.most for count in counts]
         if target.noise:
             now, then = (mean(self.variance / mi.Float(count)) for count in counts)
-            reached = (target.noise / max(state.noise, 1e-12)) ** 2
+            reached = 1 / max(target.work(state.noise), 1e-24)
             stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
         begin, end = (min(stage, 1.0) for stage in stages)
 

@@ -12,6 +12,9 @@ from .plan import Plan, in_patterns
 from .state import State
 from .target import Pursuit, Target
 
+#: A wave takes so many times the samples that a pixel has, at most.
+GROWTH = 4
+
 
 def waves(
     plan: Plan,
@@ -22,23 +25,47 @@ def waves(
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[State]:
     """Lets ``state`` grow by ``policy`` (see :mod:`.policies`) until ``target``, if there is one, and yields it after
-    each wave; after the first one every pixel has a value.
+    each wave; after the first one every pixel has a value. A state with samples and decisions goes on where it is.
 
     ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
     """
     pixels = dr.width(state.estimate.count)
     begun = policy.first / plan.most  # the first wave's share, as long as nobody knows how many follow
-    first = dr.opaque(mi.UInt32, policy.first, pixels)
-    whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
-    yield state
-    if not whole or policy.first == plan.most:
-        return
-    need = state.judge(policy.need, policy.reach)
+    decisions = state.decisions
+    if decisions.judged == 0:
+        first = state.share(dr.opaque(mi.UInt32, policy.first, pixels), policy.judgements * policy.reach)
+        whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
+        yield state
+        if not whole or policy.first == plan.most:
+            return
     if target:
-        yield from Pursuit(target, state, need, cancelled).waves(tell)
+        decisions.judged = 1
+        yield from Pursuit(target, state, policy, cancelled).waves(tell)
         return
-    state.grow(in_patterns(plan, need), policy.quiet, part(tell, begun, 1), cancelled)
-    yield state
+    while decisions.wanted is not None or decisions.judged < policy.judgements:
+        left = policy.judgements - decisions.judged
+        if decisions.wanted is None:
+            left -= 1
+            # What is to be judged again must be known as far as those after it look.
+            wanted = in_patterns(plan, state.judge(policy.need, policy.reach, left * policy.reach))
+            if left:
+                wanted = dr.minimum(wanted, soon(plan, state.estimate.count))
+            decisions.wanted, decisions.judged = state.share(wanted, left * policy.reach), decisions.judged + 1
+        end = int(dr.max(decisions.wanted)[0]) / plan.most if left else 1.0
+        whole = state.grow(decisions.wanted, policy.quiet, part(tell, begun, end), cancelled)
+        if whole:
+            decisions.wanted = None
+        yield state
+        if not whole:
+            return
+        begun = end
+
+
+def soon(plan: Plan, count: mi.UInt32) -> mi.UInt32:
+    """The most samples that a wave leads to if it is not the last, as few samples know little: a first pattern, or some
+    times as many as there are.
+    """
+    return dr.maximum(GROWTH * count, dr.opaque(mi.UInt32, plan.n**2))
 
 
 def part(tell: Callable[[float], None] | None, begin: float, end: float) -> Callable[[float], None] | None:

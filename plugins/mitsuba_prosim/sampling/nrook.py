@@ -127,6 +127,14 @@ class NRook:
         epoch = r // n
         return cls(permutations, epoch_key(key, epoch + first_epoch), r - epoch * n, t - r * n, jitter)
 
+    @classmethod
+    def in_first_epoch(
+        cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi"
+    ) -> NRook:
+        """What :meth:`at` gives for ``t`` < N², for less."""
+        r = t // permutations.n
+        return cls(permutations, key, r, t - r * permutations.n, jitter)
+
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
         """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/stage.py``)."""
         permute, n = self.permutations, self.permutations.n

@@ -12,6 +12,7 @@ import prosim_scene
 
 from .. import registry
 from . import integrators, session
+from .digest import digest
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -70,6 +71,11 @@ class SceneFile:
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
             self._warn_of_distortion(*self.resolution)
+
+    def digest(self) -> str:
+        """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
+        with self._search_paths():
+            return digest(self.state)
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

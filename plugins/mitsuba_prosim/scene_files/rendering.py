@@ -8,10 +8,18 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..rendering.part import Part
+from ..rendering.record import Record
+
 
 def tells_progress(integrator: mi.Integrator) -> bool:
     """Whether an integrator says how far it is, as ours does: others hold the interpreter until they are done."""
     return hasattr(integrator, "progress")
+
+
+def keeps(integrator: mi.Integrator) -> bool:
+    """Whether an integrator can go on with an image, as ours does in all but scalar variants."""
+    return hasattr(integrator, "keep") and dr.is_jit_v(mi.Float)
 
 
 def samples_of_a_step() -> int:
@@ -25,12 +33,17 @@ def render(
     seed: int = 0,
     spp: int = 0,
     tell: Callable[[float], None] | None = None,
+    begin: Record | None = None,
+    keep: Callable[[Callable[[], Record], bool], None] | None = None,
+    part: Part | None = None,
     integrator: Any = None,
 ) -> None:
     """Renders into the sensor's film with the scene's integrator, or another, and waits for the end.
 
     ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
-    step of an integrator that :func:`tells_progress`.
+    step of an integrator that :func:`tells_progress`. ``begin``, ``keep``: for an integrator that :func:`keeps`, the
+    record of an image to go on with, and what is called with a record from time to time; ``part``: of the image, where
+    that is to be kept.
     """
     integrator = integrator or scene.integrator()
     told = tell is not None and tells_progress(integrator)
@@ -39,9 +52,14 @@ def render(
         integrator.band = min(integrator.band, max(2**10, samples_of_a_step() // (spp or int(integrator.samples) ** 2)))
         integrator.progress = tell
     try:
-        # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.
-        integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True)
+        if begin is not None or keep is not None:
+            integrator.keep = keep
+            for _ in integrator.waves(scene, sensor, seed, spp, begin, part):
+                pass
+        else:
+            # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.
+            integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True)
         dr.sync_thread()
     finally:
         if told:
-            integrator.progress = None
+            integrator.progress = integrator.keep = None

@@ -51,7 +51,7 @@ def check(paths: Iterable[Path], size: int) -> None:
             ) from None
 
 
-def write(contents: Mapping[Path, bytes]) -> list[Path]:
+def write(contents: Mapping[Path, bytes | memoryview]) -> list[Path]:
     """Writes files, and makes their folders; returns their paths. They take the old ones' places when all are complete,
     keep their modes, and go where they are links to.
 
@@ -72,7 +72,7 @@ def write(contents: Mapping[Path, bytes]) -> list[Path]:
     return list(contents)
 
 
-def rescue(contents: Mapping[Path, bytes]) -> list[Path]:
+def rescue(contents: Mapping[Path, bytes | memoryview]) -> list[Path]:
     """Writes files that :func:`write` could not to a new folder wherever there is room; returns their paths.
 
     Raises OSError if that is nowhere.

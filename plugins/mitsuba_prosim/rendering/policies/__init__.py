@@ -9,7 +9,10 @@ A policy is made from a :class:`~mitsuba_prosim.rendering.plan.Plan` and a thres
 ``need(estimate, width, height)``
     from the :class:`~mitsuba_prosim.rendering.estimate.Estimate` of a rectangle after that wave, its pixels row by row:
     how many samples each pixel should have in the end, a ``mi.Float``, to be rounded up to whole passes and cut to what
-    the plan allows. Asked once: so what a pixel gets depends on the first wave alone;
+    the plan allows;
+``judgements``
+    how often it is asked: after each of so many waves, from the first on; if more than once, after every wave where
+    noise or time end the image;
 ``quiet(total, squares, t)``
     or None: which pixels end after their ``t``-th sample, the last of a pass, whatever they need.
 """

@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 class Graded:
     """A first wave everywhere, then samples in proportion to the standard deviation that the 48 pixels around suggest,
     in display units, which makes the most of a number of samples (Neyman 1934): N² where these would bring the
-    standard error down to the threshold.
+    standard error down to the threshold. Judged again after each wave: the first one misses what is rare.
     """
 
     quiet = None
+    judgements = 2
 
     def __init__(self, plan: Plan, threshold: float) -> None:
         self.first = plan.least
@@ -46,4 +47,4 @@ def deviation(estimate: Estimate, width: mi.UInt32, height: mi.UInt32) -> mi.Flo
     count = mi.Float(estimate.count)
     own = [variance(estimate.total, estimate.squares, count), estimate.total / count]
     within, mean = around(own, width, height, REACH)
-    return in_display_units(dr.sqrt(within), mean)
+    return dr.select(dr.isfinite(within), in_display_units(dr.sqrt(within), mean), dr.inf)

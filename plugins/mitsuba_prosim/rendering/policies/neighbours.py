@@ -24,6 +24,7 @@ class Neighbours:
     """
 
     quiet = None
+    judgements = 1
 
     def __init__(self, plan: Plan, threshold: float) -> None:
         self.first, self.full = plan.least, plan.full

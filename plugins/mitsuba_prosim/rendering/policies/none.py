@@ -18,6 +18,7 @@ class Everything:
 
     reach = 0
     quiet = None
+    judgements = 1
 
     def __init__(self, plan: Plan, threshold: float) -> None:
         self.first = plan.most if plan.full == plan.most else plan.least

@@ -21,6 +21,7 @@ class Thesis:
     """
 
     reach = 0
+    judgements = 1
 
     def __init__(self, plan: Plan, threshold: float) -> None:
         self.first, self.full = plan.least, plan.full

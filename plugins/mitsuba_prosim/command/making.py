@@ -1,0 +1,199 @@
+"""From a job to an EXR and a PNG image."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+
+import click
+import mitsuba as mi
+from tqdm.auto import tqdm
+
+from ..rendering.part import Part
+from ..rendering.record import Record
+from ..rendering.state import KEPT
+from ..saved.keeper import Keeper
+from ..scene_files import images, rendering, session, writing
+from . import denoised, reached
+from . import output as files
+from .interrupts import interruptible
+from .job import Job
+from .log import log
+from .options import InputError, wrong_input
+
+#: What an image is written as, and its state.
+SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
+
+
+def make(
+    job: Job,
+    stem: Path,
+    threads: int | None,
+    verbose: int,
+    begin: Record | None = None,
+    keep: bool = False,
+    part: Part | None = None,
+    denoise: bool = False,
+) -> None:
+    """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
+
+    ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
+    write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
+    which the state is all that is written; ``denoise``: whether the image is denoised, where none of these is asked
+    for. Raises InputError, where nothing has been written, and ClickException; ends the process where it was
+    interrupted.
+    """
+    with log(verbose), session.threads(threads):
+        with writing.scratch() as folder, wrong_input():
+            file, loaded, chosen = job.open(folder)
+            about = job.about(file) if keep or begin is not None else {}
+            if about:
+                refuse_to_keep(loaded.integrator())
+            if begin is not None and begin.about["digest"] != about["digest"]:
+                raise ValueError(
+                    f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
+                    "it names. Render it anew, or name the right one with --scene."
+                )
+        width, height = chosen.film().crop_size()
+        integrator = loaded.integrator()
+        refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), job.variant)
+        size = size_of_image(integrator, chosen.film(), denoise)
+        suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
+        keeper, state = None, STATE if part is None else f".{part}.exr"
+        if keep:
+            suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film())  # the old one, too
+            keeper = Keeper(stem.with_name(stem.name + state), about, warn)
+        files.check(Path(job.scene), stem, suffixes, size)
+
+        start = perf_counter()
+        with interruptible(integrator.cancel) as signals:
+            try:
+                with progress_bar(integrator, job.variant) as tell:
+                    stopped = partial(bool, signals)
+                    picture = take(loaded, chosen, job, denoise, tell, stopped, begin, keeper, part)
+            except ValueError as error:
+                raise InputError(str(error)) from None
+            except (RuntimeError, MemoryError) as error:
+                raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
+            seconds, interrupted = perf_counter() - start, bool(signals)
+            if interrupted and reached.nothing(integrator):
+                raise click.ClickException("interrupted before the image had begun; nothing was written.")
+            facts = reached.facts(integrator, interrupted) | {
+                "prosim.scene": job.scene,
+                "prosim.version": version("mitsuba-prosim"),
+                "prosim.variant": job.variant,
+                "prosim.integrator": str(integrator),
+                "prosim.seed": str(job.seed),
+                "prosim.seconds": f"{seconds:.3f}",
+                **picture.facts,
+            }
+            written = []
+            if part is None:
+                written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
+        if keeper is not None:
+            if keeper.unwritten is not None:
+                files.save(stem, {state: keeper.unwritten})
+            written.append(keeper.path)
+    click.echo(
+        f"{' and '.join(map(str, written))}: "
+        + (f"part {part.number} of {part.of}, " if part else "")
+        + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
+        + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
+        + (", interrupted" if interrupted else "")
+    )
+    for said in filter(None, (None if part else reached.sentence(integrator, interrupted), picture.said)):
+        click.echo(said)
+    if interrupted:
+        if keeper is not None:
+            click.echo(f"To go on with it: prosim resume {keeper.path}")
+        sys.exit(1)
+
+
+def take(
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    job: Job,
+    denoise: bool,
+    tell: Callable[[float], None] | None,
+    stopped: Callable[[], bool],
+    begin: Record | None,
+    keeper: Keeper | None,
+    part: Part | None,
+) -> denoised.Picture:
+    """Renders the image, and denoises it where that is asked for."""
+    if denoise:
+        return denoised.render(scene, sensor, job.seed, job.spp, tell, stopped)
+    rendering.render(scene, sensor, job.seed, job.spp, tell, begin, keeper, part)
+    return denoised.Picture(sensor.film().bitmap())
+
+
+def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> int:
+    """Bytes that an image takes at most. Raises InputError where it is to be denoised and can't be."""
+    if denoise:
+        denoised.check(film)
+    # Four channels of 32 bits and what else there is, and three bytes of the PNG.
+    others = len(integrator.aov_names()) + (denoised.LAYERS if denoise else 0)
+    return int(film.crop_size()[0] * film.crop_size()[1]) * (19 + 4 * others) + 2**16
+
+
+def refuse_to_keep(integrator: mi.Integrator) -> None:
+    """Raises ValueError where an image can't be gone on with."""
+    if not rendering.keeps(integrator):
+        raise ValueError(
+            f"a state can be kept where prosim or prosim_adaptive takes the samples, in all but scalar variants; this "
+            f"scene's integrator is {integrator.class_name()}. Say how it should be sampled, such as --noise 0.01 or "
+            "--adaptive none --samples 8: it is put within prosim_adaptive then."
+        )
+    if getattr(integrator, "sampler", None) is not None:
+        raise ValueError(
+            "a state can't be kept where samples are drawn from a sampler of Mitsuba's, which does not say where it "
+            "was; leave the sampler out of prosim_adaptive."
+        )
+
+
+def size_of_state(integrator: mi.Integrator, film: mi.Film) -> int:
+    """Bytes that a state takes, about: the twin has a sixteenth of the pixels."""
+    values = (5 + len(integrator.aov_names())) * (2 * film.rfilter().border_size() + 1) ** 2
+    pixels = int(film.crop_size()[0] * film.crop_size()[1])
+    return min(4 * pixels * values, KEPT) + 4 * pixels * 12 + 2**16
+
+
+def warn(text: str) -> None:
+    """Says something beside the progress bar."""
+    tqdm.write(f"warning: {text}", file=sys.stderr)
+
+
+def refuse_waves(names: Iterable[str], variant: str) -> None:
+    """Raises InputError where something of these names was asked of a scalar variant, which knows no waves."""
+    if variant.startswith("scalar_") and (names := list(names)):
+        raise InputError(
+            f"{', '.join(names)}: {variant} finishes one pixel after the other, each with the samples of the scene's "
+            "sampler, and can't go by what the whole image has come to. Take a variant that can, such as -m "
+            "llvm_ad_rgb (prosim doctor says which this machine can run), or say --spp instead."
+        )
+
+
+@contextmanager
+def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
+    """Shows how far a render is, with the time left, if the integrator tells and a person watches.
+
+    Yields the function to be told the part done, 0 to 1, or None.
+    """
+    told = rendering.tells_progress(integrator)
+    form = "{l_bar}{bar}| {elapsed}" if told else "{desc}"
+    # The first step comes when the kernels are compiled and a part is rendered.
+    doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
+    with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
+
+        def tell(done: float) -> None:
+            bar.set_description_str("rendering", refresh=False)
+            if done > 0.01:  # before, nobody knows
+                bar.bar_format = form + ", {remaining} left"
+            bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown
+
+        yield tell if told else None

@@ -1,0 +1,144 @@
+"""``prosim resume``: goes on with a render from the state that it has kept."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .. import saved
+from ..rendering.record import Record
+from ..scene_files import session
+from . import output as files
+from .job import Job
+from .making import SUFFIXES, make
+from .options import SCENE, STOPS, Finite, InputError, choose_variant, running
+
+#: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
+BY_FIRST = ("neighbours", "thesis")
+
+
+#: Decorators: the options of commands that open a state.
+moved = click.option(
+    "--scene",
+    type=SCENE,
+    show_default=False,
+    help="Where the scene is now. [default: where it was, or beside the state]",
+)
+exposing = click.option(
+    "--exposure",
+    type=Finite(-STOPS, STOPS),
+    metavar="STOPS",
+    show_default=False,
+    help="Makes the PNG brighter by so many factors of two. [default: what was asked for]",
+)
+
+
+@click.command()
+@click.argument("state", type=SCENE)
+@click.option(
+    "-o",
+    "--output",
+    metavar="PATH",
+    show_default=False,
+    help="Image to write, as for prosim render; the state that follows is kept beside it. [default: beside STATE, "
+    "under its name]",
+)
+@click.option(
+    "--noise",
+    type=Finite(min=0, min_open=True),
+    show_default=False,
+    help="Go on until the error of the displayed pixels is so small. [default: what was asked for]",
+)
+@click.option(
+    "--time",
+    type=Finite(min=0, min_open=True),
+    metavar="SECONDS",
+    show_default=False,
+    help="Go on until it has been rendered for so long in all. [default: what was asked for]",
+)
+@click.option(
+    "--max-samples",
+    type=click.IntRange(1, 2**20),
+    show_default=False,
+    help="Most samples that a pixel may get. [default: what was asked for]",
+)
+@moved
+@exposing
+@running
+def resume(
+    state: Path,
+    output: str | None,
+    noise: float | None,
+    time: float | None,
+    max_samples: int | None,
+    scene: Path | None,
+    exposure: float | None,
+    threads: int | None,
+    verbose: int,
+) -> None:
+    """Go on with a render from STATE, which prosim render --keep has written, until it is what was asked for.
+
+    The image is then the same to the bit as if nothing had been between. Other aims are pursued from where it is. A
+    state that does not belong to the scene, or to this version, is refused.
+    """
+    record, job = opened(state, scene, exposure)
+    stem = files.stem(output, named(state), SUFFIXES)
+    asked = {"noise": noise, "time": time, "max_samples": max_samples}
+    if record.part and any(asked.values()):
+        raise click.UsageError(
+            f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, --time "
+            "and --max-samples are for the image that prosim merge --keep makes of them."
+        )
+    job = replace(job, integrator={**job.integrator, **changes(record, asked)})
+    make(job, stem, threads, verbose, record, keep=True, part=record.part)
+
+
+def opened(
+    state: Path, scene: Path | None, exposure: float | None, read: Callable[[], Record] | None = None
+) -> tuple[Record, Job]:
+    """The record in a file, and the job that it is of, whose variant is set; ``scene``: where that of the job is now;
+    ``exposure``: in the place of that of the job; ``read``: what makes the record, if it is not in this file alone.
+
+    Raises InputError.
+    """
+    try:
+        variant = saved.about(state)["origin"]["variant"]
+        choose_variant(variant)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            record = read() if read else saved.load(state)
+        job = Job.of(record)
+        job = replace(job, scene=str(scene or found(Path(job.scene), state)))
+        return record, job if exposure is None else replace(job, exposure=exposure)
+    except OSError as error:
+        raise InputError(f"{state}: {files.said(error)}") from None
+    except ValueError as error:
+        raise InputError(session.message(error)) from None
+
+
+def named(state: Path) -> Path:
+    """The path of a state without its suffix."""
+    return state.with_name(re.sub(r"(\.state|\.\d+-of-\d+)?\.exr$", "", state.name))
+
+
+def found(scene: Path, state: Path) -> Path:
+    """The scene where it was, or else beside the state. Raises ValueError where it is neither here nor there."""
+    for path in (scene, state.parent / scene.name):
+        if path.is_file():
+            return path
+    raise ValueError(f"{scene} is not there any more, nor beside {state}; say where it is with --scene")
+
+
+def changes(record: Record, asked: dict[str, Any]) -> dict[str, Any]:
+    """Parameters of the integrator by which another aim is pursued; ``asked``: new ones, or None."""
+    new = {name: value for name, value in asked.items() if value is not None}
+    if not new:
+        return {}
+    adaptive = record.facts["sampling"]["adaptive"]
+    return new | {"adaptive": "graded" if adaptive in BY_FIRST else adaptive}

@@ -1,0 +1,219 @@
+"""An image that is gone on with from a record, and one that is put together from parts, is that of one run."""
+
+import itertools
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.rendering.decisions import Decisions
+from mitsuba_prosim.rendering.pace import Pace
+from mitsuba_prosim.rendering.part import Part
+from mitsuba_prosim.rendering.plan import Rectangle
+from mitsuba_prosim.saved.parts import put_together
+from scenes import penumbra
+
+COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
+CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
+
+
+def loaded(size=40, rfilter="gaussian", film=None, **settings):
+    scene = penumbra(COPPER, size=size, rfilter=rfilter, type="prosim", **{"aovs": "samples,error", **settings})
+    scene["sensor"]["film"] |= film or {}
+    return mi.load_dict(scene)
+
+
+def finished(scene, keep=None, **how):
+    """The image, and how far it came."""
+    integrator = scene.integrator()
+    integrator.keep = keep
+    for _ in integrator.waves(scene, seed=3, **how):
+        pass
+    integrator.keep = None
+    reached = integrator.reached
+    return np.array(scene.sensors()[0].film().develop()), (reached.samples, str(reached.noise))
+
+
+def records(scene, **how):
+    """One for each time that it could have been killed, and the last."""
+    found = []
+    finished(scene, lambda record, last: found.append(record()), **how)
+    return found
+
+
+def goes_on_the_same(scene, some):
+    expected = finished(scene)
+    found = records(scene)
+    for i in sorted({round(share * (len(found) - 1)) for share in some}):
+        image, reached = finished(scene, begin=found[i])
+        assert np.array_equal(image, expected[0]) and reached == expected[1], f"record {i} of {len(found)}"
+
+
+# ------------------------------------------------------------------ going on
+
+LONG = {"noise": 0.002, "max_samples": 300}
+
+
+@pytest.mark.parametrize("settings", [{"adaptive": "neighbours"}, LONG], ids=["neighbours", "noise"])
+def test_an_image_goes_on_to_the_same_bits(variant_rgb, settings):
+    """Within the first wave, within a later one, while its noise is measured, and when it is finished."""
+    goes_on_the_same(loaded(band=700, **settings), (0.2, 0.6, 0.9))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kept, settings",
+    [
+        *((0, {"adaptive": name}) for name in ("none", "thesis", "graded", "neighbours")),
+        (0, {"noise": 0.003, "max_samples": 100, "rfilter": "box"}),
+        (1 << 30, {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"}),
+        (1 << 30, {"film": CROP, "adaptive": "graded"}),
+    ],
+    ids=str,
+)
+def test_an_image_goes_on_to_the_same_bits_from_anywhere(variant_rgb, monkeypatch, kept, settings):
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    goes_on_the_same(loaded(band=700, **settings), (0, 0.4, 0.8, 1))
+
+
+def test_another_aim_is_pursued_from_where_it_is(variant_rgb):
+    """More samples of every pixel: the image is that of one run. Less noise: it is reached, by adding samples alone."""
+    half = records(loaded(size=24, adaptive="none", max_samples=10))[-1]
+    more = loaded(size=24, adaptive="none", max_samples=20)
+    assert np.array_equal(finished(more, begin=half)[0], finished(more)[0])
+    quick = records(loaded(size=24, adaptive="neighbours"))[-1]
+    image, (samples, noise) = finished(loaded(size=24, noise=0.0015, adaptive="graded"), begin=quick)
+    assert float(noise) <= 0.0015 and samples > np.mean(quick.pixels["count"])
+    assert np.all(np.rint(image[..., -2]) >= quick.pixels["count"])
+
+
+def test_what_belongs_to_another_image_is_refused(variant_rgb):
+    (*_, last) = records(loaded(size=8))
+    for settings, says in [
+        ({"samples": 4}, "samples of a pass: 5 there, 4 here"),
+        ({"size": 10}, "window"),
+        ({"rfilter": "box"}, "reach of the filter: 2 there, 0 here"),
+        ({"aovs": "samples"}, "channels"),
+        ({"max_samples": 60}, "let graded go on"),
+    ]:
+        with pytest.raises(ValueError, match=says):
+            finished(loaded(**{"size": 8, **settings}), begin=last)
+    nested = {"type": "prosim_adaptive", "nested": {"type": "path"}, "sampler": {"type": "independent"}}
+    with pytest.raises(ValueError, match="does not say where it was"):
+        finished(mi.load_dict(penumbra(size=8, **nested)), begin=last)
+
+
+def test_rows_that_were_made_of_fewer_samples_are_made_anew(variant_rgb, monkeypatch):
+    """Where sums are not kept: after a wave that was stopped, another one to other counts."""
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    scene = loaded(size=16, band=64, adaptive="graded")
+    through, stopped = (next(scene.integrator().waves(scene, seed=3)).state for _ in range(2))
+    counts = [mi.UInt32(np.full(256, n, np.uint32)) for n in (7, 9)]
+    asked = []
+    assert not stopped.grow(counts[0], cancelled=lambda: len(asked) > 1 or asked.append(0))
+    assert stopped.decisions.rows is not None and stopped.decisions.rows[1] == 8
+    assert stopped.grow(counts[1]) and through.grow(counts[1])
+    assert np.array_equal(np.array(stopped.image().tensor()), np.array(through.image().tensor()))
+
+
+def test_portions_are_made_to_take_about_a_second(variant_rgb, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("time.perf_counter", lambda: clock[0])
+    scene = loaded(size=16, band=256)
+    state = next(scene.integrator().waves(scene)).state
+    state.decisions, state.portion = Decisions(), None
+    pace, speed, took = Pace(state), 100.0, []
+    pace.look()  # before the first there is none
+    for _ in range(20):
+        pace.go_on()
+        took.append((state.portion or 256 * 25) / speed)
+        clock[0] += took[-1]
+        pace.look()
+        if len(took) == 10:
+            speed *= 20
+    assert took[0] == 64 and took[2] == pytest.approx(1, abs=0.5) and 0.5 <= took[9] <= 2
+    assert 0.5 <= took[-1] <= 2
+
+
+# ------------------------------------------------------------------ parts
+
+
+@pytest.mark.parametrize("region", [(0, 0, 97, 41), (-2, -3, 50, 60)])
+def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_rgb, region: Rectangle):
+    left, top, right, bottom = region
+    y, x = np.mgrid[top - 6 : bottom + 6, left - 6 : right + 6]
+    inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
+    for of in (1, 2, 3, 16):
+        parts = [Part(number, of) for number in range(1, of + 1)]
+        mine = [part.owns(region, x, y) & inside for part in parts]
+        assert np.array_equal(np.sum(mine, axis=0), inside)
+        sizes = np.sum(mine, axis=(1, 2))
+        assert sizes.min() > 0.5 * sizes.mean()
+        for part, own, reach in zip(parts, mine, (0, 1, 3, 6)):
+            near = part.near(region, *(mi.Int32(v.ravel()) for v in (x, y)), reach)
+            around = np.zeros_like(own)
+            for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
+                around |= np.roll(own, (dy, dx), (0, 1))
+            within = (np.abs(2 * x - left - right + 1) < right - left + 2 * reach) & (
+                np.abs(2 * y - top - bottom + 1) < bottom - top + 2 * reach
+            )
+            assert not np.any(around & within & ~np.array(near).reshape(x.shape))
+            assert np.all((np.array(near).reshape(x.shape) & inside & ~around) == 0)
+
+
+def in_parts(scene, of):
+    parts = [records(scene, part=Part(number, of))[-1] for number in range(1, of + 1)]
+    np.random.default_rng(1).shuffle(parts)
+    return finished(scene, begin=put_together(parts))[0]
+
+
+def test_parts_make_the_image(variant_rgb):
+    scene = loaded(adaptive="neighbours")
+    assert np.array_equal(in_parts(scene, 3), finished(scene)[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "adaptive, rfilter", zip(("none", "thesis", "neighbours", "graded"), itertools.cycle(["box", "gaussian"]))
+)
+def test_any_number_of_parts_makes_the_image(variant_rgb, monkeypatch, adaptive, rfilter):
+    """Also where the sums of a whole image would not be kept; with a crop window, and with a sampled border."""
+    for film, numbers in [({}, [7]), (CROP, [4]), ({"sample_border": True}, [2])]:
+        scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, aovs="samples,error", max_level=1)
+        with monkeypatch.context() as patch:
+            if film:
+                patch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+            expected = finished(scene)[0]
+            for of in numbers:
+                assert np.array_equal(in_parts(scene, of), expected), of
+
+
+def test_a_part_that_was_stopped_goes_on(variant_rgb):
+    scene = loaded(size=24, band=100)
+    stopped, *_, last = records(scene, part=Part(2, 3))[3:]
+    on = []
+    finished(scene, lambda record, last: on.append(record()), begin=stopped)
+    assert on[-1].part == Part(2, 3) and on[-1].finished and not stopped.finished
+    assert all(np.array_equal(on[-1].pixels[name], last.pixels[name]) for name in last.pixels)
+
+
+def test_parts_know_nothing_of_noise(variant_rgb):
+    with pytest.raises(ValueError, match="go by the whole image"):
+        finished(loaded(noise=0.01), part=Part(1, 2))
+    with pytest.raises(ValueError, match="part 3 of 2"):
+        Part(3, 2)
+
+
+def test_samples_too_dark_for_a_square_are_the_same_in_all_threads(variant_rgb):
+    """Where there is one thread only, kernels run in Python's own, which knows denormal numbers."""
+    scene = penumbra(size=16, type="prosim", aovs="error")
+    scene["light"]["emitter"]["radiance"]["value"] = [1e-17] * 3
+    scene, before = mi.load_dict(scene), dr.thread_count()
+    images = []
+    try:
+        for threads in (1, 2):
+            dr.set_thread_count(threads)
+            images.append(np.array(mi.render(scene)))
+    finally:
+        dr.set_thread_count(before)
+    assert np.array_equal(*images) and images[0][..., :3].max() > 0

@@ -99,15 +99,16 @@ def make(
             if keeper.unwritten is not None:
                 files.save(stem, {state: keeper.unwritten})
             written.append(keeper.path)
-    click.echo(
+    said = [
         f"{' and '.join(map(str, written))}: "
         + (f"part {part.number} of {part.of}, " if part else "")
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
-        + (", interrupted" if interrupted else "")
-    )
-    for said in filter(None, (None if part else reached.sentence(integrator, interrupted), picture.said)):
-        click.echo(said)
+        + (", interrupted" if interrupted else ""),
+        None if part else reached.sentence(integrator, interrupted),
+        picture.said,
+    ]
+    click.echo("\n".join(filter(None, said)))
     if interrupted:
         if keeper is not None:
             click.echo(f"To go on with it: prosim resume {keeper.path}")

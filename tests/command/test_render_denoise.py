@@ -54,3 +54,10 @@ def test_a_wide_filter_is_spoken_of(scene):
     assert done.exit_code == 0 and "a box filter" in done.stdout
     assert pixels(scene.with_suffix(".png")).shape == (8, 12, 3)
     assert isinstance(mi.Bitmap(str(scene.with_suffix(".exr"))), mi.Bitmap)
+
+
+def test_what_does_not_go_together(scene):
+    for option in (["--keep"], ["--part", "1/2"]):
+        done = prosim("render", scene, "--denoise", *option)
+        assert done.exit_code == 2 and "--denoise renders two images" in done.stderr
+    assert names(scene.parent) == ["scene.xml"]

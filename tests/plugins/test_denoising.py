@@ -10,6 +10,7 @@ from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
 from mitsuba_prosim.denoising.mixing import mix
 from mitsuba_prosim.denoising.pyramid import average, expand, reduce
+from mitsuba_prosim.scene_files import rendering
 from scenes import diffuse, penumbra, rgb
 
 SIZES = [(1, 1), (3, 17), (64, 48)]
@@ -216,6 +217,22 @@ def test_halves_are_two_renders(variant_rgb, integrator):
     np.testing.assert_array_equal(both.first, np.array(first))
     assert not np.array_equal(both.first[..., :3], both.second[..., :3])
     assert both.albedo.shape == both.normal.shape == (16, 16, 3)
+
+
+def test_features_have_samples_of_their_own(variant_rgb, monkeypatch):
+    """With those of a half, the other half's features would know its noise: the mixture took that for the image."""
+    rendered, seeds = [], []
+    render, features = rendering.render, halves.features
+
+    def noting(scene, sensor, seed, *others, **named):
+        rendered.append(seed)
+        render(scene, sensor, seed, *others, **named)
+
+    monkeypatch.setattr(rendering, "render", noting)
+    monkeypatch.setattr(halves, "features", lambda *a: seeds.append(a[2]) or features(*a))
+    scene = mi.load_dict(penumbra(size=4))
+    halves.halves(scene, scene.sensors()[0], scene.integrator(), seed=7)
+    assert rendered[0] == 7 and len({*rendered, *seeds}) == 3
 
 
 def test_a_stop_leaves_the_first_half(variant_rgb):

@@ -82,11 +82,13 @@ def halves(
     half, and after the second one, whether it was cut short.
     """
     check(sensor.film())
+    # No neighbouring seeds, which may be those of another image. The features need one too: of the samples of a half
+    # they would tell the other half what it must not know.
+    seeds = [seed, combine(hash32(seed), 1), combine(hash32(seed), 2)]
     reached = []
     images = []
     with halved(integrator, sensor, spp) as (_, half):
-        # No neighbouring seed, which may be that of another image.
-        for k, own in enumerate((seed, combine(hash32(seed), 1))):
+        for k, own in enumerate(seeds[:2]):
             rendering.render(scene, sensor, own, half, part(tell, 0.48 * k, 0.48 * (k + 1)), integrator=integrator)
             images.append(np.array(sensor.film().develop()))
             reached.append(getattr(integrator, "reached", None))
@@ -99,7 +101,7 @@ def halves(
         return Halves(names, images[0], None)
     if all(reached):
         integrator.reached = together(*reached)
-    albedo, normal = features(scene, sensor, seed, getattr(integrator, "hide_emitters", False))
+    albedo, normal = features(scene, sensor, seeds[2], getattr(integrator, "hide_emitters", False))
     if tell is not None:
         tell(1.0)
     return Halves(names, images[0], images[1], albedo, normal)

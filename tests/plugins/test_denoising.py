@@ -10,7 +10,7 @@ from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
 from mitsuba_prosim.denoising.mixing import mix
 from mitsuba_prosim.denoising.pyramid import average, expand, reduce
-from mitsuba_prosim.scene_files import rendering
+from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import diffuse, penumbra, rgb
 
 SIZES = [(1, 1), (3, 17), (64, 48)]
@@ -219,20 +219,14 @@ def test_halves_are_two_renders(variant_rgb, integrator):
     assert both.albedo.shape == both.normal.shape == (16, 16, 3)
 
 
-def test_features_have_samples_of_their_own(variant_rgb, monkeypatch):
+def test_features_have_samples_of_their_own(variant_rgb):
     """With those of a half, the other half's features would know its noise: the mixture took that for the image."""
-    rendered, seeds = [], []
-    render, features = rendering.render, halves.features
-
-    def noting(scene, sensor, seed, *others, **named):
-        rendered.append(seed)
-        render(scene, sensor, seed, *others, **named)
-
-    monkeypatch.setattr(rendering, "render", noting)
-    monkeypatch.setattr(halves, "features", lambda *a: seeds.append(a[2]) or features(*a))
-    scene = mi.load_dict(penumbra(size=4))
-    halves.halves(scene, scene.sensors()[0], scene.integrator(), seed=7)
-    assert rendered[0] == 7 and len({*rendered, *seeds}) == 3
+    scene = mi.load_dict(penumbra(size=8))
+    nested = {"type": "prosim_features"}
+    same = mi.load_dict({"type": "prosim_adaptive", "nested": nested, "samples": 4, "adaptive": "none"})
+    albedo, _ = halves.features(scene, scene.sensors()[0], seed=7)
+    for seed in (7, combine(hash32(7), 1)):
+        assert not np.array_equal(albedo, np.array(same.render(scene, seed=seed))[..., 3:6])
 
 
 def test_a_stop_leaves_the_first_half(variant_rgb):

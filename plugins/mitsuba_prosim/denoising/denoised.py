@@ -45,7 +45,7 @@ def denoise(
         (height, width, channels), channels being 1 or 3, or two-dimensional. What is not finite in one is taken from
         the other; what is in neither is black.
     ``albedo``, ``normal``
-        What :ref:`integrator-prosim_features` renders: shape (height, width, 3), or None.
+        What :ref:`integrator-prosim_features` renders, from samples of their own: shape (height, width, 3), or None.
 
     Returns a :class:`Denoised`. Raises ValueError where the shapes do not fit, and :class:`.oidn.MissingError` where
     the package mitsuba-oidn is not installed.

@@ -82,13 +82,11 @@ def halves(
     half, and after the second one, whether it was cut short.
     """
     check(sensor.film())
-    # No neighbouring seeds, which may be those of another image. The features need one too: of the samples of a half
-    # they would tell the other half what it must not know.
-    seeds = [seed, combine(hash32(seed), 1), combine(hash32(seed), 2)]
     reached = []
     images = []
     with halved(integrator, sensor, spp) as (_, half):
-        for k, own in enumerate(seeds[:2]):
+        # No neighbouring seed, which may be that of another image.
+        for k, own in enumerate((seed, combine(hash32(seed), 1))):
             rendering.render(scene, sensor, own, half, part(tell, 0.48 * k, 0.48 * (k + 1)), integrator=integrator)
             images.append(np.array(sensor.film().develop()))
             reached.append(getattr(integrator, "reached", None))
@@ -101,7 +99,7 @@ def halves(
         return Halves(names, images[0], None)
     if all(reached):
         integrator.reached = together(*reached)
-    albedo, normal = features(scene, sensor, seeds[2], getattr(integrator, "hide_emitters", False))
+    albedo, normal = features(scene, sensor, seed, getattr(integrator, "hide_emitters", False))
     if tell is not None:
         tell(1.0)
     return Halves(names, images[0], images[1], albedo, normal)
@@ -110,12 +108,15 @@ def halves(
 def features(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``(albedo, normal)`` of the view, as :ref:`integrator-prosim_features` says, filtered as the film filters."""
+    """``(albedo, normal)`` of the view, as :ref:`integrator-prosim_features` says, filtered as the film filters.
+
+    Not by the samples of an image with that ``seed``: they would tell the other half what it must not know.
+    """
     nested = {"type": "prosim_features", "hide_emitters": hide_emitters}
     integrator = mi.load_dict(
         {"type": "prosim_adaptive", "nested": nested, "samples": FEATURE_SAMPLES, "adaptive": "none"}
     )
-    integrator.render(scene, sensor, seed=seed, spp=FEATURE_SAMPLES**2)
+    integrator.render(scene, sensor, seed=combine(hash32(seed), 2), spp=FEATURE_SAMPLES**2)
     values = np.array(sensor.film().develop())[..., -len(NAMES) :]
     return values[..., :3], values[..., 3:]
 

@@ -34,7 +34,7 @@ def half_buffers(
     sensor = scene.sensors()[0]
     film = sensor.film()
     film.prepare(integrator.aov_names())
-    sampling = Sampling(n, "none", 0.0, 1, most, 0.0, 0.0, "multi", 1 << 18)
+    sampling = Sampling(n, "none", 0.0, 1, most, 0.0, 0.0, 0.0, "multi", 1 << 18)
     plan = Plan.of(sampling, film, seed, 0)
     transport = integrator.transport(scene, sensor)
     channels = Channels(film, "rgb", getattr(transport, "aov_names", ()))
@@ -60,4 +60,4 @@ def half_buffers(
             if not going.any():
                 break
     image = np.array(state.image().tensor(), dtype=np.float64)
-    return image[..., :3] / image[..., channels.names.index("W"), None], state.samples()
+    return image[..., :3] / image[..., channels.names.index("W"), None], float(np.mean(np.array(state.counts())))

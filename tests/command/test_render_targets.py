@@ -49,6 +49,7 @@ def test_what_ended_it_is_said(scene):
     scene.write_text(NOISY)
     for options, ended, says in [
         (["--noise", 1e-6, "--max-samples", 50], "samples", "ended by the most samples that a pixel may have, 50"),
+        (["--noise-99", 0.2, "--noise", 0.1], "noise", ", that of 99 pixels in 100 0."),
         (["--noise", 1e-6, "--time", 2], "time", "s of 2, ended by the time"),
     ]:
         done = prosim("render", scene, *options)

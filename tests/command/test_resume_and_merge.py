@@ -60,6 +60,7 @@ def stop_within(monkeypatch, portions):
 
     def call(self, record, last):
         keep(self, record, last)
+        self.writer.join()
         left[0] -= 1
         if left[0] == 0:
             raise KeyboardInterrupt
@@ -67,7 +68,7 @@ def stop_within(monkeypatch, portions):
     monkeypatch.setattr(Keeper, "__call__", call)
 
 
-@pytest.mark.parametrize("options", [(), ("--noise", 0.02)])
+@pytest.mark.parametrize("options", [pytest.param((), marks=pytest.mark.slow), ("--noise", 0.02)])
 def test_a_render_that_has_died_goes_on(lamp, tmp_path, monkeypatch, options):
     done("render", lamp, "-o", tmp_path / "whole", *options)
     with monkeypatch.context() as patch:
@@ -81,6 +82,7 @@ def test_a_render_that_has_died_goes_on(lamp, tmp_path, monkeypatch, options):
     assert names(tmp_path)[-1] == "whole.png" and (tmp_path / "again.state.exr").exists()
 
 
+@pytest.mark.slow
 def test_another_aim_and_another_place(lamp, tmp_path):
     done("render", lamp, "-o", tmp_path / "a", "--keep")
     moved = tmp_path / "elsewhere"
@@ -198,9 +200,9 @@ def test_killed_at_any_moment_and_gone_on_with(lamp, tmp_path):
         command = [sys.executable, "-c", HURRIED, *map(str, arguments)]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
             try:
-                assert process.wait(timeout=chance.uniform(1, 2) if killed < 3 else 100) == 0
+                assert process.wait(timeout=chance.uniform(1, 2) if killed < 2 else 100) == 0
                 break
             except subprocess.TimeoutExpired:
                 process.kill()
                 killed += 1
-    assert killed >= 2 and alike(tmp_path / "whole", tmp_path / "a")
+    assert killed >= 1 and alike(tmp_path / "whole", tmp_path / "a")

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.rendering.target import Twin
+from mitsuba_prosim.rendering.twin import Twin
 from scenes import alone, penumbra
 from scipy import stats
 
@@ -27,6 +27,10 @@ def loaded(ball=None, size=32, rfilter="box", film=None, **settings):
 
 def render(*arguments, seed=0, **settings):
     return np.array(mi.render(loaded(*arguments, **settings), seed=seed))
+
+
+def displayed_luminance(image):
+    return np.sqrt(np.maximum(np.array(image, dtype=np.float64)[..., :3] @ LUMINANCE, 0) + 0.01)
 
 
 def begun(scene, seed=3):
@@ -170,7 +174,7 @@ def test_the_twin_measures_the_noise_and_is_independent(variant_rgb):
         state = begun(loaded(adaptive="none", samples=4), seed)
         twin = Twin(state)
         twin.follow(state)
-        measured.append(twin.noise(state) ** 2)
+        measured.append(twin.noise(state)[0] ** 2)
         images.append(np.array(state.estimate.at(twin.index).total) / 16)
         twins.append(np.array(twin.estimate.total) / 16)
     images, twins = np.array(images, dtype=float), np.array(twins, dtype=float)
@@ -241,6 +245,19 @@ def test_noise_says_what_it_reached_and_ends_at_the_most_samples(variant_rgb, ad
     assert scene.integrator().reached.noise > 1e-6
 
 
+def test_the_error_of_99_pixels_in_100(variant_rgb):
+    """Within what was asked for, but for what may be expected of a hundredth of 4096 pixels, here and in the twin."""
+    settings = alone(COPPER, size=64, type="prosim", samples=3)
+    many = mi.load_dict({**settings, "integrator": settings["integrator"] | {"adaptive": "none", "samples": 40}})
+    reference = displayed_luminance(mi.render(many, seed=1000))
+    integrator = settings["integrator"] | {"noise": 0.02, "noise_99": 0.004, "aovs": "samples"}
+    scene = mi.load_dict({**settings, "integrator": integrator})
+    errors = np.abs(displayed_luminance(mi.render(scene, seed=1)) - reference)
+    reached = scene.integrator().reached
+    assert reached.noise < 0.004 and 0.002 < reached.noise_99 <= 0.97 * 0.004
+    assert 0.6 < np.percentile(errors, 99) / reached.noise_99 < 1.4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", ["none", "graded"])
 def test_time_ends_in_time(variant_rgb, adaptive):
@@ -250,7 +267,12 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     start = time.perf_counter()
     mi.render(scene, seed=2)
     assert 1 < time.perf_counter() - start < 4
-    assert scene.integrator().reached.seconds == pytest.approx(2, abs=1) and scene.integrator().reached.samples > 5
+    assert scene.integrator().reached.seconds == pytest.approx(2, abs=1) and scene.integrator().reached.samples > 1
+
+
+def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
+    image = render(COPPER, time=1e-6, aovs="samples,error")
+    assert np.all(image[..., -2] == 1)
 
 
 @pytest.mark.parametrize("noise", [0.0025, 0.001])

@@ -143,6 +143,8 @@ def test_a_state_is_written_every_few_seconds_and_seldom_where_that_takes_long(t
         del written[:]
         while clock[0] < seconds:
             keeper(record, False)
+            if keeper.writer is not None:
+                keeper.writer.join()
             clock[0] += 0.25
         return np.diff(written)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import click
 import mitsuba as mi
@@ -54,19 +55,18 @@ def make(
             about = job.about(file) if keep or begin is not None else {}
             if about:
                 refuse_to_keep(loaded.integrator())
-            if begin is not None and begin.about["digest"] != about["digest"]:
-                raise ValueError(
-                    f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
-                    "it names. Render it anew, or name the right one with --scene."
-                )
+            refuse_another_scene(job, begin, about)
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
-        refuse_waves((name for name in ("noise", "time") if getattr(integrator, name, 0)), job.variant)
+        refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
         size = size_of_image(integrator, chosen.film(), denoise)
         suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
         keeper, state = None, STATE if part is None else f".{part}.exr"
         if keep:
-            suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film())  # the old one, too
+            suffixes, size = (
+                (*suffixes, state),
+                size + 2 * size_of_state(integrator, chosen.film(), part),
+            )  # the old one, too
             keeper = Keeper(stem.with_name(stem.name + state), about, warn)
         files.check(Path(job.scene), stem, suffixes, size)
 
@@ -83,17 +83,9 @@ def make(
             seconds, interrupted = perf_counter() - start, bool(signals)
             if interrupted and reached.nothing(integrator):
                 raise click.ClickException("interrupted before the image had begun; nothing was written.")
-            facts = reached.facts(integrator, interrupted) | {
-                "prosim.scene": job.scene,
-                "prosim.version": version("mitsuba-prosim"),
-                "prosim.variant": job.variant,
-                "prosim.integrator": str(integrator),
-                "prosim.seed": str(job.seed),
-                "prosim.seconds": f"{seconds:.3f}",
-                **picture.facts,
-            }
             written = []
             if part is None:
+                facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts)
                 written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
         if keeper is not None:
             if keeper.unwritten is not None:
@@ -104,7 +96,7 @@ def make(
         + (f"part {part.number} of {part.of}, " if part else "")
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
-        + (", interrupted" if interrupted else ""),
+        + (f", {reached.interrupted(integrator)}" if interrupted else ""),
         None if part else reached.sentence(integrator, interrupted),
         picture.said,
     ]
@@ -142,6 +134,27 @@ def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> in
     return int(film.crop_size()[0] * film.crop_size()[1]) * (19 + 4 * others) + 2**16
 
 
+def refuse_another_scene(job: Job, begin: Record | None, about: Mapping[str, Any]) -> None:
+    """Raises ValueError where a record was not made of this scene."""
+    if begin is not None and begin.about["digest"] != about["digest"]:
+        raise ValueError(
+            f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
+            "it names. Render it anew, or name the right one with --scene."
+        )
+
+
+def metadata(job: Job, integrator: mi.Integrator, interrupted: bool, seconds: float) -> dict[str, str]:
+    """What an EXR image says of how it was made."""
+    return reached.facts(integrator, interrupted) | {
+        "prosim.scene": job.scene,
+        "prosim.version": version("mitsuba-prosim"),
+        "prosim.variant": job.variant,
+        "prosim.integrator": str(integrator),
+        "prosim.seed": str(job.seed),
+        "prosim.seconds": f"{seconds:.3f}",
+    }
+
+
 def refuse_to_keep(integrator: mi.Integrator) -> None:
     """Raises ValueError where an image can't be gone on with."""
     if not rendering.keeps(integrator):
@@ -157,10 +170,12 @@ def refuse_to_keep(integrator: mi.Integrator) -> None:
         )
 
 
-def size_of_state(integrator: mi.Integrator, film: mi.Film) -> int:
-    """Bytes that a state takes, about: the twin has a sixteenth of the pixels."""
+def size_of_state(integrator: mi.Integrator, film: mi.Film, part: Part | None) -> int:
+    """Bytes that a state takes, about: the twin is small, and what is another part's is compressed to nothing."""
     values = (5 + len(integrator.aov_names())) * (2 * film.rfilter().border_size() + 1) ** 2
     pixels = int(film.crop_size()[0] * film.crop_size()[1])
+    if part is not None:
+        return 4 * pixels * (values + 12) // part.of + 2**16
     return min(4 * pixels * values, KEPT) + 4 * pixels * 12 + 2**16
 
 

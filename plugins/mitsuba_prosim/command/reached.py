@@ -22,28 +22,27 @@ def sentence(integrator: mi.Integrator, interrupted: bool) -> str | None:
     parts = [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s"]
     if integrator.time:
         parts[1] += f" of {integrator.time:g}"
-    if not isnan(reached.noise):
-        # Where it was cut short, the image has got better since.
-        below = "" if ended in ("noise", "samples") else "below "
-        parts.insert(0, f"noise {below}{reached.noise:.2g} of {integrator.noise:g}")
-    elif integrator.noise:
-        parts.insert(0, f"noise not known yet, of {integrator.noise:g}")
+    # Where it was cut short, the image has got better since.
+    below = "" if ended in ("noise", "samples") else "below "
+    for word, measured, most in reversed(noises(integrator)):
+        parts.insert(0, f"{word} {'not known yet,' if isnan(measured) else f'{below}{measured:.2g}'} of {most:g}")
     if ended == "samples":
         parts.append(f"ended by the most samples that a pixel may have, {integrator.max_samples or UNLIMITED}")
-    elif ended == "interrupted" or (ended == "time" and integrator.noise):
+    elif ended == "interrupted" or (ended == "time" and noises(integrator)):
         parts.append("ended by " + ("a signal" if interrupted else "the time"))
     return ", ".join(parts)
 
 
 def facts(integrator: mi.Integrator, interrupted: bool) -> dict[str, str]:
-    """The same as metadata: ``prosim.samples``, the mean of a pixel; ``prosim.noise``, if it was measured; and
-    ``prosim.ended``, by what, where noise or time was asked for.
+    """The same as metadata: ``prosim.samples``, the mean of a pixel; ``prosim.noise`` and
+    ``prosim.noise_99``, if they were measured; and ``prosim.ended``, by what, where noise or time was asked for.
     """
     result = {}
     if reached := getattr(integrator, "reached", None):
         result["prosim.samples"] = f"{reached.samples:.6g}"
-        if not isnan(reached.noise):
-            result["prosim.noise"] = f"{reached.noise:.6g}"
+        for name in ("noise", "noise_99"):
+            if not isnan(measured := getattr(reached, name)):
+                result[f"prosim.{name}"] = f"{measured:.6g}"
         if asked(integrator):
             result["prosim.ended"] = end(integrator, interrupted)
     return result
@@ -55,9 +54,25 @@ def nothing(integrator: mi.Integrator) -> bool:
     return last is not None and last.samples == 0
 
 
+def interrupted(integrator: mi.Integrator) -> str:
+    """What a signal has left of the last render of ``integrator``, in words."""
+    last = getattr(integrator, "reached", None)
+    return "interrupted" if last is None or last.least > 0 else "interrupted: pixels without a sample are black"
+
+
 def asked(integrator: mi.Integrator) -> bool:
     """Whether an integrator has rendered, and was asked for noise or time."""
-    return getattr(integrator, "reached", None) is not None and (integrator.noise > 0 or integrator.time > 0)
+    return getattr(integrator, "reached", None) is not None and bool(noises(integrator) or integrator.time)
+
+
+def noises(integrator: mi.Integrator) -> list[tuple[str, float, float]]:
+    """What was asked for of the noise: ``(what in words, measured, asked)``."""
+    reached = integrator.reached
+    asked = [
+        ("noise", reached.noise, integrator.noise),
+        ("that of 99 pixels in 100", reached.noise_99, integrator.noise_99),
+    ]
+    return [one for one in asked if one[2]]
 
 
 def end(integrator: mi.Integrator, interrupted: bool) -> str:
@@ -66,7 +81,8 @@ def end(integrator: mi.Integrator, interrupted: bool) -> str:
     """
     if interrupted:
         return "interrupted"
-    if integrator.reached.noise <= integrator.noise:
+    noise = noises(integrator)
+    if noise and all(measured <= most for _, measured, most in noise):
         return "noise"
     if integrator.time and integrator.reached.seconds >= IN_TIME * integrator.time:
         return "time"

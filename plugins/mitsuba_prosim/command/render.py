@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,12 @@ from .options import SCENE, STOPS, Crop, Finite, Share, choose_variant, defines,
     "rough, 0.005 is good.",
 )
 @click.option(
+    "--noise-99",
+    type=Finite(min=0, min_open=True),
+    show_default=False,
+    help="Render until 99 displayed pixels in 100 have no greater error, too.",
+)
+@click.option(
     "--time",
     type=Finite(min=0, min_open=True),
     metavar="SECONDS",
@@ -135,6 +142,7 @@ def render(
     max_level: int | None,
     threshold: float | None,
     noise: float | None,
+    noise_99: float | None,
     time: float | None,
     max_samples: int | None,
     adaptive: str | None,
@@ -154,7 +162,8 @@ def render(
     if spp and samples:
         raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
     stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES)
-    if part and (noise or time):
+    ends = {"noise": noise, "noise_99": noise_99, "time": time}
+    if part and any(ends.values()):
         raise click.UsageError(
             "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
             "then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr --noise X."
@@ -163,11 +172,11 @@ def render(
         raise click.UsageError(
             "--denoise renders two images, and --keep and --part keep the state of one; give either."
         )
-    asked = sampling(threshold, noise, time, max_samples, adaptive)
+    asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)
-    options = {"--noise": noise, "--time": time, "--max-samples": max_samples, "--adaptive": adaptive}
-    options |= {"--keep": keep or None, "--part": str(part) if part else None}
-    refuse_waves((option for option, value in options.items() if value is not None), variant)
+    options = ends | {"max_samples": max_samples, "adaptive": adaptive, "keep": keep or None, "part": part}
+    named = (f"--{name.replace('_', '-')}" for name, value in options.items() if value is not None)
+    refuse_waves(named, variant)
     job = Job(
         scene=str(scene),
         variant=variant,
@@ -192,15 +201,15 @@ def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:
 
 
 def sampling(
-    threshold: float | None, noise: float | None, time: float | None, max_samples: int | None, adaptive: str | None
+    threshold: float | None, ends: Mapping[str, float | None], max_samples: int | None, adaptive: str | None
 ) -> dict[str, Any]:
-    """Parameters of ``prosim`` and ``prosim_adaptive`` that the options ask for."""
-    if (noise or time) and adaptive is None:
+    """Parameters of ``prosim`` and ``prosim_adaptive`` that the options ask for; ``ends``: those of noise and time."""
+    if any(ends.values()) and adaptive is None:
         adaptive = "graded"
-    if (noise or time) and adaptive == "thesis":
+    if any(ends.values()) and adaptive == "thesis":
         raise click.UsageError(
             "--adaptive thesis ends each pixel by its own samples, N to N*N, and knows neither --noise nor --time; "
             "leave them out, or take another policy."
         )
-    asked = {"threshold": threshold, "noise": noise, "time": time, "max_samples": max_samples, "adaptive": adaptive}
+    asked = {"threshold": threshold, **ends, "max_samples": max_samples, "adaptive": adaptive}
     return {name: value for name, value in asked.items() if value is not None}

@@ -56,6 +56,12 @@ exposing = click.option(
     help="Go on until the error of the displayed pixels is so small. [default: what was asked for]",
 )
 @click.option(
+    "--noise-99",
+    type=Finite(min=0, min_open=True),
+    show_default=False,
+    help="Go on until 99 displayed pixels in 100 have no greater error. [default: what was asked for]",
+)
+@click.option(
     "--time",
     type=Finite(min=0, min_open=True),
     metavar="SECONDS",
@@ -75,6 +81,7 @@ def resume(
     state: Path,
     output: str | None,
     noise: float | None,
+    noise_99: float | None,
     time: float | None,
     max_samples: int | None,
     scene: Path | None,
@@ -89,11 +96,11 @@ def resume(
     """
     record, job = opened(state, scene, exposure)
     stem = files.stem(output, named(state), SUFFIXES)
-    asked = {"noise": noise, "time": time, "max_samples": max_samples}
+    asked = {"noise": noise, "noise_99": noise_99, "time": time, "max_samples": max_samples}
     if record.part and any(asked.values()):
         raise click.UsageError(
-            f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, --time "
-            "and --max-samples are for the image that prosim merge --keep makes of them."
+            f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, "
+            "--noise-99, --time and --max-samples are for the image that prosim merge --keep makes of them."
         )
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})
     make(job, stem, threads, verbose, record, keep=True, part=record.part)

@@ -149,6 +149,7 @@ def halved(integrator: Any, sensor: mi.Sensor, spp: int) -> Iterator[tuple[Any, 
         "max_samples": (integrator.max_samples + 1) // 2,
         "threshold": integrator.threshold * 2**0.5,
         "noise": integrator.noise * 2**0.5,
+        "noise_99": integrator.noise_99 * 2**0.5,
         "time": integrator.time / 2,
     }
     before = {name: getattr(integrator, name) for name in asked}
@@ -171,7 +172,9 @@ def together(first: Any, second: Any) -> Any:
     return dataclasses.replace(
         first,
         samples=first.samples + second.samples,
+        least=first.least + second.least,
         noise=float(np.hypot(first.noise, second.noise)) / 2,
+        noise_99=float(np.hypot(first.noise_99, second.noise_99)) / 2,
         seconds=first.seconds + second.seconds,
     )
 

@@ -48,11 +48,12 @@ class Prosim(WaveIntegrator):
          :math:`N`, the last pass is cut short. More than :math:`N^2` begin new patterns. (Default: :math:`N^2`,
          four times as many for :monosp:`graded`, and any with :monosp:`noise` or :monosp:`time`)
 
-     * - noise, time
+     * - noise, noise_99, time
        - |float|
        - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
-         at most :monosp:`noise`, or so many seconds have passed, whichever is first; in larger patterns than
-         :math:`N^2`, if it takes many samples. Not with :monosp:`thesis`. (Default: 0, not asked for)
+         at most :monosp:`noise`, and that of 99 pixels in 100 at most :monosp:`noise_99`, or so many seconds have
+         passed, whichever is first; in larger patterns than :math:`N^2`, if it takes many samples. Not with
+         :monosp:`thesis`. (Default: 0, not asked for)
 
      * - max_level
        - |int|

@@ -8,8 +8,8 @@ import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import plugin
-from ..rendering.film import aov_values
-from ..rendering.integrator import WaveIntegrator, with_more_channels
+from ..rendering.film import aov_values, with_more_channels
+from ..rendering.integrator import WaveIntegrator
 from ..transport.nested import Nested
 
 
@@ -34,7 +34,7 @@ class ProsimAdaptive(WaveIntegrator):
          that of the wave. (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
          dimension and index)
 
-     * - samples, adaptive, threshold, min_passes, max_samples, noise, time, jitter, channels, aovs, band
+     * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, time, jitter, channels, aovs, band
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 

@@ -203,7 +203,7 @@ class Estimator:
             step,
             labels=("estimate", "active", "sampler"),
             # Which sample is next is no part of the state that Mitsuba's samplers give to a symbolic loop.
-            mode=None if sampler is None else "evaluated",
+            mode=None if sampler is None or sampler.class_name() == "IndependentSampler" else "evaluated",
             max_iterations=-1,
         )
         return estimate

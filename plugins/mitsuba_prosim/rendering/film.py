@@ -1,10 +1,16 @@
-"""What a film stores of a sample: its channels."""
+"""What a film stores of a sample: its channels, and which are asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import drjit as dr
 import mitsuba as mi
+
+from ..parameters import reject
+
+#: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
+OWN_AOVS = ("samples", "error")
 
 
 class Channels:
@@ -61,3 +67,27 @@ def aov_values(
 ) -> list:
     """What Mitsuba's ``aov`` integrator ``aovs`` (or None) computes at the camera ray ``ray``."""
     return [] if aovs is None else list(aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
+
+
+def asked_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
+    """What the parameter ``aovs`` asks for: ``(own, mitsuba)``, the names in :data:`OWN_AOVS` and an ``aov`` integrator
+    of Mitsuba's for the others, if there are any. Raises ValueError where it is neither.
+    """
+    own, others = [], []
+    for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
+        if aov in OWN_AOVS:
+            own.append(aov)
+        elif ":" in aov:
+            others.append(aov)
+        else:
+            raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
+    return own, mi.load_dict({"type": "aov", "aovs": ",".join(others)}) if others else None
+
+
+def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
+    """``image``, shape (height, width, channels), and so many further channels of zeros, which come last."""
+    height, width, channels = image.shape
+    complete = dr.zeros(mi.Float, height * width * (channels + more))
+    i = dr.arange(mi.UInt32, height * width * channels)
+    dr.scatter(complete, image.array, i // channels * (channels + more) + i % channels)
+    return mi.TensorXf(complete, (height, width, channels + more))

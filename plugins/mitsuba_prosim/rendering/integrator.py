@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -18,14 +16,15 @@ from . import collector
 from .camera import ray_sampler, uncropped
 from .derivatives import Derivatives
 from .estimate import Estimator
-from .film import Channels
+from .film import Channels, asked_aovs, with_more_channels
 from .pace import Pace
 from .part import Part
 from .plan import Plan, Sampling
 from .policies import POLICIES
 from .record import Record
+from .scalar import take_back_interrupts
 from .snapshot import Reached, Snapshot, put
-from .state import OWN_AOVS, State
+from .state import State
 from .target import Target
 from .waves import waves
 
@@ -46,11 +45,12 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self.min_passes = whole(props, "min_passes", 1, 1)
         self.max_samples = whole(props, "max_samples", 0, 0)
         self.noise = number(props, "noise", 0.0, 0)
+        self.noise_99 = number(props, "noise_99", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
         # What makes most of many samples is the default where there may be many.
-        default = "graded" if self.noise or self.time else "neighbours"
+        default = "graded" if self._aims() else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
-        if (self.noise or self.time) and self.adaptive == "thesis":
+        if self._aims() and self.adaptive == "thesis":
             raise reject(
                 props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"
             )
@@ -59,17 +59,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         if set(self.channels) - set("rgb"):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
         self.band = whole(props, "band", 1 << 18, 1)
-        self.own_aovs, self.mitsuba_aovs = [], None
-        others = []
-        for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
-            if aov in OWN_AOVS:
-                self.own_aovs.append(aov)
-            elif ":" in aov:
-                others.append(aov)
-            else:
-                raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
-        if others:
-            self.mitsuba_aovs = mi.load_dict({"type": "aov", "aovs": ",".join(others)})
+        self.own_aovs, self.mitsuba_aovs = asked_aovs(props)
         #: What the samples are drawn from, if not from N-rook patterns.
         self.sampler: mi.Sampler | None = None
         #: Called with the part done, 0 to 1, while an image is rendered.
@@ -95,7 +85,18 @@ class WaveIntegrator(mi.SamplingIntegrator):
 
     def parameter_names(self) -> list[str]:
         """Names of the parameters that ``str()`` shows."""
-        return ["samples", "adaptive", "threshold", "min_passes", "max_samples", "noise", "time", "jitter", "channels"]
+        return [
+            "samples",
+            "adaptive",
+            "threshold",
+            "min_passes",
+            "max_samples",
+            "noise",
+            "noise_99",
+            "time",
+            "jitter",
+            "channels",
+        ]
 
     def to_string(self) -> str:
         return describe(self, **{name: getattr(self, name) for name in self.parameter_names()}, aovs=self.aov_names())
@@ -173,7 +174,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         film = sensor.film()
         film.prepare(self.aov_names())
         part = part if begin is None else begin.part
-        if part is not None and (self.noise or self.time):
+        if part is not None and self._aims():
             raise ValueError(
                 f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
                 "without them, and let the image that is put together go on until it is good enough."
@@ -181,17 +182,17 @@ class WaveIntegrator(mi.SamplingIntegrator):
         if part is not None or begin is not None:
             self._refuse_sampler()
         policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs, part)
-        target, steps = Target(self.noise, self.time), self._grow
+        target, steps = self._target(time.perf_counter()), self._grow
         if begin is not None:
             begin.restore(state)
-            target = Target(self.noise, self.time, time.perf_counter() - begin.facts["seconds"])
+            target = self._target(time.perf_counter() - begin.facts["seconds"])
             if begin.finished and begin.same_aim(state):
                 steps = nothing_more
         self._growing = film, state
         try:
             for _ in steps(policy, state, target):
                 # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
-                self.reached = Reached(state.samples(), state.noise, target.passed)
+                self.reached = Reached.of(state, target.passed)
                 yield Snapshot(state, film, self.reached)
             if self.keep is not None:
                 self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
@@ -199,14 +200,14 @@ class WaveIntegrator(mi.SamplingIntegrator):
             self._growing = None
             if not sys.is_finalizing():  # an iterator that the program left behind
                 # Once more: where the first wave was good enough, that was seen after it.
-                self.reached = Reached(state.samples(), state.noise, target.passed)
+                self.reached = Reached.of(state, target.passed)
                 put(state, film)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
         if self._scalar is not None:  # Mitsuba calls render() of this class once more
             return super().render(scene, sensor, *arguments)
-        if self.noise or self.time:
+        if self._aims():
             mi.Log(mi.LogLevel.Warn, f"{self.name()}: noise and time end nothing in scalar variants; the samples do.")
         self._scalar = self.transport(scene, sensor)
         try:
@@ -214,6 +215,12 @@ class WaveIntegrator(mi.SamplingIntegrator):
         finally:
             self._scalar = None
             take_back_interrupts()
+
+    def _aims(self) -> bool:
+        return self.noise > 0 or self.noise_99 > 0 or self.time > 0
+
+    def _target(self, begun: float) -> Target:
+        return Target(self.noise, self.time, begun, self.noise_99)
 
     def _refuse_sampler(self) -> None:
         if self.sampler is not None:
@@ -232,6 +239,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 self.min_passes,
                 self.max_samples,
                 self.noise,
+                self.noise_99,
                 self.time,
                 self.jitter,
                 self.band,
@@ -264,6 +272,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         estimator = state.estimator
 
         pace = Pace(state)
+        if self.keep is not None:
+            state.portion = Pace.FIRST
 
         def pause() -> bool:
             if self.keep is not None:
@@ -314,7 +324,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
             policy, state = self._begin(scene, sensor, seed, spp, [])
-            for _ in self._grow(policy, state, Target(self.noise, self.time)):
+            for _ in self._grow(policy, state, self._target(time.perf_counter())):
                 pass
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())
@@ -323,21 +333,3 @@ class WaveIntegrator(mi.SamplingIntegrator):
 def nothing_more(policy: Any, state: State, target: Target) -> Iterator[State]:
     """The one step of an image that has all it should."""
     yield state
-
-
-def take_back_interrupts() -> None:
-    """Gives SIGINT back to Python, as Mitsuba (3.9) does after its own ``render``, but not where that was called within
-    another: it would take Ctrl-C for ever, for an integrator that may be gone.
-    """
-    handler = signal.getsignal(signal.SIGINT)
-    if handler is not None and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, handler)
-
-
-def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
-    """``image``, shape (height, width, channels), and so many further channels of zeros, which come last."""
-    height, width, channels = image.shape
-    complete = dr.zeros(mi.Float, height * width * (channels + more))
-    i = dr.arange(mi.UInt32, height * width * channels)
-    dr.scatter(complete, image.array, i // channels * (channels + more) + i % channels)
-    return mi.TensorXf(complete, (height, width, channels + more))

@@ -14,6 +14,8 @@ class Pace:
 
     #: Seconds of a portion.
     SHORTEST, LONGEST = 0.5, 2.0
+    #: Samples of the first: few, as nobody knows yet how slow they are.
+    FIRST = 1 << 17
 
     def __init__(self, state: State) -> None:
         self.state = state

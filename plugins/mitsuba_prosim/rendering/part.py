@@ -13,7 +13,7 @@ from .plan import Rectangle, area
 #: Pixels of the side of a tile, at least and at most, and about how many tiles a part has in between. A part also takes
 #: the first samples of the pixels around its tiles, as far as its decisions look: large tiles have less around them,
 #: small ones are more alike.
-SMALLEST, LARGEST, TILES = 8, 64, 48
+SMALLEST, LARGEST, TILES = 8, 128, 16
 
 #: The part of a row of tiles by which the owners move on from one row to the next: the golden section, by which no part
 #: gets columns or diagonals of its own.

@@ -37,6 +37,7 @@ class Sampling:
     min_passes: int
     max_samples: int
     noise: float
+    noise_99: float
     time: float
     jitter: str
     band: int
@@ -77,7 +78,7 @@ class Plan:
         """The plan for ``film``; a nonzero ``spp`` stands for N², in the place of ``samples`` and ``max_samples``."""
         full = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or full)
-        if sampling.noise or sampling.time:
+        if sampling.noise or sampling.noise_99 or sampling.time:
             most = sampling.max_samples or UNLIMITED
         elif sampling.adaptive == "graded":
             most = (0 if spp else sampling.max_samples) or GRADED * full

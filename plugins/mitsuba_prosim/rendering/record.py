@@ -19,10 +19,10 @@ from .state import State
 FREE = ("band",)
 
 #: What of the rest may be other than it was, as long as nothing that was decided by it is kept.
-AIMS = ("adaptive", "threshold", "max_samples", "noise", "time")
+AIMS = ("adaptive", "threshold", "max_samples", "noise", "noise_99", "time")
 
 #: What decisions of the first wave do not depend on.
-ENDS = ("noise", "time")
+ENDS = ("noise", "noise_99", "time")
 
 #: Names of an estimate's arrays, without its sums.
 STATISTICS = ("total", "squares", "pass_squares", "in_pass")
@@ -60,6 +60,7 @@ class Record:
             "known": state.outer,
             "later": None if plan.before is None else (plan.n, plan.begin),
             "noise": state.noise,
+            "noise_99": state.noise_99,
             "judged": decisions.judged,
             "effort": decisions.effort,
             "seconds": seconds,
@@ -119,7 +120,7 @@ class Record:
         if self.facts["later"]:
             state.follow(state.plan.continued(*self.facts["later"]))
         state.estimate = estimate({name: self._placed(self.pixels[name], state) for name in names(state)}, state)
-        state.noise = self.facts["noise"]
+        state.noise, state.noise_99 = self.facts["noise"], self.facts["noise_99"]
         state.decisions = Decisions(twin=estimate(self.twin, state) if self.twin else None)
         if decided:
             state.decisions.judged, state.decisions.effort = self.facts["judged"], self.facts["effort"]

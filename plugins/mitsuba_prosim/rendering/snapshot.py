@@ -17,13 +17,22 @@ from .state import State
 class Reached:
     """How far an image came."""
 
-    #: Mean number of samples of a pixel.
+    #: Mean number of samples of a pixel, and that of the one which has the fewest.
     samples: float
+    least: int
     #: Root mean square over the pixels of the error of the displayed value, white being 1; not a number where no noise
     #: was asked for, as nobody has measured it then.
     noise: float
+    #: What the error of 99 pixels in 100 is within; likewise.
+    noise_99: float
     #: Since the beginning.
     seconds: float
+
+    @classmethod
+    def of(cls, state: State, seconds: float) -> Reached:
+        """How far ``state`` came in so many seconds."""
+        counts = np.array(state.counts())
+        return cls(float(np.mean(counts, dtype=np.float64)), int(counts.min()), state.noise, state.noise_99, seconds)
 
 
 @dataclass(frozen=True)

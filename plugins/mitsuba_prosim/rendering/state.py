@@ -51,7 +51,7 @@ class State:
         #: Samples of a portion, if there is a reason to bound them, and the noise, if it was measured (see
         #: :class:`.Twin`).
         self.portion: int | None = None
-        self.noise = float("nan")
+        self.noise = self.noise_99 = float("nan")
         self.decisions = Decisions()
         #: What the last whole wave has made, where sums are not kept.
         self.made: Image | None = None
@@ -195,10 +195,6 @@ class State:
         """Numbers of the pixels (x, y) in the arrays of ``estimate``."""
         return index_within(self.outer, x, y)
 
-    def samples(self) -> float:
-        """Mean number of samples of the pixels whose samples reach the window."""
-        return float(np.mean(np.array(self.counts()), dtype=np.float64))
-
     def counts(self) -> mi.UInt32:
         """Number of samples of each pixel whose samples reach the window, row by row."""
         if self.outer == self.plan.region:
@@ -270,10 +266,6 @@ def by_lack(count: mi.UInt32, wanted: mi.UInt32, ratio: float) -> list[tuple[mi.
             where = dr.compress((lacking >= first) & (lacking <= last))
         classes.append((where, size, min(low, len(sizes) - 1)))
     return classes
-
-
-#: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
-OWN_AOVS = ("samples", "error")
 
 
 def own_channel(name: str, estimate: Estimate, n: int) -> mi.Float:

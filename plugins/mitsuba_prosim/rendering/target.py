@@ -1,42 +1,51 @@
-"""What ends an image: noise that is small enough, or time that has passed."""
+"""When an image is good enough: noise that is small enough, or time that has passed."""
 
 from __future__ import annotations
 
-import copy
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..sampling.hash import hash32
-from .error import displayed, in_display_units, variance
-from .estimate import Estimate
-from .plan import UNLIMITED, area, in_patterns, pixels
-from .state import State, portions
+from .state import State
+
+#: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
+STEP = 0.5
 
 
 @dataclass(frozen=True)
 class Target:
     """When an image is good enough. ``noise``: root mean square over the pixels of the error of the displayed value,
-    white being 1; ``seconds`` from the beginning. 0: not asked for. Whichever comes first ends it.
+    white being 1; ``noise_99``: what that of 99 pixels in 100 is within; ``seconds`` from the beginning. 0: not asked
+    for. Both of the noise that are asked for, or the time, whichever comes first, end it.
     """
 
     noise: float = 0.0
     seconds: float = 0.0
     begun: float = field(default_factory=time.perf_counter)
+    noise_99: float = 0.0
 
     def __bool__(self) -> bool:
-        return self.noise > 0 or self.seconds > 0
+        return self.noisy or self.seconds > 0
 
-    def work(self, noise: float) -> float:
-        """How many times the samples it takes from ``noise`` to the one asked for, as far as numbers go: the work grows
+    @property
+    def noisy(self) -> bool:
+        """Whether it is a noise that is asked for."""
+        return self.noise > 0 or self.noise_99 > 0
+
+    def excess(self, state: State) -> float:
+        """How many times what was asked for the noise of ``state`` is, as measured last; the worse of the two."""
+        asked = ((state.noise, self.noise), (state.noise_99, self.noise_99))
+        return min(max((measured / most for measured, most in asked if most), default=np.nan), 1e100)
+
+    def work(self, state: State, aim: float = 1.0) -> float:
+        """How many times its samples ``state`` takes until the noise is ``aim`` times the one asked for: the work grows
         with the inverse square of the noise.
         """
-        return min(noise / self.noise, 1e100) ** 2
+        return (self.excess(state) / aim) ** 2
 
     @property
     def passed(self) -> float:
@@ -48,264 +57,34 @@ class Target:
         """Seconds until the end."""
         return self.seconds - self.passed if self.seconds else np.inf
 
+    @property
+    def over(self) -> bool:
+        """Whether the time is up."""
+        return self.left <= self.seconds / 100
 
-class Twin:
-    """A second image, of some pixels alone, from other samples: how it differs from the first says what error both
-    have, whatever the pattern of the samples is worth in this scene.
-
-    (The variance of the samples within a pixel does not: N² stratified samples can be ten times as good.)
-    """
-
-    #: One pixel in so many, and at least so many pixels.
-    ONE_IN, LEAST = 16, 4096
-    #: Where the image has fewer pixels than this, whose differences could all happen to be small, each is there several
-    #: times, but no more often than so many times.
-    FEW, MOST = 512, 64
-
-    def __init__(self, state: State) -> None:
-        x, y, *_ = pixels(state.plan.region)
-        index = state.index(x, y)
-        every = max(1, min(self.ONE_IN, area(state.plan.region) // self.LEAST))
-        chosen = dr.compress(hash32(hash32(index) + 1) % every == 0) if every > 1 else dr.arange(mi.UInt32, dr.width(x))
-        size = dr.width(chosen)
-        self.copies = min(-(-self.FEW // size), self.MOST)
-        self.seed = state.plan.seed + 1
-        if self.copies > 1:
-            lane = dr.arange(mi.UInt32, size * self.copies)
-            chosen, self.seed = dr.gather(mi.UInt32, chosen, lane % size), self.seed + lane // size
-        self.x, self.y, self.index = (dr.gather(type(v), v, chosen) for v in (x, y, index))
-        self.estimator = copy.copy(state.estimator)
-        self.seed = hash32(self.seed)
-        dr.make_opaque(self.seed)
-        if state.decisions.twin is None:
-            state.decisions.twin = Estimate.nothing(self.estimator.values, dr.width(self.index))
-        self.estimate = state.decisions.twin
-        dr.eval(self.x, self.y, self.index)
-
-    def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
-        """Takes as many samples as ``state`` has. Returns whether it got to its end."""
-        end = dr.gather(mi.UInt32, state.estimate.count, self.index)
-        dr.eval(end)
-        for _, some in portions(self.estimate.count, end, state):
-            if cancelled():
-                return False
-            x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
-            start, seed = self.estimate.at(some), self.seed
-            if self.copies > 1:
-                seed = dr.gather(mi.UInt32, seed, some)
-            dr.eval(x, y, start, wanted, seed)
-            self.estimator.plan = replace(state.plan, seed=seed)
-            more = self.estimator.take(x, y, start, wanted)
-            dr.eval(more)
-            self.estimate.put(more, some)
-            dr.eval(self.estimate)
-            dr.sync_thread()
-        return True
-
-    def noise(self, state: State) -> float:
-        """Root mean square of the error of the displayed pixels of ``state``, white being 1.
-
-        The displayed values are compared, as the slope of the tone curve would be that of bright spots where there are
-        some, and make little of them.
+    def portion(self, state: State, speed: float) -> int:
+        """Samples of a portion that ends soon enough to look at whether to stop, where a pixel gets ``speed`` samples
+        in a second.
         """
-        mine = state.estimate.at(self.index)
-        first, second = (displayed(e.total / mi.Float(e.count)) for e in (mine, self.estimate))
-        difference = first - second
-        return float(np.sqrt(mean(dr.square(difference)) / 2)) * state.estimator.smoothing
-
-
-class Pursuit:
-    """Lets ``state`` grow, each pixel in proportion to its ``need``, until ``target`` is reached. The target says how
-    many samples there are; each is a pure function of seed, pixel, pass and index as ever.
-    """
-
-    #: A wave takes so many times the samples that there are, at most, as the first ones know little.
-    GROWTH = 4.0
-    #: The noise that ends it, over the one asked for: what is measured is itself uncertain, and where it is small by
-    #: chance it ends too early. A wave aims a little lower.
-    ENOUGH, AIM = 0.97, 0.94
-    #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
-    STEP = 0.5
-
-    def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
-        self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
-        decisions = state.decisions
-        if decisions.need is not None and decisions.variance is not None:
-            self.need, self.variance = decisions.need, decisions.variance
-        else:
-            self._judge()
-        if policy.judgements == 1:
-            decisions.need, decisions.variance = self.need, self.variance
-        self.twin = Twin(state) if target.noise else None
-        # Samples of a pixel, in the mean, in a second.
-        self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
-
-    def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
-        """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
-        state, decisions = self.state, self.state.decisions
-        state.portion = self._portion()
-        if decisions.wanted is None:
-            self._measure()
-        while not self._ended() and not state.noise <= self.ENOUGH * self.target.noise:
-            samples = mean(state.estimate.count)
-            wanted = decisions.wanted
-            if wanted is None:
-                wanted = self._everywhere(samples)
-                if wanted is None:
-                    if self.policy.judgements > 1:
-                        self._judge()
-                    if decisions.effort == 0:
-                        self._choose_patterns(samples)
-                    wanted = self._next(samples)
-                if not dr.any(wanted > state.estimate.count):
-                    break  # each pixel has all that the plan allows
-                decisions.wanted = wanted
-            start = time.perf_counter()
-            whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
-            self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
-            state.portion = self._portion()
-            if not whole or not self._measure():
-                yield state
-                break
-            decisions.wanted = None
-            yield state
-
-    def _judge(self) -> None:
-        """Asks the policy what each pixel needs, as far as can be known by now."""
-        state = self.state
-        need = state.judge(self.policy.need, self.policy.reach)
-        # Where all samples so far agree, others may not: no pixel of the image is left out for ever.
-        x, y, *_ = pixels(state.plan.region)
-        inside = state.index(x, y)
-        need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
-        self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
-        dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
-        self.variance = display_variance(state.estimate)
-
-    def _ended(self) -> bool:
-        return self.cancelled() or self.target.left <= self.target.seconds / 100
-
-    def _measure(self) -> bool:
-        """Returns whether it got to its end."""
-        if self.twin is None:
-            return True
-        followed = self.twin.follow(self.state, self._ended)
-        if followed:
-            self.state.noise = self.twin.noise(self.state)
-        return followed
-
-    def _portion(self) -> int | None:
-        """Samples of a portion that ends soon enough to look at whether to stop; None: no bound."""
-        state, target = self.state, self.target
-        if not target.seconds and state.estimator.sampler is not None:
-            return None  # it has a state: which samples it draws must not depend on the time
-        step = min(self.STEP, target.seconds / 100) if target.seconds else self.STEP
-        speed = self.speed or mean(state.estimate.count) / target.passed
+        step = min(STEP, self.seconds / 100) if self.seconds else STEP
         return max(1, int(speed * dr.width(state.estimate.count) * step))
 
-    def _expected(self, samples: float) -> float:
-        """Samples of a pixel in the end, in the mean, as far as can be known."""
-        target, expected = self.target, float(UNLIMITED)
-        if target.noise:
-            expected = samples * target.work(self.state.noise)
-        if target.seconds:
-            expected = min(expected, samples + self.speed * target.left)
-        return expected
 
-    def _everywhere(self, samples: float) -> mi.UInt32 | None:
-        """The counts of a wave that is the same for every pixel; None: there need not be one."""
-        plan, count = self.state.plan, self.state.estimate.count
-        size = plan.n**2
-        if self.target.seconds and not self.speed:
-            wanted = 2 * count  # the first wave had to compile; this one shows how fast the samples are
-        elif self.state.decisions.effort == 0 and samples < size and self._expected(samples) > 8 * size:
-            wanted = dr.opaque(mi.UInt32, size, dr.width(count))  # who stops a long render has a picture of one kind
-        else:
-            return None
-        return dr.minimum(wanted, dr.opaque(mi.UInt32, plan.most))
+def first_in_time(
+    target: Target, state: State, wanted: mi.UInt32, tell: Callable[[float], None] | None, cancelled: Callable[[], bool]
+) -> bool:
+    """A first wave that the time can cut short: sample by sample, as after one of them there is an image.
 
-    def _choose_patterns(self, samples: float) -> None:
-        """Larger patterns from now on, if many samples are to come; as long as all pixels have the same number."""
-        plan, count = self.state.plan, self.state.estimate.count
-        n = min(size_of_patterns(self._expected(samples)), 2 * plan.n)  # twice: a wave is to reach most pixels
-        if n > 1.3 * plan.n and plan.before is None and dr.all(count == dr.max(count)):
-            self.state.follow(plan.continued(n, int(dr.max(count)[0])))
-
-    def _next(self, samples: float) -> mi.UInt32:
-        """The counts that the next wave leads to."""
-        state, target = self.state, self.target
-        most, goal = self.GROWTH * samples, 0.0
-        if target.seconds:
-            share = 0.9 if target.left < target.seconds / 5 else 0.5  # the last takes all
-            most = min(most, samples + self.speed * target.left * share)
-        if target.noise:
-            # Well-filled patterns are better than the first samples promise: not all of a long way at once.
-            now = mean(self.variance / mi.Float(state.estimate.count))
-            way = target.work(state.noise / self.AIM)
-            goal = now / (way if way < 2 else way**0.7)
-
-        def after(effort: float) -> mi.UInt32:
-            counts = in_patterns(state.plan, self.need * dr.opaque(mi.Float, effort))
-            return dr.maximum(counts, state.estimate.count)
-
-        def reaches(effort: float) -> bool:
-            counts = mi.Float(after(effort))
-            return mean(counts) >= most or (target.noise > 0 and mean(self.variance / counts) <= goal)
-
-        # What the pixels need may be judged higher now than before: so not from where it was.
-        effort = state.decisions.effort
-        state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
-        return after(state.decisions.effort)
-
-    def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
-        """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
-        told that of the image, as far as can be known.
-        """
-        if tell is None:
-            return None
-        state, target = self.state, self.target
-        counts = state.estimate.count, wanted
-        stages = [mean(count) / state.plan.most for count in counts]
-        if target.noise:
-            now, then = (mean(self.variance / mi.Float(count)) for count in counts)
-            reached = 1 / max(target.work(state.noise), 1e-24)
-            stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
-        begin, end = (min(stage, 1.0) for stage in stages)
-
-        def told(part: float) -> None:
-            by_time = 1 - target.left / target.seconds if target.seconds else 0.0
-            tell(min(max(begin + (end - begin) * part, by_time), 1.0))
-
-        return told
-
-
-def size_of_patterns(expected: float) -> int:
-    """N for patterns of which a pixel takes some, where it is expected to get so many samples in the mean: the
-    larger a pattern, the better each of its samples; the smaller, the nearer each pixel comes to what it needs.
+    Returns whether it got to its end.
     """
-    return round((expected / 4) ** 0.5)
-
-
-def display_variance(estimate: Estimate) -> mi.Float:
-    """Variance of a sample of each pixel, in display units squared."""
-    count = mi.Float(estimate.count)
-    deviation = dr.sqrt(variance(estimate.total, estimate.squares, count))
-    result = dr.square(in_display_units(deviation, estimate.total / count))
-    dr.eval(result)
-    return result
-
-
-def least(reaches: Callable[[float], bool], begin: float) -> float:
-    """Least effort beyond ``begin`` that ``reaches``, to a thousandth or so; at most 2^60."""
-    low, high = max(begin, 2.0**-20), max(2 * begin, 2.0**-19)
-    while not reaches(high) and high < 2.0**60:
-        low, high = high, 4 * high
-    for _ in range(12):
-        middle = (low * high) ** 0.5
-        low, high = (low, middle) if reaches(middle) else (middle, high)
-    return high
-
-
-def mean(values: mi.Float | mi.UInt32) -> float:
-    """Mean of an array, by NumPy: the order of the sum, and with it the bits, must not depend on the threads."""
-    return float(np.mean(np.array(values), dtype=np.float64))
+    most = int(dr.max(wanted)[0])
+    for count in range(1, most + 1):
+        start = time.perf_counter()
+        soon = dr.minimum(wanted, dr.opaque(mi.UInt32, count))
+        if not state.grow(soon, None, None, cancelled if count == 1 else lambda: cancelled() or target.over):
+            return False
+        passed = (0.1 if count == 1 else 1) * (time.perf_counter() - start)  # the first had to compile
+        state.portion = target.portion(state, 1 / max(passed, 1e-9))
+        if tell is not None:
+            tell(count / most)
+    return True

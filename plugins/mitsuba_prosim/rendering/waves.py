@@ -9,8 +9,9 @@ import drjit as dr
 import mitsuba as mi
 
 from .plan import Plan, in_patterns
+from .pursuit import Pursuit
 from .state import State
-from .target import Pursuit, Target
+from .target import Target, first_in_time
 
 #: A wave takes so many times the samples that a pixel has, at most.
 GROWTH = 4
@@ -34,7 +35,10 @@ def waves(
     decisions = state.decisions
     if decisions.judged == 0:
         first = state.share(dr.opaque(mi.UInt32, policy.first, pixels), policy.judgements * policy.reach)
-        whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
+        if target.seconds and state.keeps and state.estimator.sampler is None:
+            whole = first_in_time(target, state, first, part(tell, 0, begun), cancelled)
+        else:
+            whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
         yield state
         if not whole or policy.first == plan.most:
             return

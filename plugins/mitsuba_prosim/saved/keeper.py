@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -28,17 +29,27 @@ class Keeper:
         self.path, self.about, self.say = path, about, say
         self.last = time.perf_counter()
         self.wait = self.SHORTEST
-        #: Seconds that it took in all; whether it went wrong; and what could not be written in the end.
-        self.cost = 0.0
+        #: Whether it went wrong; and what could not be written in the end.
         self.failed = False
         self.unwritten: memoryview | None = None
+        self.writer: threading.Thread | None = None
 
     def __call__(self, record: Callable[[], Record], last: bool) -> None:
-        """Writes it if it is time for it, or the ``last`` time. What fails is tried again the next time."""
-        begun = time.perf_counter()
-        if not last and begun - self.last < self.wait:
+        """Writes it if it is time for it, beside the work; or the ``last`` time, and waits for the end of that. What
+        fails is tried again the next time.
+        """
+        if last and self.writer is not None:
+            self.writer.join()
+        elif not last and (time.perf_counter() - self.last < self.wait or (self.writer and self.writer.is_alive())):
             return
-        content = files.encode(replace(record(), about=self.about))
+        begun = time.perf_counter()
+        self.writer = threading.Thread(target=self._write, args=(record(), begun, last))
+        self.writer.start()
+        if last:
+            self.writer.join()
+
+    def _write(self, record: Record, begun: float, last: bool) -> None:
+        content = files.encode(replace(record, about=self.about))
         try:
             writing.write({self.path: content})
         except OSError as error:
@@ -49,5 +60,4 @@ class Keeper:
             self.failed = True
         self.last = time.perf_counter()
         took = self.last - begun
-        self.cost += took
         self.wait = max(min(max(self.TIMES * took, self.SHORTEST), self.LONGEST), self.LEAST_TIMES * took)

@@ -8,11 +8,11 @@ from typing import Any
 import mitsuba as mi
 
 #: How it is sampled: parameters of ``prosim`` and ``prosim_adaptive``, which has any other integrator within.
-SAMPLING = ("samples", "threshold", "noise", "time", "max_samples", "adaptive")
+SAMPLING = ("samples", "threshold", "noise", "noise_99", "time", "max_samples", "adaptive")
 
 #: Those of them that ask for our sampling where the scene's integrator has none. (``samples`` and ``threshold`` alone
 #: may be meant for another scene.)
-ENOUGH = ("noise", "time", "max_samples", "adaptive")
+ENOUGH = ("noise", "noise_99", "time", "max_samples", "adaptive")
 
 
 def change(state: mi.parser.ParserState, parameters: Mapping[str, Any]) -> str | None:

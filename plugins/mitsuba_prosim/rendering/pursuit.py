@@ -1,0 +1,211 @@
+"""Wave after wave until an image is good enough."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .error import in_display_units, variance
+from .estimate import Estimate
+from .plan import UNLIMITED, in_patterns, pixels
+from .state import State
+from .target import Target
+from .twin import Twin
+
+
+class Pursuit:
+    """Lets ``state`` grow, each pixel in proportion to its ``need``, until ``target`` is reached. The target says how
+    many samples there are; each is a pure function of seed, pixel, pass and index as ever.
+    """
+
+    #: A wave takes so many times the samples that there are, at most, as the first ones know little.
+    GROWTH = 4.0
+    #: The noise that ends it, over the one asked for: what is measured is itself uncertain, and where it is small by
+    #: chance it ends too early. A wave aims a little lower.
+    ENOUGH, AIM = 0.97, 0.94
+
+    def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
+        self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
+        decisions = state.decisions
+        if decisions.need is not None and decisions.variance is not None:
+            self.need, self.variance = decisions.need, decisions.variance
+        else:
+            self._judge()
+        if policy.judgements == 1:
+            decisions.need, decisions.variance = self.need, self.variance
+        self.twin = Twin(state) if target.noisy else None
+        # Samples of a pixel, in the mean, in a second.
+        self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
+
+    def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
+        """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
+        state, decisions = self.state, self.state.decisions
+        state.portion = self._portion()
+        if decisions.wanted is None:
+            self._measure()
+        while not self._ended() and not self.target.excess(state) <= self.ENOUGH:
+            samples = mean(state.estimate.count)
+            wanted = decisions.wanted
+            if wanted is None:
+                wanted = self._everywhere(samples)
+                if wanted is None:
+                    if self.policy.judgements > 1:
+                        self._judge()
+                    if decisions.effort == 0:
+                        self._choose_patterns(samples)
+                    wanted = self._next(samples)
+                if not dr.any(wanted > state.estimate.count):
+                    break  # each pixel has all that the plan allows
+                decisions.wanted = wanted
+            start = time.perf_counter()
+            whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
+            self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
+            state.portion = self._portion()
+            if not whole or not self._measure():
+                yield state
+                break
+            decisions.wanted = None
+            yield state
+
+    def _judge(self) -> None:
+        """Asks the policy what each pixel needs, as far as can be known by now."""
+        state = self.state
+        need = state.judge(self.policy.need, self.policy.reach)
+        # Where all samples so far agree, others may not: no pixel of the image is left out for ever.
+        x, y, *_ = pixels(state.plan.region)
+        inside = state.index(x, y)
+        need = dr.minimum(dr.gather(mi.Float, need, inside), float(UNLIMITED))
+        self.need = dr.zeros(mi.Float, dr.width(state.estimate.count))
+        dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
+        self.variance = display_variance(state.estimate)
+
+    def _ended(self) -> bool:
+        return self.cancelled() or self.target.over
+
+    def _measure(self) -> bool:
+        """Returns whether it got to its end."""
+        if self.twin is None:
+            return True
+        followed = self.twin.follow(self.state, self._ended)
+        if followed:
+            self.state.noise, self.state.noise_99 = self.twin.noise(self.state)
+        return followed
+
+    def _portion(self) -> int | None:
+        """Samples of a portion; None: no bound."""
+        state, target = self.state, self.target
+        if not target.seconds and state.estimator.sampler is not None:
+            return None  # it has a state: which samples it draws must not depend on the time
+        return target.portion(state, self.speed or mean(state.estimate.count) / target.passed)
+
+    def _expected(self, samples: float) -> float:
+        """Samples of a pixel in the end, in the mean, as far as can be known."""
+        target, expected = self.target, float(UNLIMITED)
+        if target.noisy:
+            expected = samples * target.work(self.state)
+        if target.seconds:
+            expected = min(expected, samples + self.speed * target.left)
+        return expected
+
+    def _everywhere(self, samples: float) -> mi.UInt32 | None:
+        """The counts of a wave that is the same for every pixel; None: there need not be one."""
+        plan, count = self.state.plan, self.state.estimate.count
+        size = plan.n**2
+        if self.target.seconds and not self.speed:
+            wanted = 2 * count  # the first wave had to compile; this one shows how fast the samples are
+        elif self.state.decisions.effort == 0 and samples < size and self._expected(samples) > 8 * size:
+            wanted = dr.opaque(mi.UInt32, size, dr.width(count))  # who stops a long render has a picture of one kind
+        else:
+            return None
+        return dr.minimum(wanted, dr.opaque(mi.UInt32, plan.most))
+
+    def _choose_patterns(self, samples: float) -> None:
+        """Larger patterns from now on, if many samples are to come; as long as all pixels have the same number."""
+        plan, count = self.state.plan, self.state.estimate.count
+        n = min(size_of_patterns(self._expected(samples)), 2 * plan.n)  # twice: a wave is to reach most pixels
+        if n > 1.3 * plan.n and plan.before is None and dr.all(count == dr.max(count)):
+            self.state.follow(plan.continued(n, int(dr.max(count)[0])))
+
+    def _next(self, samples: float) -> mi.UInt32:
+        """The counts that the next wave leads to."""
+        state, target = self.state, self.target
+        most, goal = self.GROWTH * samples, 0.0
+        if target.seconds:
+            share = 0.9 if target.left < target.seconds / 5 else 0.5  # the last takes all
+            most = min(most, samples + self.speed * target.left * share)
+        if target.noisy:
+            # Well-filled patterns are better than the first samples promise: not all of a long way at once.
+            now = mean(self.variance / mi.Float(state.estimate.count))
+            way = target.work(state, self.AIM)
+            goal = now / (way if way < 2 else way**0.7)
+
+        def after(effort: float) -> mi.UInt32:
+            counts = in_patterns(state.plan, self.need * dr.opaque(mi.Float, effort))
+            return dr.maximum(counts, state.estimate.count)
+
+        def reaches(effort: float) -> bool:
+            counts = mi.Float(after(effort))
+            return mean(counts) >= most or (target.noisy and mean(self.variance / counts) <= goal)
+
+        # What the pixels need may be judged higher now than before: so not from where it was.
+        effort = state.decisions.effort
+        state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
+        return after(state.decisions.effort)
+
+    def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
+        """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
+        told that of the image, as far as can be known.
+        """
+        if tell is None:
+            return None
+        state, target = self.state, self.target
+        counts = state.estimate.count, wanted
+        stages = [mean(count) / state.plan.most for count in counts]
+        if target.noisy:
+            now, then = (mean(self.variance / mi.Float(count)) for count in counts)
+            reached = 1 / max(target.work(state), 1e-24)
+            stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
+        begin, end = (min(stage, 1.0) for stage in stages)
+
+        def told(part: float) -> None:
+            by_time = 1 - target.left / target.seconds if target.seconds else 0.0
+            tell(min(max(begin + (end - begin) * part, by_time), 1.0))
+
+        return told
+
+
+def size_of_patterns(expected: float) -> int:
+    """N for patterns of which a pixel takes some, where it is expected to get so many samples in the mean: the
+    larger a pattern, the better each of its samples; the smaller, the nearer each pixel comes to what it needs.
+    """
+    return round((expected / 4) ** 0.5)
+
+
+def display_variance(estimate: Estimate) -> mi.Float:
+    """Variance of a sample of each pixel, in display units squared."""
+    count = mi.Float(estimate.count)
+    deviation = dr.sqrt(variance(estimate.total, estimate.squares, count))
+    result = dr.square(in_display_units(deviation, estimate.total / count))
+    dr.eval(result)
+    return result
+
+
+def least(reaches: Callable[[float], bool], begin: float) -> float:
+    """Least effort beyond ``begin`` that ``reaches``, to a thousandth or so; at most 2^60."""
+    low, high = max(begin, 2.0**-20), max(2 * begin, 2.0**-19)
+    while not reaches(high) and high < 2.0**60:
+        low, high = high, 4 * high
+    for _ in range(12):
+        middle = (low * high) ** 0.5
+        low, high = (low, middle) if reaches(middle) else (middle, high)
+    return high
+
+
+def mean(values: mi.Float | mi.UInt32) -> float:
+    """Mean of an array, by NumPy: the order of the sum, and with it the bits, must not depend on the threads."""
+    return float(np.mean(np.array(values), dtype=np.float64))

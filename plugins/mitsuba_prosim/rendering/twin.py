@@ -1,0 +1,83 @@
+"""How large the error of an image is: some of it is rendered once more."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..sampling.hash import hash32
+from .error import displayed
+from .estimate import Estimate
+from .plan import area, pixels
+from .state import State, portions
+
+
+class Twin:
+    """A second image, of some pixels alone, from other samples: how it differs from the first says what error both
+    have, whatever the pattern of the samples is worth in this scene.
+
+    (The variance of the samples within a pixel does not: N² stratified samples can be ten times as good.)
+    """
+
+    #: One pixel in so many, and at least so many pixels.
+    ONE_IN, LEAST = 16, 4096
+    #: Where the image has fewer pixels than this, whose differences could all happen to be small, each is there several
+    #: times, but no more often than so many times.
+    FEW, MOST = 512, 64
+
+    def __init__(self, state: State) -> None:
+        x, y, *_ = pixels(state.plan.region)
+        index = state.index(x, y)
+        every = max(1, min(self.ONE_IN, area(state.plan.region) // self.LEAST))
+        chosen = dr.compress(hash32(hash32(index) + 1) % every == 0) if every > 1 else dr.arange(mi.UInt32, dr.width(x))
+        size = dr.width(chosen)
+        self.copies = min(-(-self.FEW // size), self.MOST)
+        self.seed = state.plan.seed + 1
+        if self.copies > 1:
+            lane = dr.arange(mi.UInt32, size * self.copies)
+            chosen, self.seed = dr.gather(mi.UInt32, chosen, lane % size), self.seed + lane // size
+        self.x, self.y, self.index = (dr.gather(type(v), v, chosen) for v in (x, y, index))
+        self.estimator = copy.copy(state.estimator)
+        self.seed = hash32(self.seed)
+        dr.make_opaque(self.seed)
+        if state.decisions.twin is None:
+            state.decisions.twin = Estimate.nothing(self.estimator.values, dr.width(self.index))
+        self.estimate = state.decisions.twin
+        dr.eval(self.x, self.y, self.index)
+
+    def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
+        """Takes as many samples as ``state`` has. Returns whether it got to its end."""
+        end = dr.gather(mi.UInt32, state.estimate.count, self.index)
+        dr.eval(end)
+        for _, some in portions(self.estimate.count, end, state):
+            if cancelled():
+                return False
+            x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
+            start, seed = self.estimate.at(some), self.seed
+            if self.copies > 1:
+                seed = dr.gather(mi.UInt32, seed, some)
+            dr.eval(x, y, start, wanted, seed)
+            self.estimator.plan = replace(state.plan, seed=seed)
+            more = self.estimator.take(x, y, start, wanted)
+            dr.eval(more)
+            self.estimate.put(more, some)
+            dr.eval(self.estimate)
+            dr.sync_thread()
+        return True
+
+    def noise(self, state: State) -> tuple[float, float]:
+        """Root mean square of the error of the displayed pixels of ``state``, white being 1, and what 99 in 100 are
+        within.
+
+        The displayed values are compared, as the slope of the tone curve would be that of bright spots where there are
+        some, and make little of them.
+        """
+        mine = state.estimate.at(self.index)
+        first, second = (displayed(e.total / mi.Float(e.count)) for e in (mine, self.estimate))
+        errors = np.abs(np.array(first - second, dtype=np.float64)) / 2**0.5 * state.estimator.smoothing
+        return float(np.sqrt(np.mean(errors**2))), float(np.percentile(errors, 99))

@@ -12,7 +12,10 @@ Mitsuba 3.10 and later find the package by themselves through the entry-point gr
 
 import mitsuba as mi
 
+from .denoising import denoise
 from .registry import register_plugins
+
+__all__ = ["denoise", "register_plugins"]
 
 __version__ = "0.1.0"
 

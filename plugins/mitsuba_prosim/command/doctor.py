@@ -10,6 +10,7 @@ import click
 import mitsuba as mi
 
 from .. import llvm
+from ..denoising import oidn
 from ..scene_files import session
 from . import stand_in
 from .compare import missing_packages
@@ -60,6 +61,10 @@ def doctor() -> None:
         "compare",
         f"lacks {', '.join(lacking)}; to get them: pip install 'mitsuba-prosim[compare]'" if lacking else "ready",
     )
+    try:
+        say("denoise", f"Open Image Denoise {oidn.load().oidn_version()}")
+    except oidn.MissingError:
+        say("denoise", "lacks mitsuba-oidn; to get it: pip install 'mitsuba-prosim[denoise]'")
 
     for trouble in troubles:
         click.echo(f"\n{trouble}")

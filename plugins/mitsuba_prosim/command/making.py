@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -19,8 +20,8 @@ from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
 from ..scene_files import images, rendering, session, writing
+from . import denoised, reached
 from . import output as files
-from . import reached
 from .interrupts import interruptible
 from .job import Job
 from .log import log
@@ -38,13 +39,15 @@ def make(
     begin: Record | None = None,
     keep: bool = False,
     part: Part | None = None,
+    denoise: bool = False,
 ) -> None:
     """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
 
     ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
     write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
-    which the state is all that is written. Raises InputError, where nothing has been written, and ClickException; ends
-    the process where it was interrupted.
+    which the state is all that is written; ``denoise``: whether the image is denoised, where none of these is asked
+    for. Raises InputError, where nothing has been written, and ClickException; ends the process where it was
+    interrupted.
     """
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
@@ -56,8 +59,7 @@ def make(
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
         refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
-        # Four channels of 32 bits and what else the integrator gives, and three bytes of the PNG.
-        size = int(width * height) * (19 + 4 * len(integrator.aov_names())) + 2**16
+        size = size_of_image(integrator, chosen.film(), denoise)
         suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
         keeper, state = None, STATE if part is None else f".{part}.exr"
         if keep:
@@ -72,7 +74,8 @@ def make(
         with interruptible(integrator.cancel) as signals:
             try:
                 with progress_bar(integrator, job.variant) as tell:
-                    rendering.render(loaded, chosen, job.seed, job.spp, tell, begin, keeper, part)
+                    stopped = partial(bool, signals)
+                    picture = take(loaded, chosen, job, denoise, tell, stopped, begin, keeper, part)
             except ValueError as error:
                 raise InputError(str(error)) from None
             except (RuntimeError, MemoryError) as error:
@@ -82,25 +85,53 @@ def make(
                 raise click.ClickException("interrupted before the image had begun; nothing was written.")
             written = []
             if part is None:
-                facts = metadata(job, integrator, interrupted, seconds)
-                written = files.save(stem, images.encode(chosen.film().bitmap(), facts, job.exposure))
+                facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts)
+                written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
         if keeper is not None:
             if keeper.unwritten is not None:
                 files.save(stem, {state: keeper.unwritten})
             written.append(keeper.path)
-    click.echo(
+    said = [
         f"{' and '.join(map(str, written))}: "
         + (f"part {part.number} of {part.of}, " if part else "")
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
-        + (f", {reached.interrupted(integrator)}" if interrupted else "")
-    )
-    if part is None and (said := reached.sentence(integrator, interrupted)):
-        click.echo(said)
+        + (f", {reached.interrupted(integrator)}" if interrupted else ""),
+        None if part else reached.sentence(integrator, interrupted),
+        picture.said,
+    ]
+    click.echo("\n".join(filter(None, said)))
     if interrupted:
         if keeper is not None:
             click.echo(f"To go on with it: prosim resume {keeper.path}")
         sys.exit(1)
+
+
+def take(
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    job: Job,
+    denoise: bool,
+    tell: Callable[[float], None] | None,
+    stopped: Callable[[], bool],
+    begin: Record | None,
+    keeper: Keeper | None,
+    part: Part | None,
+) -> denoised.Picture:
+    """Renders the image, and denoises it where that is asked for."""
+    if denoise:
+        return denoised.render(scene, sensor, job.seed, job.spp, tell, stopped)
+    rendering.render(scene, sensor, job.seed, job.spp, tell, begin, keeper, part)
+    return denoised.Picture(sensor.film().bitmap())
+
+
+def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> int:
+    """Bytes that an image takes at most. Raises InputError where it is to be denoised and can't be."""
+    if denoise:
+        denoised.check(film)
+    # Four channels of 32 bits and what else there is, and three bytes of the PNG.
+    others = len(integrator.aov_names()) + (denoised.LAYERS if denoise else 0)
+    return int(film.crop_size()[0] * film.crop_size()[1]) * (19 + 4 * others) + 2**16
 
 
 def refuse_another_scene(job: Job, begin: Record | None, about: Mapping[str, Any]) -> None:

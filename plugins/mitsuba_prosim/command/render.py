@@ -108,6 +108,12 @@ from .options import SCENE, STOPS, Crop, Finite, Share, choose_variant, defines,
     help="Makes the PNG brighter by so many factors of two; negative: darker.",
 )
 @click.option(
+    "--denoise",
+    is_flag=True,
+    help="Denoise the image, as far as two halves of its samples agree that this makes it better. The raw image is a "
+    "layer of the EXR.",
+)
+@click.option(
     "--keep",
     is_flag=True,
     help="Write the state beside the image, as NAME.state.exr, from time to time and at the end: prosim resume goes on "
@@ -141,6 +147,7 @@ def render(
     max_samples: int | None,
     adaptive: str | None,
     exposure: float,
+    denoise: bool,
     keep: bool,
     part: Part | None,
     resolution: tuple[int, int] | None,
@@ -161,6 +168,10 @@ def render(
             "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
             "then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr --noise X."
         )
+    if denoise and (keep or part):
+        raise click.UsageError(
+            "--denoise renders two images, and --keep and --part keep the state of one; give either."
+        )
     asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)
     options = ends | {"max_samples": max_samples, "adaptive": adaptive, "keep": keep or None, "part": part}
@@ -180,7 +191,7 @@ def render(
         language=language,
         exposure=exposure,
     )
-    make(job, stem, threads, verbose, keep=keep or part is not None, part=part)
+    make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
 
 
 def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:

@@ -12,8 +12,10 @@ import OpenEXR
 from .tone import compress
 
 
-def encode(bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0) -> dict[str, bytes]:
-    """Suffix -> content of an EXR, with ``facts`` as its metadata, and of a PNG.
+def encode(
+    bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0, shown: Mapping[str, str] | None = None
+) -> dict[str, bytes]:
+    """Suffix -> content of an EXR, with ``facts`` as its metadata, and of a PNG, with those that are ``shown``.
 
     The PNG is ``2**exposure`` times as bright, its highlights compressed. A film without colours (spectral bins, say)
     has none.
@@ -22,7 +24,7 @@ def encode(bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0) -
     colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
         linear = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
-        images[".png"] = png(compress(np.array(linear) * np.float32(2**exposure)))
+        images[".png"] = png(compress(np.array(linear) * np.float32(2**exposure)), shown)
     return images
 
 
@@ -44,9 +46,11 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
     return file.getvalue()
 
 
-def png(image: np.ndarray) -> bytes:
-    """A PNG file of a linear image (height, width, 3), white being 1, in sRGB and 8 bits."""
+def png(image: np.ndarray, facts: Mapping[str, str] | None = None) -> bytes:
+    """A PNG file of a linear image (height, width, 3), white being 1, in sRGB and 8 bits, with ``facts`` as text."""
     stream = mi.MemoryStream()
     shown = mi.Bitmap(image).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
+    for name, fact in (facts or {}).items():
+        shown.metadata()[name] = fact
     shown.write(stream, mi.Bitmap.FileFormat.PNG)
     return stream.raw_buffer()

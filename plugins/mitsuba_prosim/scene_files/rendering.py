@@ -36,15 +36,16 @@ def render(
     begin: Record | None = None,
     keep: Callable[[Callable[[], Record], bool], None] | None = None,
     part: Part | None = None,
+    integrator: Any = None,
 ) -> None:
-    """Renders into the sensor's film with the scene's integrator, and waits for the end.
+    """Renders into the sensor's film with the scene's integrator, or another, and waits for the end.
 
     ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
     step of an integrator that :func:`tells_progress`. ``begin``, ``keep``: for an integrator that :func:`keeps`, the
     record of an image to go on with, and what is called with a record from time to time; ``part``: of the image, where
     that is to be kept.
     """
-    integrator: Any = scene.integrator()
+    integrator = integrator or scene.integrator()
     told = tell is not None and tells_progress(integrator)
     if told:
         # At each step Ctrl-C is heard as well.

@@ -1,0 +1,58 @@
+"""``prosim render --denoise``: two halves, what they make together, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import mitsuba as mi
+
+from ..denoising import halves, layers, oidn
+from .options import InputError
+
+#: Channels of the raw and of the denoised image, and of the errors.
+LAYERS = 9
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image to be written. ``facts``: metadata, of the PNG too; ``said``: what is to be told of it."""
+
+    bitmap: mi.Bitmap
+    facts: Mapping[str, str] = field(default_factory=dict)
+    said: str | None = None
+
+
+def check(film: mi.Film) -> None:
+    """Raises InputError where nothing can be denoised, as the package is missing or ``film`` stores no colours."""
+    try:
+        oidn.load()
+        halves.check(film)
+    except (oidn.MissingError, ValueError) as error:
+        raise InputError(f"--denoise: {error}") from None
+
+
+def render(
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    seed: int,
+    spp: int,
+    tell: Callable[[float], None] | None,
+    stopped: Callable[[], bool],
+) -> Picture:
+    """Renders and denoises; where that is ``stopped``, the first half, or what there is of it, stays as it is."""
+    both = halves.halves(scene, sensor, scene.integrator(), seed, spp, tell, stopped)
+    if both.second is None:
+        return Picture(layers.undenoised(both), {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted")
+    result = both.denoised()
+    raw, final = result.noise(result.raw_error), result.noise(result.final_error)
+    facts = {
+        "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, as far as two halves of the samples "
+        "agree with it; the layers raw and denoised of the EXR are what was mixed",
+        "prosim.denoised.noise": f"{final:.6g}",
+        "prosim.denoised.raw_noise": f"{raw:.6g}",
+    }
+    said = f"denoised: noise about {final:.2g}, raw {raw:.2g}"
+    if not sensor.film().rfilter().is_box_filter():
+        said += " (the film's filter is wider than a pixel: a denoiser can do more with a box filter)"
+    return Picture(layers.bitmap(both, result), facts, said)

@@ -1,0 +1,108 @@
+"""What a denoiser is told of a view: the colour of what a person sees there, and how it faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..masks import but_not, idle
+from ..transport import lobes
+
+#: Names of the values that :func:`features` gives, channel by channel.
+NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
+
+#: Reflections and refractions that are followed, and the least part of the light that they may still carry.
+DEEPEST, LEAST = 6, 0.01
+
+
+@dataclass
+class State:
+    """Where a ray is. ``sampler``: what the points are drawn from."""
+
+    ray: mi.Ray3f
+    albedo: mi.Spectrum
+    throughput: mi.Spectrum
+    normal: mi.Normal3f
+    active: mi.Bool
+    hit: mi.Bool
+    level: mi.UInt32
+    sampler: mi.Sampler
+
+
+def features(
+    scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, hide_emitters: bool = False
+) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
+    """``(albedo, normal, hit)`` of the camera ray ``ray``: albedo in [0, 1], and the shading normal of what it meets
+    first, on the viewer's side, 0 where that is nothing.
+
+    The albedo is that of the diffuse lobes, by one sample, and what is seen in the specular ones, weighted by what they
+    reflect or let through. Sources and the sky are as bright as they are, at most 1; with ``hide_emitters`` the camera
+    looks past them.
+    """
+    diffuse, specular = lobes.diffuse(), lobes.specular()
+
+    def step(state: State) -> State:
+        ray, active = state.ray, state.active
+        si = scene.ray_intersect(ray, active)
+        albedo = state.albedo
+        emitter = si.emitter(scene)
+        seen = active & (state.level > 0) if hide_emitters else active
+        if not idle(seen) and emitter is not None:
+            albedo = albedo + dr.select(seen, state.throughput * dr.clip(emitter.eval(si, seen), 0, 1), 0)
+        surface = active & si.is_valid()
+        if idle(surface):
+            return State(ray, albedo, state.throughput, state.normal, surface, state.hit, state.level, state.sampler)
+        first = surface & (state.level == 0)
+        hidden = first & si.shape.is_emitter() if hide_emitters else mi.Bool(False)
+        surface, first = but_not(surface, hidden), but_not(first, hidden)
+        facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
+        scattered, _ = draw(si, diffuse, state.sampler, surface)
+        weight, d = draw(si, specular, state.sampler, surface)
+        throughput = dr.select(hidden, state.throughput, state.throughput * weight)
+        going = surface & (state.level < DEEPEST) & (dr.max(throughput) > LEAST)
+        return State(
+            si.spawn_ray(dr.select(hidden, ray.d, d)),
+            albedo + dr.select(surface, state.throughput * scattered, 0),
+            throughput,
+            dr.select(first, facing, state.normal),
+            going | hidden,
+            state.hit | first,
+            dr.select(hidden, 0, state.level + 1),
+            state.sampler,
+        )
+
+    state = State(
+        mi.Ray3f(ray),
+        mi.Spectrum(0),
+        mi.Spectrum(1),
+        mi.Normal3f(0),
+        mi.Bool(active),
+        mi.Bool(False),
+        mi.UInt32(0),
+        sampler,
+    )
+    (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
+    albedo = dr.select(dr.all(dr.isfinite(state.albedo)), dr.clip(state.albedo, 0, 1), 0)
+    return albedo, state.normal, state.hit
+
+
+def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
+    """Red, green and blue of an albedo: about those of a white sheet where it is 1."""
+    if mi.is_spectral:
+        return mi.spectrum_to_srgb(albedo / mi.pdf_rgb_spectrum(wavelengths), wavelengths)
+    return mi.Color3f(albedo.x) if mi.is_monochromatic else mi.Color3f(albedo)
+
+
+def draw(
+    si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool
+) -> tuple[Any, mi.Vector3f]:
+    """``(weight, direction)`` of a sample of the ``lobe`` of what was met; weight 0 where it has none.
+
+    Some BSDFs sample other lobes than they are asked for: such a sample counts for the turn of its own lobe.
+    """
+    bs, weight = si.bsdf().sample(lobe, si, sampler.next_1d(active), sampler.next_2d(active), active)
+    belongs = active & (bs.pdf > 0) & ((bs.sampled_type & lobe.type_mask) != 0)
+    return dr.select(belongs, mi.unpolarized_spectrum(weight), 0), si.to_world(bs.wo)

@@ -1,0 +1,58 @@
+"""Intel's Open Image Denoise, by way of the package ``mitsuba-oidn``."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+
+class MissingError(ImportError):
+    """The package is not there."""
+
+
+def load() -> ModuleType:
+    """The module ``mitsuba_oidn``. Raises :class:`MissingError`, which says what to install."""
+    try:
+        import mitsuba_oidn
+    except ImportError as error:
+        raise MissingError(
+            f"denoising needs the package mitsuba-oidn ({error}); install it by: pip install 'mitsuba-prosim[denoise]'"
+        ) from None
+    return mitsuba_oidn
+
+
+class Denoiser:
+    """Open Image Denoise with the features of one view: albedo in [0, 1] and normals in [-1, 1], arrays of shape
+    (height, width, 3), or None.
+
+    On the processor, whatever the variant. The same bits for the same number of threads.
+    """
+
+    def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None) -> None:
+        self.oidn = load()
+        self.device = self.oidn.Device(self.oidn.DeviceType.CPU)
+        # Features that are denoised themselves, and said to be, leave more of a texture than those with their noise.
+        # The best of its networks pays for the albedo, and for the image; for normals the fastest does as well.
+        quality = self.oidn.Quality
+        self.albedo = None if albedo is None else self._denoised_feature("albedo", albedo, quality.High)
+        self.normal = None if normal is None else self._denoised_feature("normal", normal, quality.Fast)
+
+    def __call__(self, image: np.ndarray) -> np.ndarray:
+        """The denoised ``image``, linear and of any range; shape (height, width, 1 or 3)."""
+        colours = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
+        result = self.oidn.denoise(
+            colours, self.albedo, self.normal, hdr=True, clean_aux=self.albedo is not None, device=self.device
+        )
+        return np.array(result).mean(2, keepdims=True) if image.shape[2] == 1 else np.array(result)
+
+    def _denoised_feature(self, kind: str, feature: np.ndarray, quality: Any) -> np.ndarray:
+        feature = np.ascontiguousarray(feature, dtype=np.float32)
+        result = np.empty_like(feature)
+        work = self.device.new_filter("RT")
+        work.quality = quality
+        work.set_image(kind, feature)
+        work.set_image("output", result)
+        work.execute()
+        return result

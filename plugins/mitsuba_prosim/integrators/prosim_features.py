@@ -1,0 +1,65 @@
+"""What a denoiser is told of a view, as an integrator."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from ..denoising import features
+from ..parameters import describe
+from ..registry import plugin
+from ..rendering import collector
+
+
+@plugin("integrator", "prosim_features")
+class ProsimFeatures(mi.SamplingIntegrator):
+    r"""
+    .. _integrator-prosim_features:
+
+    Features of a view, for denoising (:monosp:`prosim_features`)
+    -------------------------------------------------------------
+
+    .. pluginparameters::
+
+     * - hide_emitters
+       - |bool|
+       - Camera rays do not see light sources (Default: |false|)
+
+    Renders the albedo as a person sees it, and gives the channels :monosp:`albedo.R`, :monosp:`.G`, :monosp:`.B` and
+    :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` beside it, which :func:`mitsuba_prosim.denoise` takes.
+
+    The albedo is that of the diffuse lobes, textures included, and to it is added what is seen in the specular ones,
+    up to six reflections and refractions deep: through a metal's tint, and by Fresnel's equations in glass and under
+    varnish. Sources and the sky have their radiance, at most 1. The normal is the shading normal of what is seen first,
+    on the viewer's side.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <integrator type="prosim_features"/>
+
+        .. code-tab:: python
+
+            'type': 'prosim_features'
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.hide_emitters = props.get("hide_emitters", False)
+
+    def aov_names(self) -> list[str]:
+        return list(features.NAMES)
+
+    @collector.suspended()
+    def sample(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.RayDifferential3f,
+        medium: mi.Medium | None = None,
+        active: mi.Bool = True,
+    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        albedo, normal, hit = features.features(scene, sampler, mi.Ray3f(ray), active, self.hide_emitters)
+        return albedo, hit, [*features.colour(albedo, ray.wavelengths), *normal]
+
+    def to_string(self) -> str:
+        return describe(self, hide_emitters=self.hide_emitters)

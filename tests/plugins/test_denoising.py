@@ -1,0 +1,267 @@
+"""Two halves of the samples say how far a denoiser is followed; what it is told of a view."""
+
+import sys
+
+import mitsuba as mi
+import mitsuba_prosim
+import numpy as np
+import pytest
+from mitsuba_prosim import denoising
+from mitsuba_prosim.denoising import halves, layers, oidn
+from mitsuba_prosim.denoising.mixing import mix
+from mitsuba_prosim.denoising.pyramid import average, expand, reduce
+from mitsuba_prosim.sampling.hash import combine, hash32
+from scenes import diffuse, penumbra, rgb
+
+SIZES = [(1, 1), (3, 17), (64, 48)]
+
+
+def needs_oidn():
+    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed: pip install 'mitsuba-prosim[denoise]'")
+
+
+def noisy(truth, deviation, rng):
+    return (truth + rng.normal(0, deviation, truth.shape)).astype(np.float32)
+
+
+def picture(rng):
+    """A truth with an edge, a slope and a spot of a few bright pixels."""
+    y, x = np.mgrid[0:64, 0:80]
+    light = 0.2 + 0.5 * (x > 30) + 0.004 * y
+    light[20:22, 50:53] = 9.0
+    return np.repeat(light[..., None], 3, axis=2) * rng.uniform(0.9, 1, 3)
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(np.square(error, dtype=np.float64))))
+
+
+# ---------------------------------------------------------------- the mathematics
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_pyramid_keeps_what_is_smooth(size):
+    ones = np.full((*size, 3), 2.5, np.float32)
+    smaller = reduce(ones)
+    assert smaller.shape == ((size[0] + 1) // 2, (size[1] + 1) // 2, 3)
+    for image in (average(ones, 3), expand(smaller, *size)):
+        assert image.shape == ones.shape and image.dtype == np.float32
+        np.testing.assert_allclose(image, 2.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_samples_without_noise_are_kept(size):
+    """Whatever the denoiser says: it has no noise to take away."""
+    rng = np.random.default_rng(1)
+    raw, denoised = rng.random((2, *size, 3), dtype=np.float32)
+    mixture = mix(raw, raw, denoised, denoised)
+    np.testing.assert_allclose(mixture.image, raw, atol=2e-6)
+    assert not mixture.error.any() and not mixture.raw_error.any()
+
+
+def test_a_denoiser_that_is_right_is_followed():
+    rng = np.random.default_rng(2)
+    truth = picture(rng)
+    first, second = (noisy(truth, 0.2, rng) for _ in range(2))
+    found = mix(first, second, truth.astype(np.float32), truth.astype(np.float32))
+    assert rms(found.image - truth) < 0.15 * rms((first + second) / 2 - truth)
+
+
+def test_light_that_the_denoiser_lost_comes_back():
+    """A spot that it wipes out, and a hundredth of the light everywhere: what it took is no noise."""
+    rng = np.random.default_rng(3)
+    truth = picture(rng)
+    wrong = 0.99 * np.minimum(truth, 1)
+    first, second = (noisy(truth, 0.2, rng) for _ in range(2))
+    found = mix(first, second, *(noisy(wrong, 0.01, rng) for _ in range(2)))
+    raw = (first + second) / 2
+    assert rms(found.image - truth) < 0.5 * rms(raw - truth) < rms(wrong - truth)
+    assert found.image.mean() == pytest.approx(raw.mean(), rel=0.002) and wrong.mean() < 0.98 * raw.mean()
+
+
+def test_errors_are_those_that_the_images_have():
+    """Of the raw image, of a denoiser with bias and noise of its own, and of the mixture."""
+    rng = np.random.default_rng(4)
+    truth = picture(rng)
+    wrong = 1.1 * np.minimum(truth, 1)
+    true, said = np.zeros(3), np.zeros(3)
+    for _ in range(10):
+        first, second = (noisy(truth, 0.2, rng) for _ in range(2))
+        a, b = (noisy(wrong, 0.05, rng) for _ in range(2))
+        found = mix(first, second, a, b)
+        images = found.image, (first + second) / 2, (a + b) / 2
+        true += [rms(image - truth) ** 2 for image in images]
+        said += [error.mean(dtype=np.float64) for error in (found.error, found.raw_error, found.denoised_error)]
+    np.testing.assert_allclose(np.sqrt(said / true), 1, atol=0.25)
+    assert np.sqrt(said / true)[1] == pytest.approx(1, abs=0.02)
+
+
+# ---------------------------------------------------------------- with the denoiser
+
+
+def test_denoise_is_the_same_twice_and_finite():
+    needs_oidn()
+    rng = np.random.default_rng(5)
+    truth = picture(rng)
+    first, second = (noisy(truth, 0.1, rng) for _ in range(2))
+    albedo = np.minimum(truth, 1)
+    found, again = (mitsuba_prosim.denoise(first, second, albedo, np.zeros_like(truth)) for _ in range(2))
+    for name, value in vars(found).items():
+        assert value.tobytes() == getattr(again, name).tobytes() and np.isfinite(value).all(), name
+    np.testing.assert_array_equal(found.raw, (first + second) / 2)
+    assert rms(found.final - truth) < 0.5 * rms(found.raw - truth)
+    assert 0 < found.noise(found.final_error) < found.noise(found.raw_error)
+
+
+def test_denoise_takes_any_values():
+    needs_oidn()
+    rng = np.random.default_rng(6)
+    black = np.zeros((9, 20, 3), np.float32)
+    np.testing.assert_allclose(mitsuba_prosim.denoise(black, black).final, 0, atol=1e-9)
+    bright = noisy(np.full((9, 20, 1), 1e6), 1e5, rng)
+    found = mitsuba_prosim.denoise(bright, bright[::-1])
+    assert found.final.shape == (9, 20, 1) and found.final.mean() == pytest.approx(found.raw.mean(), rel=0.002)
+    holes = [noisy(np.full((9, 20, 3), 0.5), 0.01, rng) for _ in range(2)]
+    holes[0][2, 3], holes[1][5, 5, 0], holes[0][5, 5, 0] = np.nan, np.inf, 1e30
+    found = mitsuba_prosim.denoise(*holes)
+    assert all(np.isfinite(value).all() for value in vars(found).values())
+    np.testing.assert_array_equal(found.raw[2, 3], holes[1][2, 3])
+    assert mitsuba_prosim.denoise(black[:1, :1], black[:1, :1]).final.shape == (1, 1, 3)
+    assert mitsuba_prosim.denoise(black[..., 0], black[..., 0]).final.shape == (9, 20, 1)
+
+
+def test_what_does_not_fit_is_refused():
+    image = np.zeros((4, 4, 3))
+    with pytest.raises(ValueError, match=r"\(4, 4, 3\) and \(4, 4, 4\)"):
+        mitsuba_prosim.denoise(image, np.zeros((4, 4, 4)))
+    with pytest.raises(ValueError, match=r"normal has the shape \(2, 2, 3\), not \(4, 4, 3\)"):
+        mitsuba_prosim.denoise(image, image, image, np.zeros((2, 2, 3)))
+
+
+def test_without_the_package(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
+    with pytest.raises(oidn.MissingError, match=r"pip install 'mitsuba-prosim\[denoise\]'"):
+        mitsuba_prosim.denoise(np.zeros((4, 4, 3)), np.zeros((4, 4, 3)))
+
+
+# ---------------------------------------------------------------- from a scene
+
+
+def view(bsdf):
+    """A wall of that material, which fills the film, and behind the camera one of colour (0.2, 0.5, 0.8)."""
+    T = mi.ScalarTransform4f
+    film = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": {"type": "perspective", "fov": 20, "film": film},
+            "wall": {"type": "rectangle", "to_world": T().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(9), **bsdf},
+            "behind": {
+                "type": "rectangle",
+                "to_world": T().translate([0, 0, -5]).scale(90),
+                "bsdf": {"type": "twosided", "nested": diffuse(0.2, 0.5, 0.8)},
+            },
+        }
+    )
+
+
+GOLD = {"type": "conductor", "material": "none", "specular_reflectance": rgb(1, 0.5, 0.25)}
+CHECKED = {"type": "checkerboard", "color0": rgb(0.3, 0.3, 0.3), "color1": rgb(0.3, 0.3, 0.3)}
+GLASS = {"type": "thindielectric", "int_ior": 1.5}
+
+
+@pytest.mark.parametrize(
+    "bsdf, albedo",
+    [
+        (diffuse(0.1, 0.6, 0.3), (0.1, 0.6, 0.3)),
+        ({"type": "diffuse", "reflectance": CHECKED}, (0.3, 0.3, 0.3)),
+        (GOLD, (0.2, 0.25, 0.2)),
+        # Half of each: a diffuse colour, and what is mirrored.
+        ({"type": "blendbsdf", "weight": 0.5, "a": diffuse(0.4, 0.4, 0.4), "b": GOLD}, (0.3, 0.325, 0.3)),
+        # Glass before nothing: what it mirrors, by Fresnel's equations on both of its faces.
+        (GLASS, tuple(2 * 0.04 / 1.04 * np.array([0.2, 0.5, 0.8]))),
+    ],
+    ids=["diffuse", "texture", "metal", "both", "glass"],
+)
+def test_albedo_as_a_person_sees_it(variant_rgb, bsdf, albedo):
+    scene = view({"bsdf": bsdf})
+    found, normal = halves.features(scene, scene.sensors()[0])
+    exact = bsdf["type"] not in ("thindielectric", "blendbsdf")  # there a sample chooses
+    np.testing.assert_allclose(found.mean((0, 1)), albedo, rtol=1e-3 if exact else 0.2)
+    np.testing.assert_allclose(normal, np.broadcast_to([0, 0, -1], normal.shape), atol=1e-6)
+
+
+def test_features_look_past_sources_that_are_hidden(variant_rgb):
+    scene = view({"emitter": {"type": "area", "radiance": rgb(0.5, 0.5, 7)}, "bsdf": diffuse(0, 0, 0)})
+    shown, _ = halves.features(scene, scene.sensors()[0])
+    np.testing.assert_allclose(shown, np.broadcast_to([0.5, 0.5, 1], shown.shape), rtol=1e-5)
+    hidden, normal = halves.features(scene, scene.sensors()[0], hide_emitters=True)
+    assert not hidden.any() and not normal.any()
+
+
+@pytest.mark.parametrize("integrator", ["prosim", "prosim_adaptive", "path"])
+def test_halves_are_two_renders(variant_rgb, integrator):
+    nested = {"nested": {"type": "path"}} if integrator == "prosim_adaptive" else {}
+    ours = {"samples": 4, "aovs": "samples"} if integrator != "path" else {}
+    scene = mi.load_dict(penumbra(size=16, type=integrator, **nested, **ours))
+    sensor, own = scene.sensors()[0], scene.integrator()
+    before, told = str(own), []
+    both = halves.halves(scene, sensor, own, seed=5, tell=told.append)
+    assert str(own) == before and told[-1] == 1 and told == sorted(told)
+    assert both.names == ["R", "G", "B", "samples"][: len(both.names)]
+    half = mi.load_dict({"type": integrator} | nested | ours | ({"samples": 3} if ours else {}))
+    if ours:
+        half.threshold = own.threshold * 2**0.5
+        assert np.all(both.others()["samples"] <= 18)
+    first = half.render(scene, sensor, seed=5, spp=0 if ours else 8)
+    np.testing.assert_array_equal(both.first, np.array(first))
+    assert not np.array_equal(both.first[..., :3], both.second[..., :3])
+    assert both.albedo.shape == both.normal.shape == (16, 16, 3)
+
+
+def test_features_have_samples_of_their_own(variant_rgb):
+    """With those of a half, the other half's features would know its noise: the mixture took that for the image."""
+    scene = mi.load_dict(penumbra(size=8))
+    nested = {"type": "prosim_features"}
+    same = mi.load_dict({"type": "prosim_adaptive", "nested": nested, "samples": 4, "adaptive": "none"})
+    albedo, _ = halves.features(scene, scene.sensors()[0], seed=7)
+    for seed in (7, combine(hash32(7), 1)):
+        assert not np.array_equal(albedo, np.array(same.render(scene, seed=seed))[..., 3:6])
+
+
+def test_a_stop_leaves_the_first_half(variant_rgb):
+    scene = mi.load_dict(penumbra(size=8))
+    both = halves.halves(scene, scene.sensors()[0], scene.integrator(), stopped=lambda: True)
+    assert both.second is None
+    assert [field.name for field in layers.undenoised(both).struct_()] == ["R", "G", "B"]
+
+
+def test_crops_wide_filters_alpha_and_luminance(variant_rgb):
+    needs_oidn()
+    scene = penumbra(size=24, rfilter="gaussian", type="prosim", samples=2, aovs="error")
+    film = {"crop_offset_x": 3, "crop_offset_y": 5, "crop_width": 14, "crop_height": 9}
+    for pixel_format, names in (("rgba", "RGBA"), ("luminance_alpha", "YA")):
+        scene["sensor"]["film"] |= film | {"pixel_format": pixel_format}
+        loaded = mi.load_dict(scene)
+        both = halves.halves(loaded, loaded.sensors()[0], loaded.integrator())
+        found = both.denoised()
+        assert found.final.shape == (9, 14, len(names) - 1) and both.names == [*names, "error"]
+        fields = [field.name for field in layers.bitmap(both, found).struct_()]
+        assert fields[: len(names) + 1] == [*names, "error"]
+        assert set(fields[len(names) + 1 :]) == {
+            *(f"{layer}.{name}" for layer in ("raw", "denoised") for name in names[:-1]),
+            *("error.Y", "error_raw.Y", "error_denoised.Y"),
+        }
+
+
+def test_render_in_every_variant(variant):
+    needs_oidn()
+    scene = mi.load_dict(penumbra(size=8, type="path"))
+    found = denoising.render(scene, spp=4)
+    assert found.final.shape[:2] == (8, 8) and np.isfinite(found.final).all() and found.raw.mean() > 0
+
+
+def test_films_without_colours_are_refused(variant_spectral):
+    film = mi.load_dict({"type": "specfilm", "width": 4, "height": 4, "band": {"type": "d65"}})
+    with pytest.raises(ValueError, match="take an hdrfilm"):
+        halves.check(film)

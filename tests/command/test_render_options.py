@@ -1,7 +1,6 @@
 """``prosim render``: what its options do, and what it says of those that can't be."""
 
 import re
-import sys
 
 import OpenEXR
 import prosim_scene
@@ -143,7 +142,7 @@ def test_what_is_going_on_is_said_from_the_beginning(scene, monkeypatch):
             words.append(text)
             super().set_description_str(text, refresh)
 
-    monkeypatch.setattr(sys.modules["mitsuba_prosim.command.making"], "tqdm", Bar)
+    monkeypatch.setattr("mitsuba_prosim.command.making.tqdm", Bar)
     scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/></integrator>'))
     assert prosim("render", scene).exit_code == 0
     assert words == ["compiling kernels", "rendering"]

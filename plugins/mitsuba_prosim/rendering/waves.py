@@ -26,7 +26,8 @@ def waves(
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Iterator[State]:
     """Lets ``state`` grow by ``policy`` (see :mod:`.policies`) until ``target``, if there is one, and yields it after
-    each wave; after the first one every pixel has a value. A state with samples and decisions goes on where it is.
+    each wave; after the first one every pixel has a value, also where that was stopped after its first portion, if sums
+    are kept. A state with samples and decisions goes on where it is.
 
     ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
     """
@@ -39,6 +40,8 @@ def waves(
             whole = first_in_time(target, state, first, part(tell, 0, begun), cancelled)
         else:
             whole = state.grow(first, policy.quiet, part(tell, 0, begun), cancelled)
+        if not whole and state.keeps and dr.any(state.estimate.count > 0):
+            state.grow(dr.minimum(first, dr.opaque(mi.UInt32, 1)))  # whoever stops it has a whole image
         yield state
         if not whole or policy.first == plan.most:
             return

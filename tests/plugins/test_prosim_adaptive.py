@@ -223,6 +223,7 @@ def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb
 
 def test_nothing_is_compiled_again(variant_rgb):
     """Seeds, thresholds, limits and targets share their kernels."""
+
     def compiled(seed, **settings):
         gc.collect()  # scenes that go in between would change the kernels
         scene = mi.load_dict(penumbra(COPPER, **adaptive("path", **settings)))

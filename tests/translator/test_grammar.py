@@ -226,7 +226,7 @@ def test_any_text_raises_scene_errors_or_nothing(text):
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
 @given(scenes())
 def test_whole_translations_raise_scene_errors_or_nothing(tmp_path_factory, tokens):
     path = tmp_path_factory.mktemp("scene") / "x.scn"

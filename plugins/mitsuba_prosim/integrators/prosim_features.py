@@ -25,7 +25,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
        - Camera rays do not see light sources (Default: |false|)
 
     Renders the albedo as a person sees it, and gives the channels :monosp:`albedo.R`, :monosp:`.G`, :monosp:`.B` and
-    :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` beside it, which :func:`mitsuba_prosim.denoise` takes.
+    :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` beside it, which :monosp:`mitsuba_prosim.denoise` takes.
 
     The albedo is that of the diffuse lobes, textures included, and to it is added what is seen in the specular ones,
     up to six reflections and refractions deep: through a metal's tint, and by Fresnel's equations in glass and under

@@ -168,6 +168,10 @@ class Estimator:
         n = self.plan.permutations.n
         sampler = self.sampler and self._forked(self.sampler, dr.width(x), int(dr.max(end - start.count)[0]))
 
+        # Which sample is next is no part of the state that Mitsuba's samplers give to a symbolic loop, but for the one
+        # that does not count.
+        evaluated = sampler is not None and sampler.class_name() != "IndependentSampler"
+
         def unfinished(estimate: Estimate) -> mi.Bool:
             active = estimate.count < end
             if quiet is not None:
@@ -185,7 +189,8 @@ class Estimator:
             in_pass = estimate.in_pass + luminance
             if sampler is not None:
                 sampler.advance()
-                sampler.schedule_state()  # else the kernel of each sample would count up to it
+                if evaluated:
+                    sampler.schedule_state()  # else the kernel of each sample would count up to it
             last = (t + 1) % n == 0
             estimate = Estimate(
                 sums,
@@ -202,8 +207,7 @@ class Estimator:
             lambda estimate, active, sampler: active,
             step,
             labels=("estimate", "active", "sampler"),
-            # Which sample is next is no part of the state that Mitsuba's samplers give to a symbolic loop.
-            mode=None if sampler is None or sampler.class_name() == "IndependentSampler" else "evaluated",
+            mode="evaluated" if evaluated else None,
             max_iterations=-1,
         )
         return estimate

@@ -10,14 +10,25 @@ Importing this package registers its plugins, now if a variant is set, and again
 Mitsuba 3.10 and later find the package by themselves through the entry-point group ``mitsuba``.
 """
 
+from typing import Any
+
 import mitsuba as mi
 
-from .denoising import denoise
 from .registry import register_plugins
 
 __all__ = ["denoise", "register_plugins"]
 
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """``denoise``, which few need, is imported when it is asked for."""
+    if name == "denoise":
+        from .denoising import denoise
+
+        return denoise
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 mi.detail.add_variant_callback(register_plugins)
 register_plugins()

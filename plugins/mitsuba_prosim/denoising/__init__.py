@@ -1,6 +1,6 @@
 """The honest denoiser: it says where it is wrong, and gives way to the samples.
 
-``features``: what a denoiser is told of a view; ``oidn``: the denoiser; ``mixing``: how far it is followed;
+``oidn``: the denoiser; ``mixing``: how far it is followed;
 ``denoised``: both together; ``halves``: from a scene to two images and their features; ``layers``: as a film's image.
 """
 

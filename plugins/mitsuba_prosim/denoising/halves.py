@@ -14,8 +14,8 @@ import numpy as np
 from ..rendering.waves import part
 from ..sampling.hash import combine, hash32
 from ..scene_files import rendering
+from ..transport.features import NAMES
 from .denoised import Denoised, denoise
-from .features import NAMES
 
 #: N: the features of a pixel have N² samples.
 FEATURE_SAMPLES = 4

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..denoising import features
 from ..parameters import describe
 from ..registry import plugin
 from ..rendering import collector
+from ..transport import features
 
 
 @plugin("integrator", "prosim_features")

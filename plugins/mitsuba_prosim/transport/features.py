@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
-from ..transport import lobes
+from . import lobes
 
 #: Names of the values that :func:`features` gives, channel by channel.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")

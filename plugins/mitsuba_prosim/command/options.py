@@ -154,6 +154,25 @@ def running(command: Callable) -> Callable:
     return threads(click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")(command))
 
 
+def aims(*, noise: str, noise_99: str, time: str, max_samples: str) -> Callable[[Callable], Callable]:
+    """Decorator: the options that say when an image is good enough, with what the help says of each."""
+    above_0 = Finite(min=0, min_open=True)
+
+    def decorate(command: Callable) -> Callable:
+        for option in reversed(
+            [
+                click.option("--noise", type=above_0, show_default=False, help=noise),
+                click.option("--noise-99", type=above_0, show_default=False, help=noise_99),
+                click.option("--time", type=above_0, metavar="SECONDS", show_default=False, help=time),
+                click.option("--max-samples", type=click.IntRange(1, 2**20), show_default=False, help=max_samples),
+            ]
+        ):
+            command = option(command)
+        return command
+
+    return decorate
+
+
 def translation(command: Callable) -> Callable:
     """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
 

@@ -13,7 +13,7 @@ from ..rendering.policies import POLICIES
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, Share, choose_variant, defines, running, translation
+from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, defines, running, translation
 
 
 @click.command()
@@ -67,31 +67,12 @@ from .options import SCENE, STOPS, Crop, Finite, Share, choose_variant, defines,
     show_default=False,
     help="Noise of a pixel that is small enough, white being 1; smaller takes longer. [default: what the scene says]",
 )
-@click.option(
-    "--noise",
-    type=Finite(min=0, min_open=True),
-    show_default=False,
-    help="Render until the error of the displayed pixels, its root mean square, is so small, white being 1: 0.02 is "
+@aims(
+    noise="Render until the error of the displayed pixels, its root mean square, is so small, white being 1: 0.02 is "
     "rough, 0.005 is good.",
-)
-@click.option(
-    "--noise-99",
-    type=Finite(min=0, min_open=True),
-    show_default=False,
-    help="Render until 99 displayed pixels in 100 have no greater error, too.",
-)
-@click.option(
-    "--time",
-    type=Finite(min=0, min_open=True),
-    metavar="SECONDS",
-    show_default=False,
-    help="Render for so long; with --noise: at most.",
-)
-@click.option(
-    "--max-samples",
-    type=click.IntRange(1, 2**20),
-    show_default=False,
-    help="Most samples that a pixel may get. [default: what the scene says; with --noise or --time: any number]",
+    noise_99="Render until 99 displayed pixels in 100 have no greater error, too.",
+    time="Render for so long; with --noise: at most.",
+    max_samples="Most samples that a pixel may get. [default: what the scene says; with --noise or --time: any number]",
 )
 @click.option(
     "--adaptive",

@@ -17,7 +17,7 @@ from ..scene_files import session
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make
-from .options import SCENE, STOPS, Finite, InputError, choose_variant, running
+from .options import SCENE, STOPS, Finite, InputError, aims, choose_variant, running
 
 #: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
 BY_FIRST = ("neighbours", "thesis")
@@ -49,30 +49,11 @@ exposing = click.option(
     help="Image to write, as for prosim render; the state that follows is kept beside it. [default: beside STATE, "
     "under its name]",
 )
-@click.option(
-    "--noise",
-    type=Finite(min=0, min_open=True),
-    show_default=False,
-    help="Go on until the error of the displayed pixels is so small. [default: what was asked for]",
-)
-@click.option(
-    "--noise-99",
-    type=Finite(min=0, min_open=True),
-    show_default=False,
-    help="Go on until 99 displayed pixels in 100 have no greater error. [default: what was asked for]",
-)
-@click.option(
-    "--time",
-    type=Finite(min=0, min_open=True),
-    metavar="SECONDS",
-    show_default=False,
-    help="Go on until it has been rendered for so long in all. [default: what was asked for]",
-)
-@click.option(
-    "--max-samples",
-    type=click.IntRange(1, 2**20),
-    show_default=False,
-    help="Most samples that a pixel may get. [default: what was asked for]",
+@aims(
+    noise="Go on until the error of the displayed pixels is so small. [default: what was asked for]",
+    noise_99="Go on until 99 displayed pixels in 100 have no greater error. [default: what was asked for]",
+    time="Go on until it has been rendered for so long in all. [default: what was asked for]",
+    max_samples="Most samples that a pixel may get. [default: what was asked for]",
 )
 @moved
 @exposing

@@ -20,14 +20,13 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 from mitsuba_prosim.compare import measures, runs
 from scenes import BuiltScene, penumbra
-from suite import NAMES, Reference, Subject, begin
+from suite import NAMES, Reference, Subject, arguments, begin
 
 #: From a scene, a seed and a threshold: the image (height, width, 3) and the mean number of samples.
 Render = Callable[[Any, int, float], tuple[np.ndarray, float]]
@@ -159,17 +158,12 @@ def bias(images: int, policies: list[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, 96)
     parser.add_argument("--scene", nargs="+", choices=NAMES, default=NAMES)
-    parser.add_argument("--size", type=int, default=96, help="width and height in pixels")
     parser.add_argument("--samples", type=int, nargs="+", default=[5, 8], help="N")
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--policy", nargs="+", default=["graded", "graded, smaller N", "neighbours", "half buffers"])
     parser.add_argument("--bias", type=int, default=0, metavar="IMAGES", help="measure the bias, not the gain")
-    parser.add_argument("--reference-seconds", type=float, default=60)
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--threads", type=int, default=0)
-    parser.add_argument("--cache", type=Path, default=runs.cache_folder())
     options = parser.parse_args()
     begin(options.variant, options.threads)
     if options.bias:

@@ -18,9 +18,7 @@ that:
 
 from __future__ import annotations
 
-import argparse
 import time
-from pathlib import Path
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -28,7 +26,7 @@ import numpy as np
 from mitsuba_prosim.compare import measures
 from mitsuba_prosim.denoising import halves
 from scenes import ball, copper, diffuse, floor, stage
-from suite import NAMES, Reference, Subject, begin
+from suite import NAMES, Reference, Subject, arguments, begin
 
 
 def texture():
@@ -153,15 +151,10 @@ def row(subject: Subject, reference: Reference, n: int, rounds: int) -> str:
 
 def main() -> None:
     """Prints a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, 128)
     parser.add_argument("--scene", nargs="+", choices=[*NAMES, *HARD], default=[*NAMES[:6], "penumbra", *HARD])
-    parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--samples", nargs="+", type=int, default=[3, 5, 8])
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--reference-seconds", type=float, default=60)
-    parser.add_argument("--cache", type=Path, default=Path("~/.cache/prosim-benchmarks").expanduser())
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--threads", type=int, default=0)
     options = parser.parse_args()
     begin(options.variant, options.threads)
     assert mitsuba_prosim.denoise

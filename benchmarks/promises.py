@@ -16,11 +16,9 @@ from __future__ import annotations
 import argparse
 import statistics
 import time
-from pathlib import Path
 
 import numpy as np
-from mitsuba_prosim.compare import runs
-from suite import NAMES, Reference, Subject, begin, luminance
+from suite import NAMES, Reference, Subject, arguments, begin, luminance
 
 #: Where the error of an image may lie, as a share of what was asked for.
 KEPT = (0.7, 1.05)
@@ -93,18 +91,13 @@ def times(subject: Subject, options: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, 64)
     parser.add_argument("--scene", nargs="+", choices=NAMES, default=NAMES)
-    parser.add_argument("--size", type=int, default=64, help="width and height in pixels")
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--samples", type=int, default=5, help="N")
     parser.add_argument("--policy", nargs="+", default=["graded", "none"])
     parser.add_argument("--time", nargs="+", type=float, default=[], help="measure these seconds, not the noise")
     parser.add_argument("--row-seconds", type=float, default=60, help="processor time for a row, ten images at least")
-    parser.add_argument("--reference-seconds", type=float, default=60)
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--threads", type=int, default=0)
-    parser.add_argument("--cache", type=Path, default=runs.cache_folder())
     options = parser.parse_args()
     begin(options.variant, options.threads)
     if options.time:

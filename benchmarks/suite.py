@@ -6,6 +6,7 @@ Ours come from ``examples/``, rendered as they say; the others' are the Cornell 
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import io
 import time
@@ -118,6 +119,17 @@ class Subject:
 def luminance(image: np.ndarray) -> np.ndarray:
     """Luminance of linear r, g and b."""
     return image[..., :3] @ np.array([0.212671, 0.715160, 0.072169])
+
+
+def arguments(description: str | None, size: int) -> argparse.ArgumentParser:
+    """A parser of what all benchmarks of the suite may be told; ``size``: the default of it."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=int, default=size, help="width and height in pixels")
+    parser.add_argument("--reference-seconds", type=float, default=60)
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--cache", type=Path, default=runs.cache_folder())
+    return parser
 
 
 def begin(variant: str, threads: int) -> None:

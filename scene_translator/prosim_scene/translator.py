@@ -6,7 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -175,17 +175,19 @@ def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[
 # ---- Entry points ----------------------------------------------------------------------------------------------------
 
 
-def document(path: AnyPath) -> Document:
-    """A scene file, read: the scene, and the places of its values.
+def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
+    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`.
 
     :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
     asked for first is read but once. Raises :class:`SceneError`.
     """
-    return document_of(read(path), path)
+    return document_of(read(path), path, define)
 
 
-def _opened(source: AnyPath | Document) -> tuple[Document, Path]:
-    opened = source if isinstance(source, Document) else document(source)
+def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
+    if isinstance(source, Document) and define:
+        raise SceneError(f"{source.source.filename}: this document has been read; give define to prosim_scene.document")
+    opened = source if isinstance(source, Document) else document(source, define)
     return opened, Path(opened.source.filename)
 
 
@@ -199,6 +201,7 @@ def translate(
     resolution: tuple[int, int] | None = None,
     samples: int | None = None,
     allow_outside: bool = False,
+    define: Mapping[str, object] | None = None,
 ) -> Path:
     """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
@@ -215,6 +218,8 @@ def translate(
         (width, height) and N instead of the scene's.
     ``allow_outside``
         Whether image files outside the scene's folder may be used.
+    ``define``
+        Values, numbers or words, of the ``$names`` in the scene.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
@@ -227,7 +232,7 @@ def translate(
         samples=samples,
         allow_outside=allow_outside,
     )
-    opened, source_path = _opened(source)
+    opened, source_path = _opened(source, define)
     if not xml.can_say(source_path.stem):
         raise SceneError(
             f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
@@ -262,7 +267,13 @@ def translate(
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
 
 
-def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None = None, **options: Any) -> Node:
+def load(
+    source: AnyPath | Document,
+    *,
+    transform: Callable[[Any], Any] | None = None,
+    define: Mapping[str, object] | None = None,
+    **options: Any,
+) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
 
     The meshes are written to a temporary folder that lives as long as the process. Mitsuba takes its own type alone for
@@ -270,7 +281,7 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
     variant where Mitsuba has been imported, and otherwise arrays are left as they are.
     """
     checked = Options(**options)
-    opened, path = _opened(source)
+    opened, path = _opened(source, define)
     folder = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
@@ -289,12 +300,12 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(source: AnyPath | Document, **options: Any) -> Scene:
+def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     checked = Options(**options)
-    opened, path = _opened(source)
+    opened, path = _opened(source, define)
     assemble(opened, path.parent, checked, lambda name, _: name, str)
     return opened.scene

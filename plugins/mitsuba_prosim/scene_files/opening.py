@@ -38,7 +38,7 @@ class SceneFile:
         ``folder``
             Where a translation is written; it has to stay as long as scenes are made.
         ``definitions``
-            Values for the ``$key`` constants of XML.
+            Values of the scene's ``$names``; of XML those of its parameters.
         ``resolution``, ``crop``, ``samples``
             (width, height), (x, y, width, height), both in pixels, and N of the N-rook sampling instead of the scene's.
         ``integrator``
@@ -57,11 +57,11 @@ class SceneFile:
         self.resolution, self.definitions = resolution, dict(definitions or {})
         if self.path.suffix.lower() != ".xml":
             self.xml = prosim_scene.translate(
-                self.path, Path(folder), resolution=resolution, samples=samples, **language
+                self.path, Path(folder), resolution=resolution, samples=samples, define=self.definitions, **language
             )
             resolution = samples = None  # said in the translation
         with self._search_paths():
-            self.state = parse(self.xml, self.definitions)
+            self.state = parse(self.xml, self.definitions if self.xml is self.path else {})
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)

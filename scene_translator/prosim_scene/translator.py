@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from . import view
+from .kept import Kept
 from .language import document_of
 from .language.document import Document
 from .language.files import read
@@ -25,7 +26,6 @@ from .solids import TOLERANCE, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
-from .write.ply import ply
 
 AnyPath = str | os.PathLike[str]
 
@@ -83,13 +83,15 @@ def assemble(
     options: Options,
     store: Callable[[str, bytes], str],
     image_path: Callable[[Path], str],
+    kept: Kept | None = None,
 ) -> Node:
     """A scene's dictionary.
 
     ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary.
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
+    earlier translation has left, and this one leaves.
     """
-    scene, target = document.scene, TARGETS[options.target]
+    scene, target, kept = document.scene, TARGETS[options.target], kept or Kept()
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
@@ -101,6 +103,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
+        kept.surfaces,
     )
 
     def comment(text: str, *path: str | int) -> Comment:
@@ -124,7 +127,7 @@ def assemble(
             name += "_"
         if not np.abs(triangles[key].positions).max() <= single.LARGEST:
             raise document.error("this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index)
-        content = ply(triangles[key], with_uv=materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+        content = kept.file(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
         bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
             ", ..." if len(leaves) > 3 else ""
         )
@@ -202,6 +205,7 @@ def translate(
     samples: int | None = None,
     allow_outside: bool = False,
     define: Mapping[str, object] | None = None,
+    kept: Kept | None = None,
 ) -> Path:
     """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
@@ -220,6 +224,8 @@ def translate(
         Whether image files outside the scene's folder may be used.
     ``define``
         Values, numbers or words, of the ``$names`` in the scene.
+    ``kept``
+        What an earlier translation has left, and this one leaves: meshes of the same solids are not made anew.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
@@ -260,7 +266,7 @@ def translate(
         meshes[file := output.mesh_name(name, content)] = content
         return f"{output.meshes_folder(stem)}/{file}"
 
-    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path)}
+    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path, kept)}
     try:
         return output.write(folder, stem, xml.write(tree), meshes)
     except OSError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -82,9 +82,14 @@ def render(
     keep: Mapping[str, Any] | None = None,
     part: Part | None = None,
     denoise: bool = False,
+    frame: Mapping[str, str] | None = None,
+    bar: Callable[[mi.Integrator, str], AbstractContextManager[Callable[[float], None] | None]] | None = None,
 ) -> Made:
-    """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does; ``keep``: what
-    the state says that it is about, where it is kept.
+    """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does.
+
+    ``keep``: what the state says that it is about, where it is kept; ``frame``: further metadata of a frame of a film,
+    whose image is written only if it is finished; ``bar``: what shows the progress, in the place of
+    :func:`progress_bar`.
     """
     file, loaded, chosen = opened
     width, height = chosen.film().crop_size()
@@ -102,7 +107,7 @@ def render(
     start = perf_counter()
     with interruptible(integrator.cancel) as signals:
         try:
-            with progress_bar(integrator, job.variant) as tell:
+            with (bar or progress_bar)(integrator, job.variant) as tell:
                 stopped = partial(bool, signals)
                 picture = take(loaded, chosen, job, denoise, tell, stopped, begin, keeper, part)
         except ValueError as error:
@@ -113,8 +118,8 @@ def render(
         if interrupted and reached.nothing(integrator):
             raise click.ClickException("interrupted before the image had begun; nothing was written.")
         written = []
-        if part is None:
-            facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts)
+        if part is None and not (frame is not None and interrupted):
+            facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts) | dict(frame or {})
             written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
     if keeper is not None:
         if keeper.unwritten is not None:

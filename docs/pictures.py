@@ -1,4 +1,4 @@
-"""Draws docs/pictures: one picture for each plugin, with the parameters of the example in its documentation.
+"""Draws docs/pictures: one for each plugin, with the parameters of the example in its documentation, and some more.
 
 ``python docs/pictures.py [NAME...]``; needs matplotlib.
 """
@@ -164,8 +164,18 @@ def association():
     return figure
 
 
+def turntable():
+    """Every sixth frame of the example."""
+    path, size = DOCS.parent / "examples" / "volta.scn", (96, 96)
+    frames = [prosim_scene.load(path, resolution=size, define={"frame": n}) for n in range(0, 48, 6)]
+    return np.concatenate([np.array(mi.render(mi.load_dict(scene), seed=1)) for scene in frames], axis=1)
+
+
 def main(only):
     mi.set_variant("llvm_ad_rgb")
+    if not only or "volta" in only:
+        bitmap = mi.Bitmap(turntable()).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
+        bitmap.write(str(DOCS / "pictures" / "volta.jpg"), quality=92)
     for folder, scene_of in FOLDERS.items():
         for name, docstring in plugins(folder):
             if not only or name in only:

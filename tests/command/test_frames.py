@@ -73,10 +73,18 @@ def test_a_frame_is_rendered_once_and_anew_where_anything_has_changed(film):
     assert rendered(film, *options) == (1, 1)
     film.with_name("film.0000.exr").write_bytes(b"none")
     assert rendered(film, *options) == (1, 1)
-    for other in ["-D", "kd=0.3"], ["--samples", 1], ["--seed", 1], ["--fps", 30], ["--exposure", 1], ["--anew"]:
+    for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--anew"]:
         assert rendered(film, *options, *other) == (2, 0), other
+    assert rendered(film, *options, "--fps", 30) == (1, 1)  # the first is at the time 0
     film.write_text(FILM.replace("2 2 2", "2 2 1.9"))
     assert rendered(film, *options) == (2, 0)
+
+
+@pytest.mark.slow
+def test_frames_are_denoised_or_rendered_to_a_noise(film):
+    for options in ["--denoise"], ["--noise", 0.05]:
+        assert rendered(film, "--frames", "0:2", *options) == (2, 0)
+        assert rendered(film, "--frames", "0:2", *options) == (0, 2)
 
 
 def test_frames_share_meshes_and_kernels(film, monkeypatch):
@@ -97,17 +105,21 @@ def test_frames_share_meshes_and_kernels(film, monkeypatch):
     assert made[1].made == 1
 
 
-@pytest.mark.parametrize("keep", [False, True])
+@pytest.mark.parametrize("keep", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_what_is_finished_is_kept_where_it_is_interrupted(film, monkeypatch, keep):
     options = ("--frames", "0:3", *(["--keep"] if keep else []))
     assert rendered(film, *options, "-o", film.with_name("whole")) == (3, 0)
     take, begun = making.take, []
 
     def interrupted(*arguments):
-        begun.append(arguments[6] if len(arguments) > 6 else None)  # the record
-        if len(begun) == 2:
-            os.kill(os.getpid(), signal.SIGINT)
-        return take(*arguments)
+        scene, sensor, job, denoise, _, stopped, record, *others = arguments
+        begun.append(record)
+
+        def tell(_):
+            if len(begun) == 2 and not stopped():
+                os.kill(os.getpid(), signal.SIGINT)
+
+        return take(scene, sensor, job, denoise, tell, stopped, record, *others)
 
     monkeypatch.setattr(making, "take", interrupted)
     done = prosim("render", film, *options)

@@ -115,7 +115,7 @@ def render(
         except (RuntimeError, MemoryError) as error:
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
         seconds, interrupted = perf_counter() - start, bool(signals)
-        if interrupted and reached.nothing(integrator):
+        if interrupted and frame is None and reached.nothing(integrator):
             raise click.ClickException("interrupted before the image had begun; nothing was written.")
         written = []
         if part is None and not (frame is not None and interrupted):

@@ -1,5 +1,5 @@
-"""Draws docs/pictures: one for each plugin, with the parameters of the example in its documentation, and one for each step
-of docs/walkthrough.md, called ``walkthrough-1`` and so on.
+"""Draws docs/pictures: one for each plugin, with the parameters of the example in its documentation, and one for each
+step of docs/walkthrough.md, called ``walkthrough-1`` and so on.
 
 ``python docs/pictures.py [NAME...]``; needs matplotlib.
 """

@@ -21,7 +21,7 @@ from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
 from ..scene_files import images, opening, rendering, session, writing
-from . import denoised, reached
+from . import black, denoised, reached
 from . import output as files
 from .interrupts import interruptible
 from .job import Job
@@ -121,6 +121,9 @@ def render(
         if part is None and not (frame is not None and interrupted):
             facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts) | dict(frame or {})
             written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
+            shown = images.colours(picture.bitmap)
+            if shown is not None and (reason := black.why(loaded, chosen, shown * 2.0**job.exposure)):
+                warn(reason)
     if keeper is not None:
         if keeper.unwritten is not None:
             files.save(stem, {state: keeper.unwritten})

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from .placing import corners
 from .solid import Solid
 from .sweep import sweep
 
@@ -47,10 +48,10 @@ def _inradius(solid: Solid) -> float:
 
 def _touching(solids: list[Solid]) -> list[tuple[int, int]]:
     """Pairs of solids with overlapping boxes and different curved faces."""
-    corners = np.array([s.corners() for s in solids]).reshape(-1, 8, 3)
+    boxes = corners(solids)
     return [
         (number, other)
-        for number, others in sweep(corners.min(axis=1), corners.max(axis=1))
+        for number, others in sweep(boxes.min(axis=1), boxes.max(axis=1))
         for other in others.tolist()
         if solids[number].curved_surface < 0 or solids[number].curved_surface != solids[other].curved_surface
     ]

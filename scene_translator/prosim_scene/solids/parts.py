@@ -20,7 +20,8 @@ from .sweep import sweep
 @dataclass(eq=False)
 class Part:
     """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that
-    its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same.
+    its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same. It
+    is ``plain`` where it is a whole primitive none of whose curved faces is shared.
     """
 
     make: Callable[[], Manifold]
@@ -29,6 +30,7 @@ class Part:
     surfaces: frozenset[int]
     planes: Planes
     key: Hashable = None
+    plain: bool = False
 
     @cached_property
     def manifold(self) -> Manifold:
@@ -44,6 +46,7 @@ def solid(
     planes: Planes,
     surfaces: frozenset[int] = frozenset(),
     key: Hashable = None,
+    plain: bool = False,
 ) -> list[Part]:
     """A closed mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets."""
 
@@ -60,7 +63,8 @@ def solid(
             )
         )
 
-    return [Part(make, vertices.min(axis=0) - planes.step, vertices.max(axis=0) + planes.step, surfaces, planes, key)]
+    low, high = vertices.min(axis=0) - planes.step, vertices.max(axis=0) + planes.step
+    return [Part(make, low, high, surfaces, planes, key, plain)]
 
 
 def as_parts(manifold: Manifold, planes: Planes, *surfaces: frozenset[int]) -> list[Part]:

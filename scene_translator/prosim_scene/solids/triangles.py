@@ -58,6 +58,7 @@ def tessellate(
                 table.planes,
                 frozenset(solid.surfaces[solid.surfaces >= 0].tolist()),
                 solid.key,
+                solid.curved_surface < 0,
             )
         }
 
@@ -67,7 +68,7 @@ def tessellate(
     seen = np.zeros(len(leaves), bool)
     collected: dict[int, list[list[np.ndarray]]] = {}
     vertices = alone = 0  # so far: what keys are made of
-    for shell in media.shells(value, media.precedence(map(medium, leaves))):
+    for shell in media.batches(media.shells(value, media.precedence(map(medium, leaves))), CHUNK, table.planes):
         for start in range(0, len(shell.triangles), CHUNK):
             part = slice(start, start + CHUNK)
             leaf, corner = shell.ids[part] - base, shell.triangles[part]
@@ -78,11 +79,14 @@ def tessellate(
             keys = (((corner + vertices) * len(leaves) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
-            placed = positions + table.origin
-            group = material_of[leaf]
-            for m in np.unique(group):
-                chosen = group == m
-                collected.setdefault(m, []).append([a[chosen] for a in (placed, found.normals, found.uv, keys)])
+            order = np.argsort(material_of[leaf], kind="stable")
+            group = material_of[leaf][order]
+            begins = np.flatnonzero(np.append(True, np.diff(group) != 0))
+            columns = [
+                np.split(a[order], begins[1:]) for a in (positions + table.origin, found.normals, found.uv, keys)
+            ]
+            for m, *arrays in zip(group[begins].tolist(), *columns):
+                collected.setdefault(m, []).append(arrays)
         vertices += len(shell.vertices)
     _report_vanished(document, seen)
     names = list(materials)

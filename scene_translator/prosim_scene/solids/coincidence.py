@@ -89,6 +89,15 @@ class Planes:
         vertex, on = np.divmod(pairs, len(self.planes))
         return self.onto(vertices, vertex, on, 0.0)
 
+    def one_sided(self, surface: int, low: np.ndarray, high: np.ndarray) -> bool:
+        """Whether all boxes (n, 3), from ``low`` to ``high``, are known to lie on one side of a surface."""
+        planes = self.planes[self.surface == surface]
+        if len(planes) > 1:  # a curved one
+            return False
+        normal, offset = planes[0, :3], planes[0, 3]
+        middle, half = ((low + high) / 2) @ normal + offset, ((high - low) / 2) @ np.abs(normal)
+        return bool((middle + half < 8 * self.step).all() or (middle - half > -8 * self.step).all())
+
     def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
         """A solid with its facets on some surfaces moved to the heights over their planes that ``target`` gives for
         their present heights and the sides that they look to; facets on other shared planes stay where they are.

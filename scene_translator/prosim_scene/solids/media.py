@@ -11,8 +11,8 @@ import numpy as np
 from manifold3d import Manifold, Mesh64
 
 from .coincidence import Planes
-from .csg import Value
 from .parts import Part, as_parts, reserve_ids, union
+from .values import Value
 
 OPAQUE = None  # the medium of everything that is not a dielectric
 

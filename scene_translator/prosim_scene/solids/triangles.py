@@ -10,6 +10,7 @@ from ..model import Leaf
 from . import csg, media, parts, tree
 from .leaves import Leaves
 from .sight import Sight
+from .values import Value
 
 CHUNK = 1 << 18  # triangles at a time
 
@@ -46,7 +47,7 @@ def tessellate(
     table = Leaves(document, camera, tolerance)
     base = parts.reserve_ids(len(leaves))
 
-    def leaf_value(number: int, leaf: Leaf) -> csg.Value:
+    def leaf_value(number: int, leaf: Leaf) -> Value:
         i = table.of_leaf[number]
         solid, mesh = table.solids[i], table.meshes[i]
         return {

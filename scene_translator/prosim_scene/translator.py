@@ -21,7 +21,7 @@ from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .solids import TOLERANCE, tessellate
+from .solids import TOLERANCE, Kept, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
@@ -83,11 +83,13 @@ def assemble(
     options: Options,
     store: Callable[[str, bytes], str],
     image_path: Callable[[Path], str],
+    kept: Kept | None = None,
 ) -> Node:
     """A scene's dictionary.
 
     ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary.
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept`` is what
+    earlier translations left.
     """
     scene, target = document.scene, TARGETS[options.target]
     context = Context(
@@ -101,6 +103,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
+        kept,
     )
 
     def comment(text: str, *path: str | int) -> Comment:
@@ -199,6 +202,7 @@ def translate(
     resolution: tuple[int, int] | None = None,
     samples: int | None = None,
     allow_outside: bool = False,
+    kept: Kept | None = None,
 ) -> Path:
     """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
@@ -215,6 +219,8 @@ def translate(
         (width, height) and N instead of the scene's.
     ``allow_outside``
         Whether image files outside the scene's folder may be used.
+    ``kept``
+        What earlier translations left, see :class:`Kept`; for one scene that is translated again and again.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
@@ -255,14 +261,20 @@ def translate(
         meshes[file := output.mesh_name(name, content)] = content
         return f"{output.meshes_folder(stem)}/{file}"
 
-    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path)}
+    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path, kept)}
     try:
         return output.write(folder, stem, xml.write(tree), meshes)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
 
 
-def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None = None, **options: Any) -> Node:
+def load(
+    source: AnyPath | Document,
+    *,
+    transform: Callable[[Any], Any] | None = None,
+    kept: Kept | None = None,
+    **options: Any,
+) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
 
     The meshes are written to a temporary folder that lives as long as the process. Mitsuba takes its own type alone for
@@ -280,7 +292,7 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
         return str(file)
 
     try:
-        tree = assemble(opened, path.parent, checked, store, str)
+        tree = assemble(opened, path.parent, checked, store, str, kept)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
     mitsuba = sys.modules.get("mitsuba")
@@ -289,12 +301,12 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(source: AnyPath | Document, **options: Any) -> Scene:
+def check(source: AnyPath | Document, *, kept: Kept | None = None, **options: Any) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     checked = Options(**options)
     opened, path = _opened(source)
-    assemble(opened, path.parent, checked, lambda name, _: name, str)
+    assemble(opened, path.parent, checked, lambda name, _: name, str, kept)
     return opened.scene

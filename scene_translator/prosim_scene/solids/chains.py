@@ -47,22 +47,22 @@ def evaluate(operands: Sequence[tuple[str, Value]]) -> Value:
         else:
             taken[number].append(total(value))
     if count > DEEP and _associative(adds, low, high, parts):
-        return _in_halves(taken, added, 0, count)[1]
+        return in_halves(taken, added, 0, count)[1]
     result: Value = {}
     for some, others in zip(taken, added):
         result = united([without(result, union(some)), *others])
     return result
 
 
-def _in_halves(
+def in_halves(
     taken: list[list[list[Part]]], added: list[list[Value]], begin: int, end: int
 ) -> tuple[list[Part], Value]:
     """S and P of the rounds from ``begin`` to ``end``; of the very first ones S is of no use, and left out."""
     if end - begin == 1:
         return union(taken[begin]) if begin else [], united(added[begin])
     middle = (begin + end) // 2
-    first, result = _in_halves(taken, added, begin, middle)
-    second, more = _in_halves(taken, added, middle, end)
+    first, result = in_halves(taken, added, begin, middle)
+    second, more = in_halves(taken, added, middle, end)
     return union([first, second]) if begin else [], united([without(result, second), more])
 
 

@@ -35,9 +35,9 @@ class Surface:
 class Leaves:
     """Tables for the leaves of a scene.
 
-    ``solids`` are the different ones, ``meshes`` theirs in the world, with ``origin`` as the point 0; ``of_leaf`` has
-    the number of a leaf's solid. The facets of all solids are numbered through, those of solid i from ``first[i]``:
-    ``faces`` has the face of each, ``planes`` those that facets have in common.
+    ``solids`` are the different ones, ``of_leaf`` has the number of a leaf's solid. After :meth:`make_meshes` there are
+    their ``meshes`` in the world, with ``origin`` as the point 0. The facets of all solids are numbered through, those
+    of solid i from ``first[i]``: ``faces`` has the face of each, ``planes`` those that facets have in common.
     """
 
     def __init__(self, document: Document, camera: Sight, tolerance: float) -> None:
@@ -57,7 +57,7 @@ class Leaves:
         shrink_inscribed(self.solids)
         for s in self.solids:
             s.to_world = s.to_world - np.pad(self.origin[:, None], ((0, 1), (3, 0)))
-        self._number_facets(STEP * float(np.abs(np.stack([low, high]) - self.origin).max()))
+        self._step = STEP * float(np.abs(np.stack([low, high]) - self.origin).max())
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
         self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
 
@@ -80,7 +80,14 @@ class Leaves:
         self.solids = [self.solids[i] for i in kept]
         self.of_leaf = renumbered[self.of_leaf]
 
-    def _number_facets(self, step: float) -> None:
+    def content(self) -> Hashable:
+        """Equal for tables that are the same."""
+        solids = tuple(
+            (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.surfaces.tobytes()) for s in self.solids
+        )
+        return solids, self.of_leaf.tobytes(), self.origin.tobytes()
+
+    def make_meshes(self) -> None:
         """Makes the meshes, and brings them onto the planes that they share."""
         meshes = placed(self.solids)
         counts = np.array([len(m.faces) for m in meshes])
@@ -114,7 +121,7 @@ class Leaves:
         of_facet, side = np.full(self.first[-1], -1), np.ones(self.first[-1])
         of_facet[facets] = plane
         side[facets] = np.sign(np.einsum("ij,ij->i", own[:, :3], planes[plane, :3]))
-        self.planes = Planes(planes, np.repeat(numbers[np.argsort(first)], lengths[kept]), of_facet, side, step)
+        self.planes = Planes(planes, np.repeat(numbers[np.argsort(first)], lengths[kept]), of_facet, side, self._step)
         adjusted = self.planes.adjusted([meshes[i] for i in sharing], self.first[sharing])
         for i, mesh in zip(sharing, adjusted):
             meshes[i] = mesh

@@ -1,10 +1,10 @@
 """How optics are kept: solids of different media are kept apart.
 
-Media are the opaque one, and one for every index of refraction of a dielectric. Every occurrence of a primitive has its
-own id, which manifold3d carries to the triangles of the result.
+Media are numbers: the opaque one's, and one for every index of refraction of a dielectric. Every occurrence of a
+primitive has its own id, which manifold3d carries to the triangles of the result.
 """
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from .coincidence import Planes
 from .parts import Part, as_parts, reserve_ids, union
 from .values import Value
 
-OPAQUE = None  # the medium of everything that is not a dielectric
+OPAQUE = 0  # the medium of everything that is not a dielectric
 
 
 @dataclass
@@ -32,13 +32,8 @@ class Shell:
     settled: bool = True
 
 
-def precedence(media: Iterable[Hashable]) -> list[Hashable]:
-    """Media, each before those that give way to it: the opaque one, then dielectrics in the given order."""
-    return sorted(dict.fromkeys(media), key=lambda medium: medium is not OPAQUE)  # stable
-
-
-def shells(value: Value, media: list[Hashable]) -> list[Shell]:
-    """The surfaces to render; ``media`` are those of the scene in their order of precedence.
+def shells(value: Value) -> list[Shell]:
+    """The surfaces to render. Media are numbers in their order of precedence, OPAQUE first.
 
     An opaque solid is bounded by its whole surface. A dielectric gives way to opaque solids, and to dielectrics that
     stand before it in the tree: of its surface there remains what bounds the union of all up to it. So every interface
@@ -46,8 +41,7 @@ def shells(value: Value, media: list[Hashable]) -> list[Shell]:
     """
     result: list[Shell] = []
     before: list[Part] = []
-    for medium in media:
-        parts = value.get(medium, [])
+    for _, parts in sorted(value.items()):
         if not before:
             before = parts
             result += [_shell(p) for p in parts]

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Iterable, Iterator
 
 import numpy as np
 
-from .primitives import Mesh, box_corners
+from .primitives import Mesh
 from .solid import Solid
 
 CHUNK = 1 << 18  # triangles at a time
@@ -15,8 +15,7 @@ CHUNK = 1 << 18  # triangles at a time
 
 def corners(solids: list[Solid]) -> np.ndarray:
     """The corners (n, 8, 3) in the world of the boxes around solids."""
-    boxes = {s.primitive.name: box_corners(s.primitive.box) for s in solids}
-    own = np.array([boxes[s.primitive.name] for s in solids]).reshape(-1, 8, 3)
+    own = np.array([s.primitive.box_corners for s in solids]).reshape(-1, 8, 3)
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     return np.asarray(own @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3])
 

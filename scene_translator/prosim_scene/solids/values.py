@@ -3,11 +3,11 @@
 Media are what solids are made of as far as optics are concerned, see :mod:`.media`.
 """
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Iterable
 
 from .parts import Part, difference, intersection, union
 
-Value = dict[Hashable, list[Part]]
+Value = dict[int, list[Part]]
 
 
 def total(value: Value) -> list[Part]:
@@ -17,7 +17,7 @@ def total(value: Value) -> list[Part]:
 
 def united(values: Iterable[Value]) -> Value:
     """The union of values, medium by medium."""
-    media: dict[Hashable, list[list[Part]]] = {}
+    media: dict[int, list[list[Part]]] = {}
     for value in values:
         for medium, parts in value.items():
             media.setdefault(medium, []).append(parts)

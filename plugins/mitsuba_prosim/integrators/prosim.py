@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 
+from ..caustics.caustics import Caustics
 from ..light.emission import read_emission
 from ..parameters import expose, number, reject, whole
 from ..registry import plugin
@@ -179,6 +181,12 @@ class Prosim(WaveIntegrator):
         self.background = read_emission(props, "background")
         self.cutoff = number(props, "cutoff", 0.0, 0)
         self.rr_depth = whole(props, "rr_depth", 5, 0)
+        self.caustics = props.get("caustics", False)
+        self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
+        if self.caustics and (mi.is_spectral or not dr.is_jit_v(mi.Float)):
+            raise reject(
+                props, "caustics", True, f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like"
+            )
         self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
@@ -197,6 +205,8 @@ class Prosim(WaveIntegrator):
             "diffuse_bounces",
             "cutoff",
             "rr_depth",
+            "caustics",
+            "caustic_photons",
         ]
         return super().parameter_names() + names
 
@@ -227,4 +237,12 @@ class Prosim(WaveIntegrator):
         )
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
-        return Transport(self._settings(), scene, attached)
+        caustics = self._caustics(scene, sensor) if self.caustics else None
+        return Transport(self._settings(), scene, attached, caustics)
+
+    def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
+        """The photons; None where nothing is specular, or nothing shines."""
+        # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
+        deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
+        caustics = Caustics(scene, sensor, self.caustic_photons, deepest)
+        return caustics if caustics.any else None

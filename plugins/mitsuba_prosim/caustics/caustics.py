@@ -10,7 +10,7 @@ from ..rendering import collector
 from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
-from .gathering import gathered
+from .gathering import Gathering
 from .photons import Photons
 from .sources import Sources
 from .targets import Targets
@@ -41,6 +41,7 @@ class Caustics:
         self.any = self.sources is not None and self.sources.count > 0
         if self.any:
             self.footprint, self.walk = Footprint.of(scene, sensor), Walk(scene, deepest)
+            self.gathering = Gathering(scene, self.footprint)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         self._sets: dict[tuple[int, int, int], Photons] = {}
         self._drawn: Photons | None = None
@@ -60,13 +61,11 @@ class Caustics:
             self._sets[which] = self._photons(*which)
         self._drawn = self._sets[which]
 
-    def __call__(
-        self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool
-    ) -> mi.Spectrum:
+    def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
         assert self._drawn is not None, "no photons have been drawn"
         number = t % dr.opaque(mi.UInt32, self._drawn.maps)
-        return gathered(self._drawn, self.footprint, self.walk.indivisible, si, bsdf, number, active)
+        return self.gathering(self._drawn, number, si, bsdf, active)
 
     def _photons(self, seed: int, number: int, maps: int) -> Photons:
         size = max(self.count // maps, 1)
@@ -78,8 +77,7 @@ class Caustics:
     def _landed(
         self, seed: int, number: int, maps: int, shares: mi.Float, begins: mi.UInt32, pairs: mi.UInt32
     ) -> tuple[Landed, mi.UInt32, mi.UInt32]:
-        """``(landed, map, pair)`` of all photons of a set. The last three are what :func:`placed` gives.
-        """
+        """``(landed, map, pair)`` of all photons of a set. The last three are what :func:`placed` gives."""
         size = dr.width(pairs)
         i = dr.arange(mi.UInt32, size * maps)
         map_of = i // dr.opaque(mi.UInt32, size)

@@ -38,9 +38,7 @@ class Footprint:
         # Rays start at the near plane, where those of a perspective camera are already apart.
         eye = sensor.world_transform().translation()
         begun = float(dr.norm(middle.o - eye)[0])
-        result = cls(
-            mi.Point3f(eye), mi.Float(max(apart - begun * turned, least)), mi.Float(turned)
-        )
+        result = cls(mi.Point3f(eye), mi.Float(max(apart - begun * turned, least)), mi.Float(turned))
         dr.make_opaque(result.eye, result.size, result.spread)
         return result
 

@@ -24,7 +24,7 @@ class Photons:
     """
 
     maps: int
-    #: x, y, z and the level of its cell, photon by photon.
+    #: x, y, z and, bit by bit, the key of its cell, photon by photon.
     places: mi.Float
     directions: mi.Vector3f
     flux: mi.Spectrum
@@ -44,14 +44,19 @@ class Photons:
             there = mi.UInt32(0)  # one that lies far away
         p, d, flux = (dr.gather(type(v), v, there) for v in (landed.p, landed.d, landed.flux))
         level = level_of(footprint.at(footprint.distance(p)))
-        key = bucket(dr.gather(mi.UInt32, map_of, there), level, *cell(p, level), mask)
-        dr.eval(p, d, flux, level, key)
-        order = dr.argsort(key)
-        p, d, flux, level, key = (dr.gather(type(v), v, order) for v in (p, d, flux, level, key))
-        begins = first_of_each(key, maps * buckets)
-        places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, mi.Float(level)))
+        cells = key(level, *cell(p, level))
+        at = bucket_of(dr.gather(mi.UInt32, map_of, there), cells, mask)
+        dr.eval(p, d, flux, cells, at)
+        order = dr.argsort(at)
+        p, d, flux, cells, at = (dr.gather(type(v), v, order) for v in (p, d, flux, cells, at))
+        begins = first_of_each(at, maps * buckets)
+        places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, cells)))
         dr.make_opaque(places, d, flux, begins)
         return cls(maps, places, d, flux, begins, mask)
+
+    def bucket(self, number: mi.UInt32, key: mi.UInt32) -> mi.UInt32:
+        """Number of the bucket of the cell ``key`` in the map ``number``; other cells may share it."""
+        return bucket_of(number, key, self.mask)
 
 
 def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
@@ -77,9 +82,11 @@ def cell(p: mi.Point3f, level: mi.Int32, offset: float = 0) -> tuple[mi.Int32, m
     return tuple(mi.Int32(dr.floor(dr.fma(v, per_edge, offset))) for v in p)
 
 
-def bucket(
-    number: mi.UInt32, level: mi.Int32, x: mi.Int32, y: mi.Int32, z: mi.Int32, mask: mi.UInt32
-) -> mi.UInt32:
-    """Number of the bucket of a cell in the map ``number``; other cells may share it."""
-    key = combine(combine(combine(mi.UInt32(level), mi.UInt32(x)), mi.UInt32(y)), mi.UInt32(z))
+def key(level: mi.Int32, x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+    """A hash of a cell, which stands for it: that two near one another have the same is one chance in 10⁸."""
+    return combine(combine(combine(mi.UInt32(level), mi.UInt32(x)), mi.UInt32(y)), mi.UInt32(z))
+
+
+def bucket_of(number: mi.UInt32, key: mi.UInt32, mask: mi.UInt32) -> mi.UInt32:
+    """Number of the bucket of the cell ``key`` in the map ``number``, where each map has ``mask`` + 1."""
     return number * (mask + 1) + (key & mask)

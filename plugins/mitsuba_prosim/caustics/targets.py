@@ -60,8 +60,9 @@ def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     """``(x, y, z, radius)`` of a sphere around ``shape``."""
     box = shape.bbox()
     center = np.array(box.center(), dtype=np.float64)
-    if isinstance(shape, mi.Mesh):
-        vertices = np.array(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    parameters = mi.traverse(shape)
+    if "vertex_positions" in parameters:
+        vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
         radius = float(np.sqrt(np.max(np.sum((vertices - center) ** 2, axis=1))))
     elif shape.class_name() == "Sphere":
         radius = float(box.extents()[0]) / 2

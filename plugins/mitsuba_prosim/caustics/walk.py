@@ -16,6 +16,10 @@ from .sources import Start
 #: Numbers that a photon is given for each surface.
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 
+#: Facets that are met at grazing incidence, but shaded as if they were not, would make single photons as bright as
+#: hundreds. About a thousandth of the light that a ball of facets gathers is lost by this bound.
+MOST = 8
+
 
 @dataclass
 class Landed:
@@ -24,6 +28,7 @@ class Landed:
     p: mi.Point3f
     #: Unit direction that it came along.
     d: mi.Vector3f
+    #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
     flux: mi.Spectrum
     #: Whether it lies on a diffuse surface, after one specular surface or more.
     lies: mi.Bool
@@ -77,7 +82,11 @@ class Walk:
         p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(state.level < 4, 1, 0.95)))
         goes &= random.number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
-        landed = Landed(si.p, state.ray.d, state.flux / dr.maximum(1 - p, 1e-6), mi.Bool(True))
+        # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
+        shaded, true = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(dr.dot(si.n, state.ray.d))
+        lands &= true > 0
+        share = bounded(shaded, true) / dr.maximum(1 - p, 1e-6)
+        landed = Landed(si.p, state.ray.d, state.flux * share, mi.Bool(True))
         return State(
             ray,
             dr.select(goes, flux / dr.select(goes, p, 1), state.flux),
@@ -101,5 +110,9 @@ class Walk:
         cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(bs.wo))
         true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
         active &= (true_i > 0) & (cos_o > 0)
-        exchange = (cos_i * true_o) / dr.select(active, cos_o * true_i, 1)
-        return si.spawn_ray(d), mi.unpolarized_spectrum(weight) * exchange, active
+        return si.spawn_ray(d), mi.unpolarized_spectrum(weight) * bounded(cos_i * true_o, cos_o * true_i), active
+
+
+def bounded(a: mi.Float, b: mi.Float) -> mi.Float:
+    """a / b, but no more than :data:`MOST`."""
+    return dr.select(a < MOST * b, a / dr.maximum(b, 1e-30), MOST)

@@ -10,6 +10,7 @@ from ..light.emission import read_emission
 from ..parameters import expose, number, reject, whole
 from ..registry import plugin
 from ..rendering import collector
+from ..rendering.derivatives import Derivatives
 from ..rendering.film import aov_values
 from ..rendering.integrator import WaveIntegrator
 from ..sampling.nrook import SamplerPoints
@@ -185,7 +186,10 @@ class Prosim(WaveIntegrator):
         self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
         if self.caustics and (mi.is_spectral or not dr.is_jit_v(mi.Float)):
             raise reject(
-                props, "caustics", True, f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like"
+                props,
+                "caustics",
+                True,
+                f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like",
             )
         self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 
@@ -219,6 +223,11 @@ class Prosim(WaveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        if self.caustics:
+            raise RuntimeError(
+                "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of a "
+                "prosim within another integrator."
+            )
         transport = self._scalar or Transport(self._settings(), scene)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
@@ -239,6 +248,13 @@ class Prosim(WaveIntegrator):
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
         caustics = self._caustics(scene, sensor) if self.caustics else None
         return Transport(self._settings(), scene, attached, caustics)
+
+    def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
+        if self.caustics:
+            raise RuntimeError(
+                "prosim: where photons lie has no derivatives here; leave caustics out where derivatives are wanted."
+            )
+        return super()._derivatives(scene, sensor, seed, spp)
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
         """The photons; None where nothing is specular, or nothing shines."""

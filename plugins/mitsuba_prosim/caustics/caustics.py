@@ -27,24 +27,27 @@ KEPT = 2
 
 
 class Caustics:
-    """Photons in ``scene`` for what ``sensor`` sees: ``count`` in a set, through up to ``deepest`` specular surfaces.
+    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, through up to ``deepest``
+    specular surfaces.
 
     A set has as many maps as a pattern has samples, :meth:`maps`, and each sample of a pixel gathers from its own:
     the ``t``-th from map ``t % maps`` of set ``t // maps``, which must have been drawn (:meth:`draw`).
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int) -> None:
-        self.count = count
-        targets = Targets.of(scene)
-        self.sources = None if targets is None else Sources(scene, targets)
-        #: Whether there is any light that could be gathered.
-        self.any = self.sources is not None and self.sources.count > 0
-        if self.any:
-            self.footprint, self.walk = Footprint.of(scene, sensor), Walk(scene, deepest)
-            self.gathering = Gathering(scene, self.footprint)
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, deepest: int) -> None:
+        self.sources, self.count, self.walk = sources, count, Walk(scene, deepest)
+        self.footprint = Footprint.of(scene, sensor)
+        self.gathering = Gathering(scene, self.footprint)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         self._sets: dict[tuple[int, int, int], Photons] = {}
         self._drawn: Photons | None = None
+
+    @classmethod
+    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int) -> Caustics | None:
+        """Those of ``scene``; None where nothing is specular, or nothing shines."""
+        targets = Targets.of(scene)
+        sources = None if targets is None else Sources(scene, targets)
+        return cls(scene, sensor, sources, count, deepest) if sources is not None and sources.count else None
 
     @staticmethod
     def maps(n: int) -> int:

@@ -23,7 +23,7 @@ AROUND = ("TwoSidedBRDF", "MaskBSDF", "BlendBSDF")
 
 
 class Gathering:
-    """The diffuse lobes of the surfaces of ``scene``, lit by photons within a pixel's width, as ``footprint`` has it."""
+    """The diffuse lobes of the surfaces of ``scene``, lit by photons within a pixel's width (``footprint``)."""
 
     def __init__(self, scene: mi.Scene, footprint: Footprint) -> None:
         self.footprint = footprint

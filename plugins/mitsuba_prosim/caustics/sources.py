@@ -1,9 +1,9 @@
 """Photons at their sources, aimed at what is specular (Jensen 1996).
 
 A photon belongs to a pair of a source and a target: it starts at a point of the source and goes to a point of the
-target. As one target may be behind another, a ray could have come of several pairs; a photon's flux is the radiance over
-the density of all of them together (the balance heuristic of Veach 1997), so that no light is counted twice, and no
-photon is brighter than the best of its pairs would make it.
+target. As one target may be behind another, a ray could have come of several pairs; a photon's flux is the radiance
+over the density of all of them together (the balance heuristic of Veach 1997), so that no light is counted twice, and
+no photon is brighter than the best of its pairs would make it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..light.balls import Balls, ball
-from ..masks import but_not
 from . import targets as aim
 from .targets import Targets
 

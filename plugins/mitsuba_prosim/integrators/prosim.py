@@ -225,8 +225,8 @@ class Prosim(WaveIntegrator):
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         if self.caustics:
             raise RuntimeError(
-                "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of a "
-                "prosim within another integrator."
+                "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of "
+                "a prosim within another integrator."
             )
         transport = self._scalar or Transport(self._settings(), scene)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
@@ -260,5 +260,4 @@ class Prosim(WaveIntegrator):
         """The photons; None where nothing is specular, or nothing shines."""
         # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
-        caustics = Caustics(scene, sensor, self.caustic_photons, deepest)
-        return caustics if caustics.any else None
+        return Caustics.of(scene, sensor, self.caustic_photons, deepest)

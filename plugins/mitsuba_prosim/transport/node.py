@@ -47,6 +47,7 @@ def shade(
         L += ambient_term(stage, si, bsdf, surface_inside)
     L += direct_light(stage, ray, si, bsdf, points, surface_inside, scattered)
     if stage.caustics is not None:
+        assert isinstance(points, NRook)
         L += stage.caustics(si, bsdf, points.t, surface_inside)
     return ray.throughput * L, Node(si, bsdf, surface)
 

@@ -81,6 +81,15 @@ class Prosim(WaveIntegrator):
        - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing
          (Default: 0)
 
+     * - caustics
+       - |bool|
+       - Light that comes to diffuse surfaces by way of specular ones, from photons (Default: |false|)
+
+     * - caustic_photons
+       - |int|
+       - Photons that leave the sources for each :math:`N^2` samples of a pixel, or each 64 where that is less: of the
+         order of the image's pixels, some times as many for a quiet image. They take 40 bytes each. (Default: 1048576)
+
      * - cutoff
        - |float|
        - A branch whose throughput is not above this ends (Default: 0)
@@ -115,12 +124,19 @@ class Prosim(WaveIntegrator):
     Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
     whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
     followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
-    :monosp:`diffuse_bounces` says otherwise. What the lobes and the sources can both sample is shared by multiple
+    :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is shared by multiple
     importance sampling, so that the expected image is the same at any roughness.
 
     Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
     find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
     sampled by their own methods.
+
+    With :monosp:`caustics`, photons go from every source (but surfaces that emit in one direction) towards all that is
+    specular, through it by at most :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse
+    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their noise
+    falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken whole
+    (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested in
+    another integrator, and without derivatives.
 
     Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
     sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of

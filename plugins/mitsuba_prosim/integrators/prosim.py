@@ -131,6 +131,11 @@ class Prosim(WaveIntegrator):
     others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
     they are smooth.
 
+    What lies inside a shape absorbs light by Beer's law along a ray's way through it (Hall), if the shape's
+    :monosp:`interior` is a :monosp:`homogeneous` medium whose :monosp:`albedo` is 0; shapes within it say so by their
+    :monosp:`exterior`, a camera by its :monosp:`medium`. :monosp:`volpath` renders the same. Nothing is scattered:
+    other media are taken for empty, with a warning.
+
     Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
     within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
     The back of a one-sided surface reflects none.
@@ -209,7 +214,7 @@ class Prosim(WaveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        transport = self._scalar or Transport(self._settings(), scene)
+        transport = self._scalar or Transport(self._settings(), scene, around=medium)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
@@ -227,4 +232,4 @@ class Prosim(WaveIntegrator):
         )
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
-        return Transport(self._settings(), scene, attached)
+        return Transport(self._settings(), scene, attached, sensor.get_medium())

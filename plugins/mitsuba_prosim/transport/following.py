@@ -11,6 +11,7 @@ import mitsuba as mi
 from ..masks import but_not, idle
 from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
+from .absorption import beyond
 from .indivisible import belongs_to, is_whole
 from .moving import carried_ray
 from .ray import Node, Ray, viewer_side
@@ -79,6 +80,9 @@ def follow(
         counts=counts,
         n=viewer_side(si),
     )
+    if stage.facts.absorbs:
+        following.medium = beyond(si, ray.medium, dr.detach(d), active)
+        following.gap = dr.dot(o - si.p, d)
     if stage.facts.both_sides:
         following.both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES)
     return following, active, bs.eta

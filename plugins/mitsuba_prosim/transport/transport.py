@@ -15,11 +15,13 @@ class Transport:
     """Estimates radiance in ``scene`` under ``settings``; made once a render.
 
     ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
-    (:mod:`.moving`), and their weights evaluated anew.
+    (:mod:`.moving`), and their weights evaluated anew. ``around``: the medium that the camera is in.
     """
 
-    def __init__(self, settings: Settings, scene: mi.Scene, attached: bool = False) -> None:
-        self._stage = Stage(scene, settings, SceneFacts.of(scene, settings), attached)
+    def __init__(
+        self, settings: Settings, scene: mi.Scene, attached: bool = False, around: mi.Medium | None = None
+    ) -> None:
+        self._stage = Stage(scene, settings, SceneFacts.of(scene, settings, around), attached, around)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(

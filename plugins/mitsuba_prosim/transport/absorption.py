@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..optics.nested import parts
+from .shapes import all_shapes
 
 #: Wavelengths (nm) at which a medium is asked whether it scatters.
 ASKED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)
@@ -36,11 +36,7 @@ def absorbs_any(scene: mi.Scene, around: mi.Medium | None) -> bool:
 
 def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
     """The media inside and outside of all shapes of ``scene``, those of instances included."""
-    shapes = list(scene.shapes())
-    if any(shape.class_name() == "Instance" for shape in shapes):
-        groups = [part for part in parts(scene).values() if isinstance(part, mi.Shape)]
-        shapes += [s for group in groups for s in parts(group).values() if isinstance(s, mi.Shape)]
-    for shape in shapes:
+    for shape in all_shapes(scene):
         for medium in (shape.interior_medium(), shape.exterior_medium()):
             if medium is not None:
                 yield medium

@@ -9,6 +9,7 @@ import mitsuba as mi
 from ..light.table import Lights
 from . import lobes
 from .absorption import absorbs_any
+from .dispersion import disperses
 from .indivisible import is_indivisible
 from .settings import Settings
 
@@ -29,6 +30,8 @@ class SceneFacts:
     indivisible: bool
     #: Whether anything absorbs light on its way, see :mod:`.absorption`.
     absorbs: bool
+    #: Whether any surface disperses, see :mod:`.dispersion`.
+    disperses: bool
     #: ``mi.BSDFContext`` of the lobes that the sources are sampled for alone, as no ray is drawn from them that may
     #: meet a source; or None.
     alone: mi.BSDFContext | None
@@ -60,6 +63,7 @@ class SceneFacts:
             lobes.has_any(flags, *lobes.BOTH_SIDES),
             settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)),
             absorbs_any(scene, around),
+            disperses(scene),
             alone,
             partners,
         )

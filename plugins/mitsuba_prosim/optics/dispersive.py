@@ -70,6 +70,7 @@ def sample(
         pdf = dr.detach(mi.Float(pdf))
     else:
         active &= (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
+        active &= reflected | (cos_t != 0)  # where this wavelength is wholly reflected, others may not be
         value, pdf = eval_pdf(bsdf, ctx, si, bs.wo, active)
     active &= pdf > 0
     bs.pdf = dr.select(active, pdf, 0)

@@ -75,7 +75,7 @@ def test_r_g_and_b_are_the_centroids_of_srgb(variant_rgb):
     ],
 )
 def test_wrong_parameters(variant_rgb, parameters, said):
-    with pytest.raises(Exception) as error:
+    with pytest.raises(RuntimeError, match="prosim_dielectric") as error:
         mi.load_dict({"type": "prosim_dielectric", **parameters})
     assert all(word in str(error.value) for word in said)
 

@@ -31,7 +31,15 @@ def sample(
         total = sum(carried, mi.Float(0))
         weights = [dr.select(total > 0, t / dr.select(total > 0, total, 1), 1 / len(carried)) for t in carried]
 
-    def sampled(one, si, choice, point, weights, active):  # type: ignore[no-untyped-def]
+    # Dr.Jit traces it once for each kind of BSDF, and wants what it computes with as arguments.
+    def sampled(
+        one: mi.BSDF,
+        si: mi.SurfaceInteraction3f,
+        choice: mi.Float,
+        point: mi.Point2f,
+        weights: list[mi.Float] | None,
+        active: mi.Bool,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         if getattr(one, "disperses", False):
             return one.sample_carried(lobe, si, choice, point, weights, active)
         return one.sample(lobe, si, choice, point, active)

@@ -24,6 +24,7 @@ VALUES = {
     "BOOL",
     "NULL",
     "CONDUCTOR",
+    "DIELECTRIC",
     "MATERIAL_KIND",
     "LPAR",
     "RPAR",

@@ -7,6 +7,7 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 
+from .kept import Kept
 from .language import parse
 from .language.files import read, rewrite
 from .language.formatter import format
@@ -15,6 +16,7 @@ from .model import Scene
 from .translator import check, document, load, translate
 
 __all__ = [
+    "Kept",
     "Scene",
     "SceneError",
     "SceneWarning",

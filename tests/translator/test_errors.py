@@ -129,6 +129,15 @@ WRONG = [
         ["found 0 numbers after kd", "'#ff8000' is a remark, and this colour is 1 0.502 0"],
     ),
     # trees in parentheses and infix trees
+    (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["found '-' between its operands", "before them: - CUBE 0 SPHERE 0"]),
+    (4, "CSG-TREE CUBE 0 + CUBE 1 * CUBE 2 - CUBE 3", 17, ["before them: - + CUBE 0 * CUBE 1 CUBE 2 CUBE 3"]),
+    (
+        4,
+        "CSG-TREE CUBE 0 t-listra * CUBE 1 * CUBE 2 + CUBE 3",
+        26,
+        ["them: + * * CUBE 0 t-listra CUBE 1 CUBE 2 CUBE 3"],
+    ),
+    (4, "CSG-TREE CUBE 0" + " + CUBE 0" * 9, 17, ["operators come before their operands, as in - CUBE 1"]),
     (
         4,
         "CSG-TREE (CUBE 0 - SPHERE 0)",

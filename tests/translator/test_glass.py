@@ -15,7 +15,8 @@ def scene(tmp_path, surface, tree="SPHERE 0", more="", view="WINDOW -.1 -.1 .1 .
     path = tmp_path / "vidro.scn"
     path.write_text(
         f"""
-        AMBIENT 65535 65535 65535  BACKGROUND 65535 65535 65535  MAX-LEVEL 6  LIGHTS AREA position 0 50 0  VIEW RESOLUTION 9 9 {view}
+        AMBIENT 65535 65535 65535  BACKGROUND 65535 65535 65535  MAX-LEVEL 6
+        LIGHTS AREA position 0 50 0  VIEW RESOLUTION 9 9 {view}
         CSG-TREE {tree}
         SURFACE 0 material dieletrico {surface}
         TRANSFORM 0 SCALE (1 1 1)

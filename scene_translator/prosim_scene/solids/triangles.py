@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..language.document import Document
-from ..model import Leaf
+from ..model import Leaf, Operator, Scene
 from . import csg, media, parts, tree
 from .leaves import Leaves
 from .sight import Sight
@@ -26,24 +26,53 @@ class Triangles:
     keys: np.ndarray
 
 
+#: The triangles of each material, by its number, and which leaves are seen.
+Found = tuple[dict[int, Triangles], np.ndarray]
+
+
+def anew(_: Hashable, make: Callable[[], Found]) -> Found:
+    """Keeps nothing."""
+    return make()
+
+
 def tessellate(
     document: Document,
     camera: Sight,
     tolerance: float,
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
+    kept: Callable[[Hashable, Callable[[], Found]], Found] = anew,
 ) -> dict[Hashable, Triangles]:
     """The surfaces of a document's scene: {material: Triangles}.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
-    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. Raises :class:`SceneError` for a
-    transform that cannot be inverted and for more triangles than memory is provided for.
+    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. ``kept(key, make)`` may give
+    what ``make`` has made for an equal key before. Raises :class:`SceneError` for a transform that cannot be inverted
+    and for more triangles than memory is provided for.
     """
     scene = document.scene
     leaves = tree.leaves(scene.csg)
     if not leaves:
         return {}
     table = Leaves(document, camera, tolerance)
+    materials: dict[Hashable, int] = {}
+    material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
+    # All that the result depends on.
+    key = (
+        tuple(node.symbol if isinstance(node, Operator) else medium(node) for node in scene.csg),
+        tuple((s.primitive.name, s.segments, s.to_world.tobytes()) for s in table.solids),
+        (table.of_leaf.tobytes(), material_of.tobytes(), table.origin.tobytes()),
+    )
+    triangles, seen = kept(key, lambda: _found(scene, table, medium, material_of))
+    _report_vanished(document, seen)
+    names = list(materials)
+    shown = np.unique(material_of[seen]).tolist()  # of others there are seams of no width at most
+    return {names[m]: triangles[m] for m in shown}
+
+
+def _found(scene: Scene, table: Leaves, medium: Callable[[Leaf], Hashable], material_of: np.ndarray) -> Found:
+    """The tree evaluated."""
+    leaves = tree.leaves(scene.csg)
     base = parts.reserve_ids(len(leaves))
 
     def leaf_value(number: int, leaf: Leaf) -> csg.Value:
@@ -62,8 +91,6 @@ def tessellate(
         }
 
     value = csg.evaluate(scene.csg, leaf_value)
-    materials: dict[Hashable, int] = {}
-    material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
     seen = np.zeros(len(leaves), bool)
     collected: dict[int, list[list[np.ndarray]]] = {}
     vertices = alone = 0  # so far: what keys are made of
@@ -84,10 +111,7 @@ def tessellate(
                 chosen = group == m
                 collected.setdefault(m, []).append([a[chosen] for a in (placed, found.normals, found.uv, keys)])
         vertices += len(shell.vertices)
-    _report_vanished(document, seen)
-    names = list(materials)
-    shown = np.unique(material_of[seen]).tolist()  # of others there are seams of no width at most
-    return {names[m]: Triangles(*map(np.concatenate, zip(*collected[m]))) for m in shown}
+    return {m: Triangles(*map(np.concatenate, zip(*arrays))) for m, arrays in collected.items()}, seen
 
 
 def _height(positions: np.ndarray) -> np.ndarray:

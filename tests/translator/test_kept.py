@@ -1,0 +1,56 @@
+"""What a translation leaves to the next one."""
+
+import prosim_scene
+import pytest
+
+SCENE = """DEFAULT $turn = 0
+DEFAULT $red = 0.1
+DEFAULT $size = 1
+VIEW OBS {15 * sin($turn)} 0 {15 * cos($turn)} WINDOW -4 -4 4 4
+LIGHTS POINT position 5 5 9
+CSG-TREE - + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2
+SURFACE 0 kd = $red 0.5 0.5
+SURFACE 1 kd = 0.5 0.5 0.5
+SURFACE 2 material condutor ouro
+TRANSFORM 0 TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)
+TRANSFORM 1 SCALE ($size $size 1.3)
+TRANSFORM 2 SCALE (.4 .4 9) TRANSLATE (0 0 -4)
+END
+"""
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.rglob("*.*") if path.is_file()}
+
+
+# what is told to the second and third translation, and how many trees are evaluated in all
+@pytest.mark.parametrize(
+    "second, third, made",
+    [
+        ({"turn": 30, "red": 0.7}, {"turn": 70}, 1),
+        ({"size": 1.1}, {"size": 1.1, "turn": 20}, 2),
+        ({"size": 1.1}, {"size": 1}, 3),
+    ],
+)
+def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path, second, third, made):
+    path = tmp_path / "s.scn"
+    path.write_text(SCENE)
+    kept = prosim_scene.Kept()
+    for define in {}, second, third:
+        prosim_scene.translate(path, tmp_path / "kept", define=define, kept=kept)
+        prosim_scene.translate(path, tmp_path / "anew", define=define)
+        assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 4
+    assert kept.made == made
+
+
+def test_what_vanishes_is_said_each_time(tmp_path):
+    path = tmp_path / "s.scn"
+    kept = prosim_scene.Kept()
+    vanishing = SCENE.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "+ CUBE 0 + SPHERE 1 SPHERE 2").replace(
+        "SCALE (.4 .4 9) TRANSLATE (0 0 -4)", "SCALE (.4 .4 .4)"
+    )
+    path.write_text(vanishing)
+    for turn in (0, 20):
+        with pytest.warns(prosim_scene.SceneWarning, match="nothing is seen of SPHERE 2"):
+            prosim_scene.translate(path, tmp_path / "kept", define={"turn": turn}, kept=kept)
+    assert kept.made == 1

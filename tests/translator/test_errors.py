@@ -145,7 +145,6 @@ WRONG = [
         ["the tree stands in a remark", "- CUBE 1 SPHERE 2", "parentheses are remarks"],
     ),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, ["the tree stands in a remark"]),
-    (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["operators come before their operands"]),
     (4, "CSG-TREE + (CUBE 0 - SPHERE 0) CUBE 0", 10, ["lacks an operand", "parentheses are remarks"]),
     # marks
     (1, "NAME: x (unclosed", 9, ["this remark is not closed"]),

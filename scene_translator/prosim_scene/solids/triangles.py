@@ -1,6 +1,6 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,6 @@ import numpy as np
 from ..language.document import Document
 from ..model import Leaf, Operator
 from . import csg, media, parts, tree
-from .kept import Faces, Kept
 from .leaves import Leaves
 from .sight import Sight
 from .values import Value
@@ -28,48 +27,55 @@ class Triangles:
     keys: np.ndarray
 
 
+#: The triangles of each material, by its number, and which leaves are seen.
+Found = tuple[dict[int, Triangles], np.ndarray]
+
+
+def anew(_: Hashable, make: Callable[[], Found]) -> Found:
+    """Keeps nothing."""
+    return make()
+
+
 def tessellate(
     document: Document,
     camera: Sight,
     tolerance: float,
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
-    kept: Kept | None = None,
+    kept: Callable[[Hashable, Callable[[], Found]], Found] = anew,
 ) -> dict[Hashable, Triangles]:
     """The surfaces of a document's scene: {material: Triangles}.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
-    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. What is ``kept`` from earlier scenes
-    is not computed again. Raises :class:`SceneError` for a transform that cannot be inverted and for more triangles
-    than memory is provided for.
+    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. ``kept(key, make)`` may give
+    what ``make`` has made for an equal key before. Raises :class:`SceneError` for a transform that cannot be inverted
+    and for more triangles than memory is provided for.
     """
     nodes = document.scene.csg
     leaves = tree.leaves(nodes)
     if not leaves:
         return {}
     table = Leaves(document, camera, tolerance)
-    names: dict[Hashable, int] = {None: media.OPAQUE}
-    media_of = [names.setdefault(medium(leaf), len(names)) for leaf in leaves]
+    media_of = _numbered([None, *map(medium, leaves)])[1:]
+    materials = list(map(material, leaves))
+    material_of = np.array(_numbered(materials))
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
-    faces = (kept or Kept()).faces(
-        (symbols, tuple(media_of), table.content()), lambda: _evaluated(nodes, table, media_of)
-    )
-    _report_vanished(document, faces.seen)
-    materials: dict[Hashable, int] = {}
-    material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
-    order = np.argsort(material_of[faces.leaf], kind="stable")
-    begins = np.searchsorted(material_of[faces.leaf][order], np.arange(len(materials) + 1))
-    result: dict[Hashable, Triangles] = {}
-    shown = set(material_of[faces.seen].tolist())  # of others there are seams of no width at most
-    for name, number in materials.items():
-        if number in shown:
-            chosen = order[begins[number] : begins[number + 1]]
-            result[name] = Triangles(*(a[chosen] for a in (faces.positions, faces.normals, faces.uv, faces.keys)))
-    return result
+    key = symbols, tuple(media_of), material_of.tobytes(), table.content()
+    triangles, seen = kept(key, lambda: _found(nodes, table, media_of, material_of))
+    _report_vanished(document, seen)
+    names = dict(zip(material_of.tolist(), materials))
+    shown = np.unique(material_of[seen]).tolist()  # of others there are seams of no width at most
+    return {names[m]: triangles[m] for m in shown}
 
 
-def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
-    """The triangles of a tree; the leaf with the number i is of the medium ``media_of[i]``, 0 is the opaque one."""
+def _numbered(keys: Iterable[Hashable]) -> list[int]:
+    """Keys numbered from 0, in the order in which they are met first."""
+    numbers: dict[Hashable, int] = {}
+    return [numbers.setdefault(key, len(numbers)) for key in keys]
+
+
+def _found(nodes: tree.Nodes, table: Leaves, media_of: list[int], material_of: np.ndarray) -> Found:
+    """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric."""
     table.make_meshes()
     base = parts.reserve_ids(len(media_of))
 
@@ -91,7 +97,7 @@ def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
 
     value = csg.evaluate(nodes, leaf_value)
     seen = np.zeros(len(media_of), bool)
-    collected: list[list[np.ndarray]] = []
+    collected: dict[int, list[list[np.ndarray]]] = {}
     vertices = alone = 0  # so far: what keys are made of
     for shell in media.batches(media.shells(value), CHUNK, table.planes):
         for start in range(0, len(shell.triangles), CHUNK):
@@ -104,12 +110,16 @@ def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
             keys = (((corner + vertices) * len(media_of) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
-            collected.append([leaf, positions + table.origin, found.normals, found.uv, keys])
+            order = np.argsort(material_of[leaf], kind="stable")
+            group = material_of[leaf][order]
+            begins = np.flatnonzero(np.append(True, np.diff(group) != 0))
+            columns = [
+                np.split(a[order], begins[1:]) for a in (positions + table.origin, found.normals, found.uv, keys)
+            ]
+            for m, *arrays in zip(group[begins].tolist(), *columns):
+                collected.setdefault(m, []).append(arrays)
         vertices += len(shell.vertices)
-    if not collected:
-        collected.append([np.empty(0, int), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)])
-    leaf, positions, normals, uv, keys = map(np.concatenate, zip(*collected))
-    return Faces(leaf, positions, normals, uv, keys, seen)
+    return {m: Triangles(*map(np.concatenate, zip(*arrays))) for m, arrays in collected.items()}, seen
 
 
 def _height(positions: np.ndarray) -> np.ndarray:

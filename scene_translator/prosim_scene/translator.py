@@ -103,7 +103,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
-        kept.surfaces,
+        kept.faces,
     )
 
     def comment(text: str, *path: str | int) -> Comment:
@@ -278,6 +278,7 @@ def load(
     *,
     transform: Callable[[Any], Any] | None = None,
     define: Mapping[str, object] | None = None,
+    kept: Kept | None = None,
     **options: Any,
 ) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
@@ -297,7 +298,7 @@ def load(
         return str(file)
 
     try:
-        tree = assemble(opened, path.parent, checked, store, str)
+        tree = assemble(opened, path.parent, checked, store, str, kept)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
     mitsuba = sys.modules.get("mitsuba")

@@ -6,11 +6,12 @@ import pytest
 SCENE = """DEFAULT $turn = 0
 DEFAULT $red = 0.1
 DEFAULT $size = 1
+DEFAULT $blue = 0.5
 VIEW OBS {15 * sin($turn)} 0 {15 * cos($turn)} WINDOW -4 -4 4 4
 LIGHTS POINT position 5 5 9
 CSG-TREE - + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2
 SURFACE 0 kd = $red 0.5 0.5
-SURFACE 1 kd = 0.5 0.5 0.5
+SURFACE 1 kd = $blue 0.5 0.5
 SURFACE 2 material condutor ouro
 TRANSFORM 0 TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)
 TRANSFORM 1 SCALE ($size $size 1.3)
@@ -28,6 +29,7 @@ def files(folder):
     "second, third, made",
     [
         ({"turn": 30, "red": 0.7}, {"turn": 70}, 1),
+        ({"blue": 0.1}, {"red": 0.5}, 1),  # CUBE 0 has a texture: they never look alike
         ({"size": 1.1}, {"size": 1.1, "turn": 20}, 2),
         ({"size": 1.1}, {"size": 1}, 3),
     ],
@@ -41,6 +43,18 @@ def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path,
         prosim_scene.translate(path, tmp_path / "anew", define=define)
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 4
     assert kept.made == made
+
+
+def test_solids_that_come_to_look_alike_and_no_longer_are_not_evaluated_anew(tmp_path):
+    path = tmp_path / "s.scn"
+    path.write_text(SCENE.replace("CUBE 0 t-tijolo", "CUBE 0"))
+    kept = prosim_scene.Kept()
+    for red, meshes in ((0.1, 3), (0.5, 2), (0.7, 3), (0.5, 2)):
+        prosim_scene.translate(path, tmp_path / "kept", define={"red": red}, kept=kept)
+        prosim_scene.translate(path, tmp_path / "anew", define={"red": red})
+        assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 1 + meshes
+        assert len(kept.files) == meshes
+    assert kept.made == 1
 
 
 def test_what_vanishes_is_said_each_time(tmp_path):

@@ -1,6 +1,7 @@
 """From the CSG tree to triangles: primitives, their transforms, the tree evaluated, the surfaces of the result."""
 
 from .detail import TOLERANCE
-from .triangles import Triangles, tessellate
+from .faces import Faces, Triangles
+from .triangles import tessellate
 
-__all__ = ["TOLERANCE", "Triangles", "tessellate"]
+__all__ = ["TOLERANCE", "Faces", "Triangles", "tessellate"]

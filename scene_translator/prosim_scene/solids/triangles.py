@@ -1,13 +1,13 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..language.document import Document
 from ..model import Leaf, Operator
 from . import csg, media, parts, tree
+from .faces import Faces, Triangles
 from .leaves import Leaves
 from .sight import Sight
 from .values import Value
@@ -15,23 +15,7 @@ from .values import Value
 CHUNK = 1 << 18  # triangles at a time
 
 
-@dataclass
-class Triangles:
-    """Triangles of one material, corner by corner: positions (n, 3, 3), unit normals (n, 3, 3), uv (n, 3, 2), and a key
-    (n, 3) that is equal for equal corners.
-    """
-
-    positions: np.ndarray
-    normals: np.ndarray
-    uv: np.ndarray
-    keys: np.ndarray
-
-
-#: The triangles of each material, by its number, and which leaves are seen.
-Found = tuple[dict[int, Triangles], np.ndarray]
-
-
-def anew(_: Hashable, make: Callable[[], Found]) -> Found:
+def anew(_: Hashable, make: Callable[[], Faces]) -> Faces:
     """Keeps nothing."""
     return make()
 
@@ -42,7 +26,7 @@ def tessellate(
     tolerance: float,
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
-    kept: Callable[[Hashable, Callable[[], Found]], Found] = anew,
+    kept: Callable[[Hashable, Callable[[], Faces]], Faces] = anew,
 ) -> dict[Hashable, Triangles]:
     """The surfaces of a document's scene: {material: Triangles}.
 
@@ -57,15 +41,14 @@ def tessellate(
         return {}
     table = Leaves(document, camera, tolerance)
     media_of = _numbered([None, *map(medium, leaves)])[1:]
-    materials = list(map(material, leaves))
-    material_of = np.array(_numbered(materials))
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
-    key = symbols, tuple(media_of), material_of.tobytes(), table.content()
-    triangles, seen = kept(key, lambda: _found(nodes, table, media_of, material_of))
-    _report_vanished(document, seen)
-    names = dict(zip(material_of.tolist(), materials))
-    shown = np.unique(material_of[seen]).tolist()  # of others there are seams of no width at most
-    return {names[m]: triangles[m] for m in shown}
+    faces = kept((symbols, tuple(media_of), table.content()), lambda: _faces(nodes, table, media_of))
+    _report_vanished(document, faces.seen)
+    alike: dict[Hashable, list[int]] = {}
+    for number, leaf in enumerate(leaves):
+        alike.setdefault(material(leaf), []).append(number)
+    shown = {name: tuple(some) for name, some in alike.items() if faces.seen[some].any()}
+    return dict(zip(shown, faces.chosen(list(shown.values()))))
 
 
 def _numbered(keys: Iterable[Hashable]) -> list[int]:
@@ -74,7 +57,7 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _found(nodes: tree.Nodes, table: Leaves, media_of: list[int], material_of: np.ndarray) -> Found:
+def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
     """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric."""
     table.make_meshes()
     base = parts.reserve_ids(len(media_of))
@@ -97,7 +80,7 @@ def _found(nodes: tree.Nodes, table: Leaves, media_of: list[int], material_of: n
 
     value = csg.evaluate(nodes, leaf_value)
     seen = np.zeros(len(media_of), bool)
-    collected: dict[int, list[list[np.ndarray]]] = {}
+    collected = [[np.empty(0, int), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)]]
     vertices = alone = 0  # so far: what keys are made of
     for shell in media.batches(media.shells(value), CHUNK, table.planes):
         for start in range(0, len(shell.triangles), CHUNK):
@@ -110,16 +93,10 @@ def _found(nodes: tree.Nodes, table: Leaves, media_of: list[int], material_of: n
             keys = (((corner + vertices) * len(media_of) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
-            order = np.argsort(material_of[leaf], kind="stable")
-            group = material_of[leaf][order]
-            begins = np.flatnonzero(np.append(True, np.diff(group) != 0))
-            columns = [
-                np.split(a[order], begins[1:]) for a in (positions + table.origin, found.normals, found.uv, keys)
-            ]
-            for m, *arrays in zip(group[begins].tolist(), *columns):
-                collected.setdefault(m, []).append(arrays)
+            collected.append([leaf, positions + table.origin, found.normals, found.uv, keys])
         vertices += len(shell.vertices)
-    return {m: Triangles(*map(np.concatenate, zip(*arrays))) for m, arrays in collected.items()}, seen
+    leaf, *columns = map(np.concatenate, zip(*collected))
+    return Faces(Triangles(*columns), leaf, seen)
 
 
 def _height(positions: np.ndarray) -> np.ndarray:

@@ -8,11 +8,11 @@ from typing import Any
 from lark import Token, Tree
 
 from .. import model
-from . import checks
+from . import checks, parentheses
 from .document import Document, Path
 from .hints import hint, nearest
 from .lexer import place
-from .messages import Place, SceneError, Source, listing, quote
+from .messages import CLIP, Place, SceneError, Source, listing, quote
 from .names import ALIASES, BUILT_IN, METALS
 from .parentheses import EXPLAINED
 from .values import read_value, span
@@ -143,6 +143,12 @@ class Builder:
     def csg(self, fields: dict[str, Any], children: list[Any]) -> None:
         """CSG-TREE."""
         self.once(children[0], "CSG-TREE", "csg")
+        if infix := parentheses.infix(self.source, children[1:]):
+            raise self.error(
+                children[2].children[0],
+                f"found {quote(children[2].children[0])} between its operands; expected it before them: "
+                f"{infix if len(infix) <= CLIP else EXPLAINED}",
+            )
         nodes: list[model.Operator | model.Leaf] = []
         missing: list[tuple[Token, int]] = []  # the operators that still lack operands, and how many
         for number, item in enumerate(children[1:]):

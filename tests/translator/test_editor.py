@@ -1,11 +1,14 @@
 """What an editor is told: the same as of a whole text, however it came to be."""
 
+import json
 import random
+import re
 import time
+from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene.editor import meanings, places
+from prosim_scene.editor import colours, meanings, places
 from prosim_scene.editor.completing import completions, hover
 from prosim_scene.editor.judging import evaluate, judge
 from prosim_scene.editor.reading import Reading
@@ -191,6 +194,15 @@ def test_what_cannot_be_renamed(word, new, says):
     if says:
         with pytest.raises(ValueError, match=says):
             places.renamed(reading, here.symbol, new)
+
+
+def test_the_grammar_of_editors_has_the_words_of_the_language():
+    path = Path(__file__).parents[2] / "editors" / "vscode" / "syntaxes" / "scn.tmLanguage.json"
+    assert json.loads(path.read_text()) == colours.textmate()  # python -m prosim_scene.editor.colours > PATH
+    patterns = [re.compile(one["match"]) for one in colours.textmate()["patterns"] if "match" in one]
+    for word in WORDS:
+        for spelling in word.spellings:
+            assert any((found := pattern.match(spelling)) and found.end() == len(spelling) for pattern in patterns)
 
 
 def large(count):

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from . import view
-from .kept import Kept
 from .language import document_of
 from .language.document import Document
 from .language.files import read
@@ -22,10 +21,11 @@ from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .solids import TOLERANCE, tessellate
+from .solids import TOLERANCE, Kept, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
+from .write.ply import ply
 
 AnyPath = str | os.PathLike[str]
 
@@ -88,10 +88,10 @@ def assemble(
     """A scene's dictionary.
 
     ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
-    earlier translation has left, and this one leaves.
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept`` is what
+    earlier translations left.
     """
-    scene, target, kept = document.scene, TARGETS[options.target], kept or Kept()
+    scene, target = document.scene, TARGETS[options.target]
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
@@ -103,7 +103,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
-        kept.surfaces,
+        kept,
     )
 
     def comment(text: str, *path: str | int) -> Comment:
@@ -127,7 +127,7 @@ def assemble(
             name += "_"
         if not np.abs(triangles[key].positions).max() <= single.LARGEST:
             raise document.error("this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index)
-        content = kept.file(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+        content = ply(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
         bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
             ", ..." if len(leaves) > 3 else ""
         )
@@ -225,7 +225,7 @@ def translate(
     ``define``
         Values, numbers or words, of the ``$names`` in the scene.
     ``kept``
-        What an earlier translation has left, and this one leaves: meshes of the same solids are not made anew.
+        What earlier translations left, see :class:`Kept`; for one scene that is translated again and again.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
@@ -278,6 +278,7 @@ def load(
     *,
     transform: Callable[[Any], Any] | None = None,
     define: Mapping[str, object] | None = None,
+    kept: Kept | None = None,
     **options: Any,
 ) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
@@ -297,7 +298,7 @@ def load(
         return str(file)
 
     try:
-        tree = assemble(opened, path.parent, checked, store, str)
+        tree = assemble(opened, path.parent, checked, store, str, kept)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
     mitsuba = sys.modules.get("mitsuba")
@@ -306,12 +307,14 @@ def load(
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
+def check(
+    source: AnyPath | Document, *, define: Mapping[str, object] | None = None, kept: Kept | None = None, **options: Any
+) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     checked = Options(**options)
     opened, path = _opened(source, define)
-    assemble(opened, path.parent, checked, lambda name, _: name, str)
+    assemble(opened, path.parent, checked, lambda name, _: name, str, kept)
     return opened.scene

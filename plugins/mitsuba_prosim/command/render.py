@@ -56,6 +56,9 @@ from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, de
     help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
 )
 @click.option(
+    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
+)
+@click.option(
     "--max-level",
     type=click.IntRange(-1, 2**16),
     show_default=False,
@@ -135,6 +138,7 @@ def render(
     seed: int,
     crop: tuple[int, int, int, int] | None,
     paths: bool,
+    caustics: bool,
     max_level: int | None,
     threshold: float | None,
     noise: float | None,
@@ -193,7 +197,7 @@ def render(
         resolution=resolution,
         crop=crop,
         samples=samples,
-        integrator=parameters(paths, max_level) | asked,
+        integrator=parameters(paths, max_level, caustics) | asked,
         language=language,
         exposure=exposure,
     )
@@ -203,9 +207,10 @@ def render(
         make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
 
 
-def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:
+def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:
     """Parameters of the ``prosim`` integrator that the options ask for; None takes one away."""
     result: dict[str, Any] = {"diffuse_bounces": -1, "max_level": -1, "ambient": None} if paths else {}
+    result |= {"caustics": True} if caustics else {}
     return result | ({} if max_level is None else {"max_level": max_level})
 
 

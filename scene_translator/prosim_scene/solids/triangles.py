@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..language.document import Document
-from ..model import Leaf, Operator, Scene
+from ..model import Leaf, Operator
 from . import csg, media, parts, tree
+from .kept import Faces, Kept
 from .leaves import Leaves
 from .sight import Sight
+from .values import Value
 
 CHUNK = 1 << 18  # triangles at a time
 
@@ -26,60 +28,56 @@ class Triangles:
     keys: np.ndarray
 
 
-#: The triangles of each material, by its number, and which leaves are seen.
-Found = tuple[dict[int, Triangles], np.ndarray]
-
-
-def anew(_: Hashable, make: Callable[[], Found]) -> Found:
-    """Keeps nothing."""
-    return make()
-
-
 def tessellate(
     document: Document,
     camera: Sight,
     tolerance: float,
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
-    kept: Callable[[Hashable, Callable[[], Found]], Found] = anew,
+    kept: Kept | None = None,
 ) -> dict[Hashable, Triangles]:
     """The surfaces of a document's scene: {material: Triangles}.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
-    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. ``kept(key, make)`` may give
-    what ``make`` has made for an equal key before. Raises :class:`SceneError` for a transform that cannot be inverted
-    and for more triangles than memory is provided for.
+    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. What is ``kept`` from earlier scenes
+    is not computed again. Raises :class:`SceneError` for a transform that cannot be inverted and for more triangles
+    than memory is provided for.
     """
-    scene = document.scene
-    leaves = tree.leaves(scene.csg)
+    nodes = document.scene.csg
+    leaves = tree.leaves(nodes)
     if not leaves:
         return {}
     table = Leaves(document, camera, tolerance)
+    names: dict[Hashable, int] = {None: media.OPAQUE}
+    media_of = [names.setdefault(medium(leaf), len(names)) for leaf in leaves]
+    symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
+    faces = (kept or Kept()).faces(
+        (symbols, tuple(media_of), table.content()), lambda: _evaluated(nodes, table, media_of)
+    )
+    _report_vanished(document, faces.seen)
     materials: dict[Hashable, int] = {}
     material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
-    # All that the result depends on.
-    key = (
-        tuple(node.symbol if isinstance(node, Operator) else medium(node) for node in scene.csg),
-        tuple((s.primitive.name, s.segments, s.to_world.tobytes()) for s in table.solids),
-        (table.of_leaf.tobytes(), material_of.tobytes(), table.origin.tobytes()),
-    )
-    triangles, seen = kept(key, lambda: _found(scene, table, medium, material_of))
-    _report_vanished(document, seen)
-    names = list(materials)
-    shown = np.unique(material_of[seen]).tolist()  # of others there are seams of no width at most
-    return {names[m]: triangles[m] for m in shown}
+    order = np.argsort(material_of[faces.leaf], kind="stable")
+    begins = np.searchsorted(material_of[faces.leaf][order], np.arange(len(materials) + 1))
+    result: dict[Hashable, Triangles] = {}
+    shown = set(material_of[faces.seen].tolist())  # of others there are seams of no width at most
+    for name, number in materials.items():
+        if number in shown:
+            chosen = order[begins[number] : begins[number + 1]]
+            result[name] = Triangles(*(a[chosen] for a in (faces.positions, faces.normals, faces.uv, faces.keys)))
+    return result
 
 
-def _found(scene: Scene, table: Leaves, medium: Callable[[Leaf], Hashable], material_of: np.ndarray) -> Found:
-    """The tree evaluated."""
-    leaves = tree.leaves(scene.csg)
-    base = parts.reserve_ids(len(leaves))
+def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
+    """The triangles of a tree; the leaf with the number i is of the medium ``media_of[i]``, 0 is the opaque one."""
+    table.make_meshes()
+    base = parts.reserve_ids(len(media_of))
 
-    def leaf_value(number: int, leaf: Leaf) -> csg.Value:
+    def leaf_value(number: int, leaf: Leaf) -> Value:
         i = table.of_leaf[number]
         solid, mesh = table.solids[i], table.meshes[i]
         return {
-            medium(leaf): parts.solid(
+            media_of[number]: parts.solid(
                 mesh.vertices,
                 mesh.triangles,
                 table.first[i] + mesh.facets,
@@ -87,14 +85,15 @@ def _found(scene: Scene, table: Leaves, medium: Callable[[Leaf], Hashable], mate
                 table.planes,
                 frozenset(solid.surfaces[solid.surfaces >= 0].tolist()),
                 solid.key,
+                solid.curved_surface < 0,
             )
         }
 
-    value = csg.evaluate(scene.csg, leaf_value)
-    seen = np.zeros(len(leaves), bool)
-    collected: dict[int, list[list[np.ndarray]]] = {}
+    value = csg.evaluate(nodes, leaf_value)
+    seen = np.zeros(len(media_of), bool)
+    collected: list[list[np.ndarray]] = []
     vertices = alone = 0  # so far: what keys are made of
-    for shell in media.shells(value, media.precedence(map(medium, leaves))):
+    for shell in media.batches(media.shells(value), CHUNK, table.planes):
         for start in range(0, len(shell.triangles), CHUNK):
             part = slice(start, start + CHUNK)
             leaf, corner = shell.ids[part] - base, shell.triangles[part]
@@ -102,16 +101,15 @@ def _found(scene: Scene, table: Leaves, medium: Callable[[Leaf], Hashable], mate
             seen[leaf[_height(positions) > 2 * table.planes.step]] = True
             found = table.surface(positions, leaf, shell.facets[part], shell.sign[part])
             wrapped = (np.floor(found.uv[..., 0]) > 0).astype(int)
-            keys = (((corner + vertices) * len(leaves) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
+            keys = (((corner + vertices) * len(media_of) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
-            placed = positions + table.origin
-            group = material_of[leaf]
-            for m in np.unique(group):
-                chosen = group == m
-                collected.setdefault(m, []).append([a[chosen] for a in (placed, found.normals, found.uv, keys)])
+            collected.append([leaf, positions + table.origin, found.normals, found.uv, keys])
         vertices += len(shell.vertices)
-    return {m: Triangles(*map(np.concatenate, zip(*arrays))) for m, arrays in collected.items()}, seen
+    if not collected:
+        collected.append([np.empty(0, int), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)])
+    leaf, positions, normals, uv, keys = map(np.concatenate, zip(*collected))
+    return Faces(leaf, positions, normals, uv, keys, seen)
 
 
 def _height(positions: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ from .record import Record
 from .scalar import take_back_interrupts
 from .snapshot import Reached, Snapshot, put
 from .state import State
+from .taking import Taker
 from .target import Target
 from .waves import waves
 
@@ -68,6 +69,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         #: Called as often as ``progress``, and at the end, with what makes the record of the image then, and whether it
         #: is the end.
         self.keep: Callable[[Callable[[], Record], bool], None] | None = None
+        #: Who takes the samples, see :class:`.taking.Taker`; None: this process.
+        self.taker: Taker | None = None
         #: How far the last image came.
         self.reached: Reached | None = None
         self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
@@ -179,7 +182,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
                 "without them, and let the image that is put together go on until it is good enough."
             )
-        if part is not None or begin is not None:
+        if part is not None or begin is not None or self.taker is not None:
             self._refuse_sampler()
         policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs, part)
         target, steps = self._target(time.perf_counter()), self._grow
@@ -265,7 +268,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self.cancelled = False  # before the work: what is cancelled during it stays so
         plan, estimator = self._plan(scene, sensor, seed, spp)
         policy: Any = POLICIES[self.adaptive](plan, self.threshold)
-        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach, part)
+        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach, part, self.taker)
 
     def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
         """The image wave by wave."""

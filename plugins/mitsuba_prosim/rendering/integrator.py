@@ -232,6 +232,12 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 "Mitsuba's, which does not say where it was; leave the sampler out."
             )
 
+    def estimator(self, plan: Plan, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
+        """What takes the samples of a ``plan``, through the scene to the film's values."""
+        transport = self.transport(scene, sensor)
+        channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
+        return Estimator(plan, scene, sensor, transport, channels, self.sampler)
+
     def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
         """``(plan, estimator)``: which samples are taken, and what takes them."""
         plan = Plan.of(
@@ -251,9 +257,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
             seed,
             spp,
         )
-        transport = self.transport(scene, sensor)
-        channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
-        return plan, Estimator(plan, scene, sensor, transport, channels, self.sampler)
+        return plan, self.estimator(plan, scene, sensor)
 
     def _begin(
         self,
@@ -274,14 +278,16 @@ class WaveIntegrator(mi.SamplingIntegrator):
         """The image wave by wave."""
         estimator = state.estimator
 
-        pace = Pace(state)
-        if self.keep is not None:
+        pace = None if self.keep is None or self.taker is not None else Pace(state)
+        if pace is not None:
             state.portion = Pace.FIRST
 
         def pause() -> bool:
-            if self.keep is not None:
+            if pace is not None:
                 pace.look()
+            if self.keep is not None:
                 self.keep(lambda: Record.of(state, target.passed), False)
+            if pace is not None:
                 pace.go_on()
             return self.cancelled
 

@@ -1,0 +1,57 @@
+"""A cluster on this machine, and one that is elsewhere."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import distributed
+
+#: Seconds that a scheduler has to answer.
+ANSWER = 10
+
+
+@contextmanager
+def workers(number: int, threads: int | None = None) -> Iterator[distributed.Client]:
+    """A client of so many processes of this machine, for a while. ``threads``: of all together; None for all that
+    there are. Their scheduler listens to this machine alone.
+    """
+    each = max(1, (threads or os.cpu_count() or 1) // number)
+    with (
+        distributed.LocalCluster(
+            n_workers=number,
+            threads_per_worker=each,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            memory_limit=0,  # as much as one process may have
+            silence_logs=logging.CRITICAL,
+            preload=["mitsuba_prosim.cluster.preload"],
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def scheduler(address: str) -> Iterator[distributed.Client]:
+    """A client of the scheduler at an address such as ``tcp://machine:8786``, for a while.
+
+    Raises ClusterError where there is none.
+    """
+    from .remote import ClusterError
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client = distributed.Client(address, set_as_default=False, timeout=ANSWER)
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"no scheduler answers at {address}; expected the address that `dask scheduler` says when it is started, "
+            f"such as tcp://machine:8786 ({error})"
+        ) from None
+    try:
+        yield client
+    finally:
+        client.close(timeout=2)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -22,10 +21,11 @@ from ..saved.keeper import Keeper
 from ..scene_files import images, rendering, session, writing
 from . import denoised, reached
 from . import output as files
+from .helping import helping, pack
 from .interrupts import interruptible
 from .job import Job
 from .log import log
-from .options import InputError, wrong_input
+from .options import Helpers, InputError, wrong_input
 
 #: What an image is written as, and its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
@@ -40,14 +40,15 @@ def make(
     keep: bool = False,
     part: Part | None = None,
     denoise: bool = False,
+    helpers: Helpers | None = None,
 ) -> None:
     """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
 
     ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
     write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
     which the state is all that is written; ``denoise``: whether the image is denoised, where none of these is asked
-    for. Raises InputError, where nothing has been written, and ClickException; ends the process where it was
-    interrupted.
+    for; ``helpers``: who takes the samples, if not this process. Raises InputError, where nothing has been written, and
+    ClickException; ends the process where it was interrupted.
     """
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
@@ -56,6 +57,9 @@ def make(
             if about:
                 refuse_to_keep(loaded.integrator())
             refuse_another_scene(job, begin, about)
+            if helpers:
+                refuse_waves([str(helpers)], job.variant)
+            parcel = pack(helpers, file, loaded.integrator(), job.sensor)
         width, height = chosen.film().crop_size()
         integrator = loaded.integrator()
         refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
@@ -70,19 +74,21 @@ def make(
             keeper = Keeper(stem.with_name(stem.name + state), about, warn)
         files.check(Path(job.scene), stem, suffixes, size)
 
-        start = perf_counter()
-        with interruptible(integrator.cancel) as signals:
+        with helping(helpers, parcel, integrator, threads, warn) as taker, interruptible(integrator.cancel) as signals:
+            start = perf_counter()
             try:
                 with progress_bar(integrator, job.variant) as tell:
-                    stopped = partial(bool, signals)
-                    picture = take(loaded, chosen, job, denoise, tell, stopped, begin, keeper, part)
+                    picture = take(
+                        loaded, chosen, job, denoise, tell, lambda: bool(signals or lost(taker)), begin, keeper, part
+                    )
             except ValueError as error:
                 raise InputError(str(error)) from None
             except (RuntimeError, MemoryError) as error:
                 raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-            seconds, interrupted = perf_counter() - start, bool(signals)
+            gone = lost(taker)
+            seconds, interrupted = perf_counter() - start, bool(signals or gone)
             if interrupted and reached.nothing(integrator):
-                raise click.ClickException("interrupted before the image had begun; nothing was written.")
+                raise click.ClickException(f"{gone or 'interrupted'} before the image had begun; nothing was written.")
             written = []
             if part is None:
                 facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts)
@@ -97,6 +103,7 @@ def make(
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
         + (f", {reached.interrupted(integrator)}" if interrupted else ""),
+        gone,
         None if part else reached.sentence(integrator, interrupted),
         picture.said,
     ]
@@ -123,6 +130,11 @@ def take(
         return denoised.render(scene, sensor, job.seed, job.spp, tell, stopped)
     rendering.render(scene, sensor, job.seed, job.spp, tell, begin, keeper, part)
     return denoised.Picture(sensor.film().bitmap())
+
+
+def lost(taker: Any) -> str | None:
+    """Why those who take the samples are there no more; None where they are, or where it is this process."""
+    return taker.gone if taker is not None else None
 
 
 def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> int:

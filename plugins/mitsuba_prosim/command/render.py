@@ -13,7 +13,20 @@ from ..rendering.policies import POLICIES
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, defines, running, translation
+from .options import (
+    SCENE,
+    STOPS,
+    Crop,
+    Finite,
+    Helpers,
+    Share,
+    aims,
+    choose_variant,
+    defines,
+    helped,
+    running,
+    translation,
+)
 
 
 @click.command()
@@ -107,6 +120,7 @@ from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, de
     help="Render only part K of M, of which NAME.K-of-M.exr is written, from time to time and at the end: prosim merge "
     "makes the image of all.",
 )
+@helped
 @translation
 def render(
     scene: Path,
@@ -133,6 +147,7 @@ def render(
     part: Part | None,
     resolution: tuple[int, int] | None,
     samples: int | None,
+    helpers: Helpers | None,
     **language: Any,
 ) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
@@ -172,7 +187,7 @@ def render(
         language=language,
         exposure=exposure,
     )
-    make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
+    make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise, helpers=helpers)
 
 
 def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:

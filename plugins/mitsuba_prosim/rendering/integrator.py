@@ -228,8 +228,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
     def _refuse_sampler(self) -> None:
         if self.sampler is not None:
             raise ValueError(
-                f"{self.name()}: an image can't be kept and gone on with where its samples are drawn from a sampler of "
-                "Mitsuba's, which does not say where it was; leave the sampler out."
+                f"{self.name()}: an image can't be kept and gone on with, nor shared out, where its samples are drawn "
+                "from a sampler of Mitsuba's, which does not say where it was; leave the sampler out."
             )
 
     def estimator(self, plan: Plan, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:

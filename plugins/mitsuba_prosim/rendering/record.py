@@ -197,8 +197,8 @@ def estimate(arrays: Mapping[str, np.ndarray], state: State) -> Estimate:
 
 
 def dr_array(values: np.ndarray) -> mi.Float | mi.UInt32 | mi.Int32:
-    """A Dr.Jit array of these values, row by row. It has memory of its own, else a state would grow into its record; and
-    begins where Dr.Jit's own arrays do, else kernels that read it would be others.
+    """A Dr.Jit array of these values, row by row. It has memory of its own, else a state would grow into its record;
+    and begins where Dr.Jit's own arrays do, else kernels that read it would be others.
     """
     values = np.asarray(values)
     room = np.empty(values.nbytes + ALIGNED, dtype=np.uint8)

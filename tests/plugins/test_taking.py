@@ -138,7 +138,7 @@ def working(paces):
     now = [0.0]
     some = fleet.Fleet(lambda: now[0])
     for name, pace in paces.items():
-        some.workers[name] = fleet.Worker(name, 1, pace, 2)
+        some.workers[name] = fleet.Worker(name, 1, pace, answers=2)
     return some, now
 
 
@@ -153,9 +153,11 @@ def test_portions_are_as_large_as_a_worker_is_fast():
     fast, slow, new = some.workers.values()
     assert some.bound(fast, None, 10**9) == 3 * some.bound(slow, None, 10**9) == 3e6 * fleet.LONGEST
     assert some.bound(new, None, 10**9) == fleet.FIRST
-    assert some.bound(slow, 5 * 10**5, 10**9) < 2 * 10**5 < some.bound(slow, None, 10**5) == 1e6 * fleet.SHORTEST
-    slow.learn(2 * 10**6, 1.0)
-    assert slow.pace == 1.5e6
+    assert some.bound(slow, 2 * 10**6, 10**9) == 4 * 10**5  # of all together
+    assert some.bound(slow, 1, 10**9) == some.bound(slow, None, 1) == 1e6 * fleet.SHORTEST
+    slow.learn(2 * 10**6, 0.5, 1.0)
+    assert slow.pace == 1.5e6 and slow.seconds(3 * 10**6) == 2.25
+    assert some.bound(slow, None, 1) == fleet.TIMES * 0.25 * 1.5e6  # what goes before it is a small part
     assert some.free() is fast
     give(some, "fast", 0, 1)
     assert some.free() is slow

@@ -15,7 +15,10 @@ DEPTH = 2
 
 #: Seconds of a portion, at most and at least; where there are more workers than this, it is longer in proportion, as
 #: one process hands out and gathers so many in a second.
-LONGEST, SHORTEST, MANY = 2.0, 0.5, 100
+LONGEST, SHORTEST, MANY = 2.0, 0.25, 100
+
+#: A portion takes so many times what goes before it, at least.
+TIMES = 4
 
 #: Samples of the first portion, for each thread of a worker, as nobody knows its pace yet.
 FIRST = 1 << 16
@@ -26,25 +29,28 @@ ROUNDS = 2
 
 @dataclass(eq=False)
 class Worker:
-    """A worker that takes part. ``pace``: samples in a second, 0 as long as nobody knows; ``since``: when it began with
-    the first of its ``queue``.
+    """A worker that takes part. ``pace``: samples in a second, 0 as long as nobody knows; ``before``: seconds that each
+    portion takes beside; ``since``: when it began with the first of its ``queue``.
     """
 
     address: str
     threads: int
     pace: float = 0.0
+    before: float = 0.0
     answers: int = 0
     since: float = 0.0
     queue: list[Ticket] = field(default_factory=list)
 
     def seconds(self, work: float) -> float:
         """What so many samples take."""
-        return work / (self.pace or FIRST * self.threads)
+        return self.before + work / (self.pace or FIRST * self.threads)
 
-    def learn(self, work: int, seconds: float) -> None:
+    def learn(self, work: int, before: float, seconds: float) -> None:
         """Learns from a portion how fast it is; from the first, which had to compile, until the second is there."""
         new = work / max(seconds, 1e-6)
-        self.pace = new if self.answers < 2 else (self.pace + new) / 2
+        half = 1.0 if self.answers < 2 else 0.5
+        self.pace += half * (new - self.pace)
+        self.before += half * (before - self.before)
         self.answers += 1
 
 
@@ -67,9 +73,10 @@ class Fleet:
         if not worker.pace:
             return FIRST * worker.threads
         pace = sum(other.pace or worker.pace for other in self.workers.values())
-        seconds = max(min(LONGEST * max(1, len(self.workers) / MANY), left / pace / ROUNDS), SHORTEST)
-        samples = worker.pace * seconds
-        return max(1, int(samples if most is None else min(samples, most * worker.pace / pace)))
+        seconds = min(LONGEST * max(1, len(self.workers) / MANY), left / pace / ROUNDS)
+        if most is not None:
+            seconds = min(seconds, most / pace)
+        return max(1, int(worker.pace * max(seconds, SHORTEST, TIMES * worker.before)))
 
     def give(self, ticket: Ticket, worker: Worker, cancel: Callable[[], Any]) -> None:
         """Notes that ``worker`` has it."""

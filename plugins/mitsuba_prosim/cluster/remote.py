@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import itertools
 import queue
 import time
 from collections.abc import Callable, Coroutine, Iterator
@@ -54,7 +55,7 @@ class Remote:
         self.gone: str | None = None
         self.stop: Callable[[], None] = lambda: None
         self.refused: dict[str, str] = {}
-        self.joining: dict[str, Future] = {}
+        self.joining: dict[str, list[distributed.Future]] = {}  # what is asked of those that come
         self.direct: bool | None = None
         self.contents: dict[str, distributed.Future] = {}
         self.events: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
@@ -66,11 +67,10 @@ class Remote:
 
     def close(self) -> None:
         """Lets the workers go; they keep the scene for the next time."""
-        for handle in (self.watch, *self.joining.values()):
-            handle.cancel()
+        self.watch.cancel()
         for ticket in self.fleet.out():
             self.fleet.take_back(ticket)
-        for future in self.contents.values():
+        for future in [*self.contents.values(), *itertools.chain(*self.joining.values())]:
             future.release()
 
     def __enter__(self) -> Remote:
@@ -122,7 +122,9 @@ class Remote:
         async def collect() -> None:
             self.events.put((self._answered, ticket, to.address, await self._outcome(future)))
 
-        self.fleet.give(ticket, to, self._begin(collect()).cancel)
+        # What is released ends the gathering as well.
+        self.fleet.give(ticket, to, future.release)
+        self._begin(collect())
 
     def _heard(self, desk: Desk) -> Iterator[tuple[Ticket, Estimate]]:
         """What is heard from the cluster in the next moment: the samples of tickets, each once."""
@@ -144,11 +146,10 @@ class Remote:
     def _answered(self, desk: Desk, ticket: Ticket, address: str, outcome: Any) -> tuple[Ticket, Estimate] | None:
         if address not in ticket.copies:
             return None  # another was first, or the worker has gone
-        if isinstance(outcome, tuple):
-            count, values, seconds = outcome
-            self.fleet.workers[address].learn(ticket.portion.work, seconds)
+        if isinstance(outcome, worker.Taken):
+            self.fleet.workers[address].learn(ticket.portion.work, outcome.before, outcome.seconds)
             self.fleet.take_back(ticket)
-            return ticket, message.answered(count, values)
+            return ticket, message.answered(outcome.counts, outcome.values)
         self.fleet.take_back(ticket, address)
         if outcome is None:  # other scenes have taken the place of this one
             desk.again.extend(self.fleet.remove(address))
@@ -168,7 +169,8 @@ class Remote:
         for address in set(self.fleet.workers) - addresses:
             desk.again.extend(self.fleet.remove(address))
         for address in set(self.joining) - addresses:
-            self.joining.pop(address).cancel()
+            for future in self.joining.pop(address):
+                future.release()
         for address in set(self.refused) - addresses:
             del self.refused[address]
         for address in addresses - set(self.fleet.workers) - set(self.joining) - set(self.refused):
@@ -181,11 +183,13 @@ class Remote:
             except Exception as error:  # noqa: BLE001 (whatever it is, the others go on)
                 self.events.put((self._joined, address, error))
 
-        self.joining[address] = self._begin(greet())
+        self.joining[address] = []
+        self._begin(greet())
 
     async def _greeted(self, address: str) -> worker.Greeting:
         """The greeting of a worker that is of our kind, and has the scene."""
         future = self._submit(address, worker.greet, self.variant, self.parcel.key)
+        self.joining[address].append(future)
         greeting = await self._outcome(future, direct=False, release=False)
         if isinstance(greeting, BaseException):
             raise greeting
@@ -201,6 +205,8 @@ class Remote:
             futures = [self._travelling(content) for content in self.parcel.contents.values()]
             bare, names = replace(self.parcel, contents={}), list(self.parcel.contents)
             loading = self._submit(address, worker.load, self.variant, bare, names, *futures)
+            if address in self.joining:
+                self.joining[address].append(loading)
             if isinstance(error := await self._outcome(loading), BaseException):
                 raise error
         return greeting

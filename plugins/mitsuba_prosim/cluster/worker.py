@@ -42,6 +42,18 @@ class Greeting:
     loaded: bool
 
 
+@dataclass(frozen=True)
+class Taken:
+    """Samples, as :func:`.message.answer` has them. ``before``: seconds until they were begun with, whatever their
+    number (Dr.Jit follows the code anew, and compiles it the first time); ``seconds``: that they took.
+    """
+
+    counts: np.ndarray
+    values: np.ndarray
+    before: float
+    seconds: float
+
+
 class Loaded:
     """A scene that is ready to be sampled."""
 
@@ -56,14 +68,16 @@ class Loaded:
         self.estimator: Any = None
         self.plans: OrderedDict[Any, tuple[Plan, Any]] = OrderedDict()
 
-    def take(self, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        """The samples of a :func:`.message.request`, as :func:`.message.answer` has them."""
+    def take(self, asked: Mapping[str, Any]) -> Taken:
+        """The samples of a :func:`.message.request`."""
+        times = [time.perf_counter()]
         plan, policy = recent(self.plans, asked["plan"], lambda: planned(asked["plan"]), PLANS)
         if self.estimator is None:
             self.estimator = self.make(plan)
             self.estimator.rays = ray_sampler(self.sensor)
-        more = message.portion(asked, plan, policy, self.estimator).take()
-        return message.answer(more, asked["pixels"])
+        more = message.portion(asked, plan, policy, self.estimator).take(lambda: times.append(time.perf_counter()))
+        counts, values = message.answer(more, asked["pixels"])
+        return Taken(counts, values, times[1] - times[0], time.perf_counter() - times[1])
 
 
 #: By their keys, that used last at the end; of one variant.
@@ -98,18 +112,15 @@ def load(variant: str, parcel: Parcel, names: list[str], *contents: bytes) -> No
     hand().submit(loaded).result()
 
 
-def take(variant: str, key: str, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """``(counts, values, seconds)``: the samples of a :func:`.message.request`; None where that scene is not loaded any
-    more.
-    """
+def take(variant: str, key: str, asked: Mapping[str, Any]) -> Taken | None:
+    """The samples of a :func:`.message.request`; None where that scene is not loaded any more."""
 
-    def taken() -> tuple[np.ndarray, np.ndarray, float] | None:
+    def taken() -> Taken | None:
         choose(variant)
-        begun = time.perf_counter()
         if (variant, key) not in scenes:
             return None
-        scene = recent(scenes, (variant, key), lambda: None, SCENES)
-        return (*scene.take(asked), time.perf_counter() - begun)
+        scene: Loaded = recent(scenes, (variant, key), lambda: None, SCENES)
+        return scene.take(asked)
 
     return hand().submit(taken).result()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -34,12 +34,15 @@ class Portion:
     #: What the samples are given to.
     put: Callable[[Estimate], None]
 
-    def take(self) -> Estimate:
-        """Takes the samples, in this process."""
+    def take(self, followed: Callable[[], Any] = lambda: None) -> Estimate:
+        """Takes the samples, in this process. ``followed``: called in each stage when Dr.Jit has followed the code,
+        which takes as long for few samples as for many.
+        """
         more = self.start
         for plan, end in self.stages:
             self.estimator.plan = plan
             more = self.estimator.take(self.x, self.y, more, end, self.quiet)
+            followed()
             dr.eval(more)
         return more
 

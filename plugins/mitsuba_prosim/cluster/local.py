@@ -13,11 +13,18 @@ import distributed
 ANSWER = 10
 
 
+def be_quiet() -> None:
+    """Dask tells of every worker that is lost, and of a scheduler that is; what matters is said here."""
+    for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
 @contextmanager
 def workers(number: int, threads: int | None = None) -> Iterator[distributed.Client]:
     """A client of so many processes of this machine, for a while. ``threads``: of all together; None for all that
     there are. Their scheduler listens to this machine alone.
     """
+    be_quiet()
     each = max(1, (threads or os.cpu_count() or 1) // number)
     with (
         distributed.LocalCluster(
@@ -43,7 +50,7 @@ def scheduler(address: str) -> Iterator[distributed.Client]:
     """
     from .remote import ClusterError
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    be_quiet()
     try:
         client = distributed.Client(address, set_as_default=False, timeout=ANSWER)
     except (OSError, ValueError) as error:

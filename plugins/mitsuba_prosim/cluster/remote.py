@@ -60,6 +60,8 @@ class Remote:
         self.contents: dict[str, distributed.Future] = {}
         self.events: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
         self.asking: Worker | None = None
+        #: Portions that were answered, and seconds that the workers took for them, all together.
+        self.portions, self.busy = 0, 0.0
         self.since = time.perf_counter()
         self.warned: set[str] = set()
         self.address = getattr(client.scheduler, "address", "of the cluster")
@@ -148,6 +150,7 @@ class Remote:
             return None  # another was first, or the worker has gone
         if isinstance(outcome, worker.Taken):
             self.fleet.workers[address].learn(ticket.portion.work, outcome.before, outcome.seconds)
+            self.portions, self.busy = self.portions + 1, self.busy + outcome.before + outcome.seconds
             self.fleet.take_back(ticket)
             return ticket, message.answered(outcome.counts, outcome.values)
         self.fleet.take_back(ticket, address)

@@ -104,7 +104,7 @@ def make(
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
         + (f", {reached.interrupted(integrator)}" if interrupted else ""),
         gone,
-        None if part else reached.sentence(integrator, interrupted),
+        None if part else reached.sentence(integrator, interrupted, "the loss of the cluster" if gone else "a signal"),
         picture.said,
     ]
     click.echo("\n".join(filter(None, said)))

@@ -33,9 +33,11 @@ def opened(size: int, n: int, folder: str) -> Any:
 
 
 def timed(scene: Any, processes: list[Any]) -> tuple[float, float]:
-    """``(seconds, seconds of the processors)`` of rendering a scene, by these processes."""
+    """``(seconds, seconds of the processors)`` of rendering a scene, by these processes, as the command does it."""
+    from mitsuba_prosim.scene_files import rendering
+
     before, start = sum(sum(p.cpu_times()[:2]) for p in processes), time.perf_counter()
-    scene.integrator().render(scene, seed=1)
+    rendering.render(scene, scene.sensors()[0], seed=1, tell=lambda _: None)
     return time.perf_counter() - start, sum(sum(p.cpu_times()[:2]) for p in processes) - before
 
 

@@ -15,7 +15,7 @@ DEPTH = 2
 
 #: Seconds of a portion, at most and at least; where there are more workers than this, it is longer in proportion, as
 #: one process hands out and gathers so many in a second.
-LONGEST, SHORTEST, MANY = 2.0, 0.25, 100
+LONGEST, SHORTEST, MANY = 4.0, 0.25, 100
 
 #: A portion takes so many times what goes before it, at least.
 TIMES = 4
@@ -90,8 +90,9 @@ class Fleet:
         for place in [address] if address else list(ticket.copies):
             ticket.copies.pop(place)()
             if (worker := self.workers.get(place)) is not None:
+                if worker.queue[0] is ticket:
+                    worker.since = self.clock()  # it begins with the next
                 worker.queue.remove(ticket)
-                worker.since = self.clock()
 
     def remove(self, address: str) -> list[Ticket]:
         """A worker that is there no more. Returns what nobody else has."""

@@ -84,7 +84,7 @@ class Remote:
     # ---------------------------------------------------------------- as a taker
 
     def bound(self, most: int | None, left: int) -> int | None:
-        """Samples of a portion that the worker which is to get it does in a second or so."""
+        """Samples of a portion that the worker which is to get it does in seconds."""
         return most if self.asking is None else self.fleet.bound(self.asking, most, left)
 
     def __call__(

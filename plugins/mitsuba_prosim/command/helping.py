@@ -42,7 +42,7 @@ def pack(helpers: Helpers | None, file: opening.SceneFile, integrator: mi.Integr
 
 @contextmanager
 def helping(
-    helpers: Helpers | None, parcel: Parcel | None, integrator: Any, threads: int | None, say: Callable[[str], None]
+    helpers: Helpers | None, parcel: Parcel | None, threads: int | None, say: Callable[[str], None], integrator: Any
 ) -> Iterator[Remote | None]:
     """Lets ``helpers`` take the samples of ``integrator``, for a while. ``threads``: of all on this
     machine; ``say``: is told what is wrong with some of them. Raises ClickException.

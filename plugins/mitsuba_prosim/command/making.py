@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import mitsuba as mi
@@ -18,8 +20,8 @@ from ..rendering.part import Part
 from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
-from ..scene_files import images, rendering, session, writing
-from . import denoised, reached
+from ..scene_files import images, opening, rendering, session, writing
+from . import black, denoised, reached
 from . import output as files
 from .helping import helping, pack
 from .interrupts import interruptible
@@ -27,8 +29,20 @@ from .job import Job
 from .log import log
 from .options import Helpers, InputError, wrong_input
 
+if TYPE_CHECKING:
+    from ..cluster.remote import Remote
+
 #: What an image is written as, and its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
+
+
+@dataclass(frozen=True)
+class Made:
+    """What is to be said of an image that has been written, and who has kept its state, if it was kept."""
+
+    said: str
+    interrupted: bool
+    keeper: Keeper | None
 
 
 def make(
@@ -52,66 +66,91 @@ def make(
     """
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
-            file, loaded, chosen = job.open(folder)
-            about = job.about(file) if keep or begin is not None else {}
+            opened = job.open(folder)
+            about = job.about(opened[0]) if keep or begin is not None else {}
             if about:
-                refuse_to_keep(loaded.integrator())
+                refuse_to_keep(opened[1].integrator())
             refuse_another_scene(job, begin, about)
-            if helpers:
+            if helpers is not None:
                 refuse_waves([str(helpers)], job.variant)
-            parcel = pack(helpers, file, loaded.integrator(), job.sensor)
-        width, height = chosen.film().crop_size()
-        integrator = loaded.integrator()
-        refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
-        size = size_of_image(integrator, chosen.film(), denoise)
-        suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
-        keeper, state = None, STATE if part is None else f".{part}.exr"
-        if keep:
-            suffixes, size = (
-                (*suffixes, state),
-                size + 2 * size_of_state(integrator, chosen.film(), part),
-            )  # the old one, too
-            keeper = Keeper(stem.with_name(stem.name + state), about, warn)
-        files.check(Path(job.scene), stem, suffixes, size)
+            parcel = pack(helpers, opened[0], opened[1].integrator(), job.sensor)
+        by = partial(helping, helpers, parcel, threads, warn)
+        made = render(job, opened, stem, begin, about if keep else None, part, denoise, by=by)
+    click.echo(made.said)
+    if made.interrupted:
+        if made.keeper is not None:
+            click.echo(f"To go on with it: prosim resume {made.keeper.path}")
+        sys.exit(1)
 
-        with helping(helpers, parcel, integrator, threads, warn) as taker, interruptible(integrator.cancel) as signals:
-            start = perf_counter()
-            try:
-                with progress_bar(integrator, job.variant) as tell:
-                    picture = take(
-                        loaded, chosen, job, denoise, tell, lambda: bool(signals or lost(taker)), begin, keeper, part
-                    )
-            except ValueError as error:
-                raise InputError(str(error)) from None
-            except (RuntimeError, MemoryError) as error:
-                raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-            gone = lost(taker)
-            seconds, interrupted = perf_counter() - start, bool(signals or gone)
-            if interrupted and reached.nothing(integrator):
-                raise click.ClickException(f"{gone or 'interrupted'} before the image had begun; nothing was written.")
-            written = []
-            if part is None:
-                facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts)
-                written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
-        if keeper is not None:
-            if keeper.unwritten is not None:
-                files.save(stem, {state: keeper.unwritten})
-            written.append(keeper.path)
+
+def render(
+    job: Job,
+    opened: tuple[opening.SceneFile, mi.Scene, mi.Sensor],
+    stem: Path,
+    begin: Record | None = None,
+    keep: Mapping[str, Any] | None = None,
+    part: Part | None = None,
+    denoise: bool = False,
+    frame: Mapping[str, str] | None = None,
+    bar: Callable[[mi.Integrator, str], AbstractContextManager[Callable[[float], None] | None]] | None = None,
+    by: Callable[[mi.Integrator], AbstractContextManager[Remote | None]] = lambda _: nullcontext(),
+) -> Made:
+    """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does.
+
+    ``keep``: what the state says that it is about, where it is kept; ``frame``: further metadata of a frame of a film,
+    whose image is written only if it is finished; ``bar``: what shows the progress, in the place of
+    :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while.
+    """
+    file, loaded, chosen = opened
+    width, height = chosen.film().crop_size()
+    integrator = loaded.integrator()
+    refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
+    size = size_of_image(integrator, chosen.film(), denoise)
+    suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
+    keeper, state = None, STATE if part is None else f".{part}.exr"
+    if keep is not None:
+        # The old state is there, too.
+        suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film(), part)
+        keeper = Keeper(stem.with_name(stem.name + state), keep, warn)
+    files.check(Path(job.scene), stem, suffixes, size)
+
+    with by(integrator) as taker, interruptible(integrator.cancel) as signals:
+        start = perf_counter()
+        try:
+            with (bar or progress_bar)(integrator, job.variant) as tell:
+                picture = take(
+                    loaded, chosen, job, denoise, tell, lambda: bool(signals or gone(taker)), begin, keeper, part
+                )
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        except (RuntimeError, MemoryError) as error:
+            raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
+        lost = gone(taker)
+        seconds, interrupted = perf_counter() - start, bool(signals or lost)
+        if interrupted and frame is None and reached.nothing(integrator):
+            raise click.ClickException(f"{lost or 'interrupted'} before the image had begun; nothing was written.")
+        written = []
+        if part is None and not (frame is not None and interrupted):
+            facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts) | dict(frame or {})
+            written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
+            shown = images.colours(picture.bitmap)
+            if shown is not None and (reason := black.why(loaded, chosen, shown * 2.0**job.exposure)):
+                warn(reason)
+    if keeper is not None:
+        if keeper.unwritten is not None:
+            files.save(stem, {state: keeper.unwritten})
+        written.append(keeper.path)
     said = [
         f"{' and '.join(map(str, written))}: "
         + (f"part {part.number} of {part.of}, " if part else "")
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
         + (f", {reached.interrupted(integrator)}" if interrupted else ""),
-        gone,
-        None if part else reached.sentence(integrator, interrupted, "the loss of the cluster" if gone else "a signal"),
+        lost,
+        None if part else reached.sentence(integrator, interrupted, "the loss of the cluster" if lost else "a signal"),
         picture.said,
     ]
-    click.echo("\n".join(filter(None, said)))
-    if interrupted:
-        if keeper is not None:
-            click.echo(f"To go on with it: prosim resume {keeper.path}")
-        sys.exit(1)
+    return Made("\n".join(filter(None, said)), interrupted, keeper)
 
 
 def take(
@@ -132,9 +171,9 @@ def take(
     return denoised.Picture(sensor.film().bitmap())
 
 
-def lost(taker: Any) -> str | None:
+def gone(taker: Remote | None) -> str | None:
     """Why those who take the samples are there no more; None where they are, or where it is this process."""
-    return taker.gone if taker is not None else None
+    return None if taker is None else taker.gone
 
 
 def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> int:

@@ -135,14 +135,14 @@ class Definition(click.ParamType):
         return key, text
 
 
-#: Decorator: the option for the constants of XML scenes.
+#: Decorator: the option for what $names stand for in scenes of either kind.
 defines = click.option(
     "-D",
     "--define",
     "definitions",
     type=Definition(),
     multiple=True,
-    help="Constant that replaces $key in the XML scene. May be repeated.",
+    help="Value that replaces $key in the scene. May be repeated.",
 )
 
 
@@ -180,6 +180,8 @@ def helped(command: Callable) -> Callable:
             )
         if (cluster or workers) and options.get("part"):
             raise click.UsageError("--part is for processes that know nothing of each other; leave it to the cluster.")
+        if (cluster or workers) and options.get("frames"):
+            raise click.UsageError("a film is rendered by one process; leave --frames, --cluster or --workers out.")
         return command(helpers=Helpers(cluster, workers) if cluster or workers else None, **options)
 
     cluster = click.option(

@@ -12,12 +12,13 @@ import pytest
 from mitsuba_prosim import cluster
 from mitsuba_prosim.cluster import local
 from mitsuba_prosim.cluster.parcel import Parcel
+from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene_files import opening
 from running import names, prosim
 from test_resume_and_merge import LAMP, alike
 
 LAMP = LAMP.replace('"32"', '"64"').replace('"24"', '"48"')
-NOISE = {"noise": 0.004, "max_samples": 400}
+NOISE = {"noise": 0.007, "max_samples": 400}
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +147,7 @@ def test_workers_of_another_kind(client, lamp, monkeypatch):
 
 @pytest.mark.slow
 def test_two_renders_on_one_cluster(client, lamp):
-    command = [sys.executable, "-c", "from prosim_start import main; main()", "render", lamp, "--noise", "0.004"]
+    command = [sys.executable, "-c", "from prosim_start import main; main()", "render", lamp, "--noise", "0.007"]
     address = client.scheduler.address
     with subprocess.Popen(
         [*command, "--cluster", address, "--seed", "2", "-o", lamp.parent / "a", "--keep"]
@@ -155,5 +156,35 @@ def test_two_renders_on_one_cluster(client, lamp):
         assert process.wait(100) == 0
     assert np.array_equal(*images) and np.array_equal(images[0], here(lamp, integrator=NOISE))
     assert prosim("resume", lamp.parent / "a.state.exr", "-o", lamp.parent / "b").exit_code == 0
-    assert prosim("render", lamp, "--noise", 0.004, "--seed", 2, "-o", lamp.parent / "c").exit_code == 0
+    assert prosim("render", lamp, "--noise", 0.007, "--seed", 2, "-o", lamp.parent / "c").exit_code == 0
     assert alike(*(lamp.parent / name for name in "abc"))
+
+
+#: A cluster in a process of its own, which says where it is.
+ANOTHER = (
+    "import time; from mitsuba_prosim.cluster import local\n"
+    "with local.workers(1, 1) as client: print(client.scheduler.address, flush=True); time.sleep(100)"
+)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away(lamp, monkeypatch):
+    """The image so far is written, and its state, which goes on to the same bytes."""
+    folder, keep = lamp.parent, Keeper.__call__
+    aim = ["--noise", 0.01]
+    with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
+
+        def killing(self, record, last):
+            if not last and record().pixels["count"].any():
+                process.kill()
+            keep(self, record, last)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Keeper, "__call__", killing)
+            address = process.stdout.readline().strip()
+            result = prosim("render", lamp, "--keep", "-o", folder / "a", "--cluster", address, *aim)
+    assert result.exit_code == 1 and re.search("the scheduler tcp://.* has gone away", result.output)
+    assert f"prosim resume {folder / 'a.state.exr'}" in result.output
+    assert prosim("resume", folder / "a.state.exr").exit_code == 0
+    assert prosim("render", lamp, "-o", folder / "b", *aim).exit_code == 0
+    assert alike(folder / "a", folder / "b")

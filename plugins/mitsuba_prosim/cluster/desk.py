@@ -15,7 +15,7 @@ from . import message
 @dataclass(eq=False)
 class Ticket:
     """A portion that is out. ``asked``: as it is sent; ``copies``: worker's address -> what cancels it there;
-    ``failures``: what was said where it went wrong.
+    ``failures``: what was said where it went wrong; ``lost``: how many workers were lost that were at it.
     """
 
     number: int
@@ -23,6 +23,7 @@ class Ticket:
     asked: Any
     copies: dict[str, Callable[[], Any]] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
+    lost: int = 0
 
 
 class Desk:

@@ -97,6 +97,8 @@ class Fleet:
     def remove(self, address: str) -> list[Ticket]:
         """A worker that is there no more. Returns what nobody else has."""
         worker = self.workers.pop(address)
+        if worker.queue:
+            worker.queue[0].lost += 1
         for ticket in worker.queue:
             ticket.copies.pop(address)()
         return [ticket for ticket in worker.queue if not ticket.copies]

@@ -29,8 +29,8 @@ from .parcel import Parcel
 #: that a worker has to answer directly, else the scheduler passes on what it says.
 LOOK, PATIENCE, DIRECT = 0.5, 10.0, 3.0
 
-#: A portion may go wrong so often, less one.
-ATTEMPTS = 3
+#: A portion may go wrong so often, less one; and so many workers may be lost that are at it, or at loading the scene.
+ATTEMPTS, LOSSES = 3, 10
 
 #: Where portions are wanted in their order, so many for each worker may be out or wait for those before.
 AHEAD = 2 * DEPTH
@@ -55,6 +55,7 @@ class Remote:
         self.gone: str | None = None
         self.stop: Callable[[], None] = lambda: None
         self.refused: dict[str, str] = {}
+        self.fallen = 0  # workers that were lost before they were ready
         self.joining: dict[str, list[distributed.Future]] = {}  # what is asked of those that come
         self.direct: bool | None = None
         self.contents: dict[str, distributed.Future] = {}
@@ -171,9 +172,19 @@ class Remote:
         """Looks at who has come, and who has gone."""
         for address in set(self.fleet.workers) - addresses:
             desk.again.extend(self.fleet.remove(address))
+            if any(ticket.lost >= LOSSES for ticket in desk.again):
+                raise ClusterError(
+                    f"{LOSSES} workers were lost that were at the same samples; have they enough memory?"
+                )
         for address in set(self.joining) - addresses:
             for future in self.joining.pop(address):
                 future.release()
+            self.fallen += 1
+            if self.fallen >= LOSSES and not self.fleet.workers:
+                raise ClusterError(
+                    f"{LOSSES} workers were lost when they were given the scene; have they enough memory, and does "
+                    "prosim doctor find nothing wrong there?"
+                )
         for address in set(self.refused) - addresses:
             del self.refused[address]
         for address in addresses - set(self.fleet.workers) - set(self.joining) - set(self.refused):
@@ -257,11 +268,11 @@ class Remote:
         while True:
             try:
                 if self.client.status != "running":
-                    raise OSError("the connection has ended")
+                    raise OSError
                 scheduler: Any = self.client.scheduler
                 present = frozenset(await scheduler.ncores())
-            except (OSError, ValueError, TypeError, AttributeError) as error:
-                self.events.put((self._lost, f"the scheduler {self.address} has gone away ({error})"))
+            except (OSError, ValueError, TypeError, AttributeError):  # whatever is left of a connection says
+                self.events.put((self._lost, f"the scheduler {self.address} has gone away"))
                 return
             if present != before:
                 self.events.put((self._present, present))

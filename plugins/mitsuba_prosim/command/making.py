@@ -20,7 +20,7 @@ from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
 from ..scene_files import images, rendering, session, writing
-from . import denoised, reached
+from . import black, denoised, reached
 from . import output as files
 from .interrupts import interruptible
 from .job import Job
@@ -87,6 +87,9 @@ def make(
             if part is None:
                 facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts)
                 written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
+                shown = images.colours(picture.bitmap)
+                if shown is not None and (reason := black.why(loaded, chosen, shown * 2.0**job.exposure)):
+                    warn(reason)
         if keeper is not None:
             if keeper.unwritten is not None:
                 files.save(stem, {state: keeper.unwritten})

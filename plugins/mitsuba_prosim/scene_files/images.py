@@ -21,11 +21,18 @@ def encode(
     has none.
     """
     images = {".exr": exr(bitmap, facts)}
-    colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
-    if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
-        linear = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
-        images[".png"] = png(compress(np.array(linear) * np.float32(2**exposure)), shown)
+    linear = colours(bitmap)
+    if linear is not None:
+        images[".png"] = png(compress(linear * np.float32(2**exposure)), shown)
     return images
+
+
+def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
+    """The colours of a film's image, linear, shape (height, width, 3); None if it has none (spectral bins, say)."""
+    layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
+    if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
+        return None
+    return np.array(layer.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
 
 
 def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:

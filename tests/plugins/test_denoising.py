@@ -145,6 +145,8 @@ def test_denoise_is_the_same_twice_and_finite():
     for name, value in vars(found).items():
         assert value.tobytes() == getattr(again, name).tobytes() and np.isfinite(value).all(), name
     np.testing.assert_array_equal(found.raw, (first + second) / 2)
+    fast = mitsuba_prosim.denoise(first, second, albedo, np.zeros_like(truth), fast=True)
+    assert not np.array_equal(fast.final, found.final) and rms(fast.final - truth) < 0.5 * rms(fast.raw - truth)
     assert rms(found.final - truth) < 0.5 * rms(found.raw - truth)
     assert 0 < found.noise(found.final_error) < found.noise(found.raw_error)
 

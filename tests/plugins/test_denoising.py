@@ -116,16 +116,15 @@ def test_light_that_the_denoiser_lost_comes_back():
 
 
 def test_errors_are_those_that_the_images_have():
-    """Of the raw image, of a denoiser with bias and noise of its own, and of the mixture."""
+    """Of the raw image, of a denoiser that blurs and makes brighter and loses what is very bright, of the mixture."""
     rng = np.random.default_rng(4)
     truth = picture(rng)
-    wrong = 1.1 * np.minimum(truth, 1)
     true, said = np.zeros(3), np.zeros(3)
     for _ in range(10):
         first, second = (noisy(truth, 0.2, rng) for _ in range(2))
-        a, b = (noisy(wrong, 0.05, rng) for _ in range(2))
-        found = mix(first, second, a, b)
-        images = found.image, (first + second) / 2, (a + b) / 2
+        near = [1.1 * blur(np.minimum(image, 2), 1, 0) for image in inputs(first, second)]
+        found = mix(first, second, *near)
+        images = found.image, (first + second) / 2, found.denoised
         true += [rms(image - truth) ** 2 for image in images]
         said += [error.mean(dtype=np.float64) for error in (found.error, found.raw_error, found.denoised_error)]
     np.testing.assert_allclose(np.sqrt(said / true), 1, atol=0.25)

@@ -77,10 +77,11 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     left = followed + whole([share * taken for share, taken in zip(parts, scales[2])])
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
+    # Each is at least the variance, which has one sign.
+    squares = noise * left, left * left, own, error, followed * followed
+    mean = spread(np.stack([x.mean(2) for x in squares], axis=2), displayed(image))
     return Mixture(
-        image * brightness(raw, image),
-        denoised,
-        *spread(np.stack([x.mean(2) for x in (noise * left, own, error)], axis=2), displayed(image)),
+        image * brightness(raw, image), denoised, np.maximum(mean[0], mean[1]), mean[2], np.maximum(mean[3], mean[4])
     )
 
 
@@ -104,11 +105,11 @@ def part(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np
 
 
 def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Squared errors, shape (height, width, n), distributed among the pixels around by their light and not below 0;
-    shape (n, height, width).
+    """Squared errors, shape (height, width, n), distributed among the pixels around by their light; shape
+    (n, height, width).
     """
     among = blur(light, *NARROW)[..., None]
-    return np.moveaxis(np.maximum(light[..., None] * blur(squares / among, *NARROW), 0), 2, 0)
+    return np.moveaxis(light[..., None] * blur(squares / among, *NARROW), 2, 0)
 
 
 def brightness(raw: np.ndarray, image: np.ndarray) -> np.float32:

@@ -167,6 +167,13 @@ def association():
     return figure
 
 
+def turntable():
+    """Every sixth frame of the example."""
+    path, size = DOCS.parent / "examples" / "volta.scn", (96, 96)
+    frames = [prosim_scene.load(path, resolution=size, define={"frame": n}) for n in range(0, 48, 6)]
+    return np.concatenate([np.array(mi.render(mi.load_dict(scene), seed=1)) for scene in frames], axis=1)
+
+
 def steps():
     """The scenes of docs/walkthrough.md."""
     return re.findall(r"```scn\n(.*?)```", (DOCS / "walkthrough.md").read_text("utf-8"), re.DOTALL)
@@ -174,6 +181,9 @@ def steps():
 
 def main(only):
     mi.set_variant("llvm_ad_rgb")
+    if not only or "volta" in only:
+        bitmap = mi.Bitmap(turntable()).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
+        bitmap.write(str(DOCS / "pictures" / "volta.jpg"), quality=92)
     for folder, scene_of in FOLDERS.items():
         for name, docstring in plugins(folder):
             if not only or name in only:

@@ -47,7 +47,7 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
     planes = np.moveaxis(np.array(bitmap).reshape(height, width, len(names)), 2, 0)
     # A file's name may hold bytes that are no text.
     header = {name: fact.encode("utf-8", "backslashreplace").decode("utf-8") for name, fact in facts.items()}
-    header |= {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     file = io.BytesIO()
     OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in zip(names, planes)}).write(file)
     return file.getvalue()

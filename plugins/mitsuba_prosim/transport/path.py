@@ -39,7 +39,8 @@ def radiance(
 
     def step(state: State) -> State:
         ray = state.ray
-        L, node = shade(stage, ray, camera, points, state.active)
+        scattered = state.bounces > 0 if stage.caustics is not None else False
+        L, node = shade(stage, ray, camera, points, state.active, scattered)
         hit = state.hit | (ray.level == 0) & node.surface
         surface, bounces = node.surface, state.bounces
         if settings.max_level >= 0:
@@ -49,6 +50,9 @@ def radiance(
         else:
             following, going, passed, bounces = one_of_two(stage, ray, node, points, surface, bounces)
         following.node = ray.node + 1
+        if stage.caustics is not None:
+            # What a ray meets after a diffuse reflection was gathered there.
+            following.counts &= bounces == 0
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
         eta = state.eta * passed
         following, going = roulette(stage, following, going, eta, points.choice(stage.space(ray.node, ROULETTE)))

@@ -115,6 +115,15 @@ def test_light_that_the_denoiser_lost_comes_back():
     assert found.image.mean() == pytest.approx(raw.mean(), rel=1e-4) and wrong.mean() < 0.98 * raw.mean()
 
 
+def test_missing_light_does_not_go_where_there_is_no_noise():
+    rng = np.random.default_rng(11)
+    truth = picture(rng).astype(np.float32)
+    first, second = truth + rng.exponential(size=(2, *truth.shape)).astype(np.float32) * (truth > 0.6)
+    found = mix(first, second, *(0.5 * np.minimum(image, 0.5) + 0.5 * truth for image in inputs(first, second)))
+    assert found.image.mean() == pytest.approx((first + second).mean() / 2, rel=1e-4)
+    np.testing.assert_allclose(found.image[:, :10], truth[:, :10], rtol=1e-4)
+
+
 def test_errors_are_those_that_the_images_have():
     """Of the raw image, of a denoiser that blurs and makes brighter and loses what is very bright, of the mixture."""
     rng = np.random.default_rng(4)

@@ -35,8 +35,8 @@ NARROW, WIDE = (1, 2), (4, 2)
 #: How many pixels of equal weight the narrow window is worth.
 PIXELS = 4 * np.pi * 10
 
-#: How much the whole image is made brighter or darker at most to have the light of the samples.
-LIGHT = 0.02
+#: A pixel is sure whose variance is much less than this part of the mean.
+SURE = 1 / 30
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,8 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     # Each is at least the variance, which has one sign.
     squares = noise * left, left * left, own, error, followed * followed
     mean = spread(np.stack([x.mean(2) for x in squares], axis=2), displayed(image))
-    return Mixture(
-        image * brightness(raw, image), denoised, np.maximum(mean[0], mean[1]), mean[2], np.maximum(mean[3], mean[4])
-    )
+    error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
+    return Mixture(with_light(image, raw, error), denoised, error, mean[2], denoised_error)
 
 
 def displayed(image: np.ndarray) -> np.ndarray:
@@ -112,10 +111,11 @@ def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
     return np.moveaxis(light[..., None] * blur(squares / among, *NARROW), 2, 0)
 
 
-def brightness(raw: np.ndarray, image: np.ndarray) -> np.float32:
-    """What ``image`` is to be multiplied by to have the light of ``raw``."""
-    wanted, found = raw.sum(dtype=np.float64), image.sum(dtype=np.float64)
-    return np.float32(np.clip(wanted / found, 1 - LIGHT, 1 + LIGHT) if found > 0 else 1)
+def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """``image`` with the light of ``raw``: what is missing is added to all pixels alike but those that are sure."""
+    missing = (raw - image).sum((0, 1), dtype=np.float64)
+    share = variance / np.maximum(variance + SURE * variance.mean(), np.float32(1e-30))
+    return image + share[..., None] * (missing / max(share.sum(dtype=np.float64), 1e-30)).astype(np.float32)
 
 
 def ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:

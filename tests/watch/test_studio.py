@@ -16,7 +16,7 @@ from mitsuba_prosim.watch.studio import Studio
 pytestmark = pytest.mark.slow
 
 RED, BLUE = LITTLE, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6")
-LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 100")
+LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
 
 
 class Seen(Board):

@@ -23,6 +23,7 @@ def bound(port: int) -> socket.socket:
     try:
         result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         result.bind(("127.0.0.1", port))
+        result.listen()  # who opens the address at once waits until the server is there
     except OSError:
         result.close()
         raise

@@ -219,12 +219,11 @@ class Studio:
         self._shown = replace(wish, compared=False)
         take = takes.own(self._subject, *self._sampled)
         self._takes, self._integrator = {"own": take}, take.integrator
-        nested = getattr(take.integrator, "nested", None)
         self.board.say(
             doing="rendering",
             error=None,
             view=self._subject.view(),
-            integrator=(nested or take.integrator).class_name().removesuffix("Integrator").lower(),
+            integrator=takes.name(take.integrator),
             alone=takes.alone(take.integrator),
             part=0.0,
             samples=None,

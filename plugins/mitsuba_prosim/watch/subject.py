@@ -15,6 +15,7 @@ import numpy as np
 import prosim_scene
 from prosim_scene.model import Leaf
 
+from .. import registry
 from ..scene_files.digest import named_files
 from ..scene_files.opening import SceneFile
 from .camera import Camera, as_view, as_xml, nearest_axis
@@ -50,11 +51,12 @@ class Subject:
     def _home(self) -> Camera | None:
         """The view that the scene says; None for a sensor that can't be moved."""
         sensor = self.sensor
+        across: tuple[float, float]
         if sensor.class_name() == "PerspectiveCamera":
             width = 2 * tan(radians(float(self._params["x_fov"][0])) / 2)
             across = (width, width * self.size[1] / self.size[0])
             self._near, self._far = float(self._params["near_clip"]), float(self._params["far_clip"])
-        elif sensor.class_name() == "Window":
+        elif isinstance(sensor, registry.PLUGINS["prosim_window"]):
             across = (sensor.right - sensor.left, sensor.top - sensor.bottom)
             self._near, self._far = float(sensor.near_clip), float(sensor.far_clip)
         else:

@@ -74,10 +74,17 @@ def own(subject: Subject, spp: int, seed: int) -> Take:
     return Take(integrator, subject.scene, subject.sensor, spp, seed)
 
 
+def name(integrator: Any) -> str:
+    """What the image of a take is rendered by, in a word."""
+    integrator = getattr(integrator, "nested", integrator)
+    if hasattr(integrator, "parameter_names"):  # one of ours
+        return str(integrator.name())
+    return str(integrator.class_name()).removesuffix("Integrator").lower()
+
+
 def alone(integrator: Any) -> str | None:
     """Why an image can't be compared with that of ``path``, if it can't."""
-    nested = getattr(integrator, "nested", None)
-    return "this is the path tracer already" if nested is not None and nested.class_name() == "PathIntegrator" else None
+    return "this is the path tracer already" if name(integrator) == "path" else None
 
 
 def rival(subject: Subject, integrator: Any, spp: int, seed: int) -> Take:

@@ -17,7 +17,7 @@ function draw(take) {
     const canvas = find(take), image = shown[take];
     if (!image) return;
     if (canvas.width !== image.width || canvas.height !== image.height) [canvas.width, canvas.height] = [image.width, image.height];
-    const context = canvas.getContext("2d"), pixels = context.createImageData(image.width, image.height);
+    const context = canvas.getContext("2d", {willReadFrequently: true}), pixels = context.createImageData(image.width, image.height);
     (image.channels === 3 ? colours : map)(image, stops(), pixels.data);
     context.putImageData(pixels, 0, 0);
     canvas.dataset.number = image.number;

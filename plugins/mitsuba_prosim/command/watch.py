@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from prosim_scene import Kept
 
 from ..rendering.policies import POLICIES
 from ..scene_files import images, session, writing
@@ -136,7 +137,8 @@ def watch(
             f"port {port}: {error.strerror}. Choose another with --port, or leave it out for any that is free."
         ) from None
     with writing.scratch() as folder:
-        shown = studio.Studio(scene, lambda: job.open(folder), job.spp, job.seed)
+        kept = Kept()
+        shown = studio.Studio(scene, lambda: job.open(folder, kept), job.spp, job.seed)
 
         def encode(exposure: float) -> dict[str, bytes]:
             state, bitmap, integrator = shown.result()

@@ -13,7 +13,7 @@ import prosim_scene
 
 from .. import registry
 from . import integrators, session
-from .digest import digest
+from .digest import digest, named_files
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -59,15 +59,12 @@ class SceneFile:
             check_size(*resolution)
         self.path = self.xml = Path(path)
         self.resolution, self.definitions = resolution, dict(definitions or {})
+        #: What the text says, and where; None for XML.
+        self.document = None
         if self.path.suffix.lower() != ".xml":
+            self.document = prosim_scene.document(self.path, self.definitions)
             self.xml = prosim_scene.translate(
-                self.path,
-                Path(folder),
-                resolution=resolution,
-                samples=samples,
-                define=self.definitions,
-                kept=kept,
-                **language,
+                self.document, Path(folder), resolution=resolution, samples=samples, kept=kept, **language
             )
             resolution = samples = None  # said in the translation
         with self._search_paths():
@@ -86,6 +83,11 @@ class SceneFile:
         """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
         with self._search_paths():
             return digest(self.state)
+
+    def named_files(self) -> list[Path]:
+        """The files that it names: images, meshes."""
+        with self._search_paths():
+            return [path for _, path in named_files(self.state)]
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cached_property
 from math import ceil, radians, sqrt, tan
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import prosim_scene
 from prosim_scene.model import Leaf
 
 from .. import registry
-from ..scene_files.digest import named_files
 from ..scene_files.opening import SceneFile
 from .camera import Camera, as_view, as_xml, nearest_axis
 
@@ -32,7 +29,6 @@ class Subject:
 
     def __init__(self, path: Path, opener: Opener) -> None:
         self.path = path
-        self._text = None if path.suffix.lower() == ".xml" else prosim_scene.read(path)
         self.file, self.scene, self.sensor = opener()
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
@@ -44,19 +40,20 @@ class Subject:
 
     def names(self) -> set[str]:
         """Names of the files that are part of it."""
-        return {self.path.name} | {other.name for _, other in named_files(self.file.state)}
+        return {self.path.name} | {other.name for other in self.file.named_files()}
 
     # ---------------------------------------------------------------- looking from elsewhere
 
     def _home(self) -> Camera | None:
         """The view that the scene says; None for a sensor that can't be moved."""
-        sensor = self.sensor
+        sensor: Any = self.sensor
+        window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
         across: tuple[float, float]
         if sensor.class_name() == "PerspectiveCamera":
             width = 2 * tan(radians(float(self._params["x_fov"][0])) / 2)
             across = (width, width * self.size[1] / self.size[0])
             self._near, self._far = float(self._params["near_clip"]), float(self._params["far_clip"])
-        elif isinstance(sensor, registry.PLUGINS["prosim_window"]):
+        elif window:
             across = (sensor.right - sensor.left, sensor.top - sensor.bottom)
             self._near, self._far = float(sensor.near_clip), float(sensor.far_clip)
         else:
@@ -70,8 +67,8 @@ class Subject:
 
     def _distance(self, matrix: np.ndarray) -> float:
         """From the eye to what it looks at: the view plane, or the middle of the scene."""
-        if self._document is not None:
-            view = self._document.scene.view
+        if self.file.document is not None:
+            view = self.file.document.scene.view
             depth = abs((np.array(view.vrp) - view.eye) @ matrix[:3, 2])
         else:
             box = self.scene.bbox()
@@ -98,9 +95,9 @@ class Subject:
         """The view as it was moved, as text for the scene; None where it was not."""
         if self.home is None or self.camera is None or self.camera is self.home:
             return None
-        if self._document is None:
+        if self.file.document is None:
             return as_xml(self.camera)
-        return as_view(self._document.scene.view, self.home, self.camera)
+        return as_view(self.file.document.scene.view, self.home, self.camera)
 
     @contextmanager
     def coarse(self) -> Iterator[None]:
@@ -140,17 +137,10 @@ class Subject:
         name = shape.id()
         if shape.is_emitter():
             return f"source {name}"
-        if self._document is None:
+        if self.file.document is None:
             bsdf = shape.bsdf()
             return f"{shape.class_name()} {name}, {bsdf.class_name()} {bsdf.id()}".strip()
         index = int(name.split("_")[1]) if name.startswith("surface_") else -1
-        leaves = [leaf for leaf in self._document.scene.csg if isinstance(leaf, Leaf) and leaf.index == index]
+        leaves = [leaf for leaf in self.file.document.scene.csg if isinstance(leaf, Leaf) and leaf.index == index]
         kinds = " or ".join(dict.fromkeys(leaf.shape.upper() for leaf in leaves))
-        return f"{kinds} {index}, SURFACE {index} (line {self._document.line('surfaces', index)})"
-
-    @cached_property
-    def _document(self) -> Any:
-        """The scene with the places of its values; None for XML."""
-        from prosim_scene.language import document_of
-
-        return None if self._text is None else document_of(self._text, self.path)
+        return f"{kinds} {index}, SURFACE {index} (line {self.file.document.line('surfaces', index)})"

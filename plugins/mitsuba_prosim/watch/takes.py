@@ -26,8 +26,9 @@ SAMPLING = (
     "channels",
 )
 
-#: Nobody is to wait longer than about a part of a second that a step is cut to, when the scene changes.
-STEPS = 8
+#: Into how many parts a step of about a second is cut, as something else may be wished between two of them. More of them
+#: cost more than they spare.
+STEPS = 4
 
 
 class Take:

@@ -72,6 +72,19 @@ class Picture:
         return found
 
 
+#: From nothing to much: dark blue, violet, red, orange, pale yellow, each lighter than the one before.
+HUES = np.array([(8, 8, 48), (92, 20, 122), (205, 55, 70), (248, 156, 40), (252, 250, 190)], dtype=np.float32) / 255
+
+
+def coloured(values: np.ndarray) -> np.ndarray:
+    """A map, shape (height, width), in colours as a screen shows them, shape (height, width, 3): by its square root, as
+    far as what one pixel in a hundred exceeds.
+    """
+    most = float(np.percentile(values, 99)) or 1.0
+    place = np.sqrt(np.clip(np.nan_to_num(values) / most, 0, 1))
+    return np.stack([np.interp(place, np.linspace(0, 1, len(HUES)), hue) for hue in HUES.T], axis=2)
+
+
 def colours(image: np.ndarray) -> np.ndarray:
     """Red, green and blue of a developed image, shape (height, width, channels), of which grey ones have one."""
     image = image.astype(np.float32, copy=False)

@@ -26,7 +26,7 @@ SAMPLING = (
     "channels",
 )
 
-#: Into how many parts a step of about a second is cut, as something else may be wished between two of them. More of them
+#: Into how many parts a step of about a second is cut, as something else may be wished between two of them. More would
 #: cost more than they spare.
 STEPS = 4
 
@@ -65,14 +65,19 @@ class Take:
 
 
 def own(subject: Subject, spp: int, seed: int) -> Take:
-    """The image of the scene's own integrator, which is put within ``prosim_adaptive`` if it knows no waves."""
+    """The image of the scene's own integrator."""
+    integrator, spp = in_waves(subject.scene.integrator(), subject.sensor, spp)
+    return Take(integrator, subject.scene, subject.sensor, spp, seed)
+
+
+def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
+    """``integrator``, within ``prosim_adaptive`` if it knows no waves, and its samples per pixel."""
     from ..rendering.integrator import WaveIntegrator
 
-    integrator = subject.scene.integrator()
-    if not isinstance(integrator, WaveIntegrator):
-        spp = spp or subject.sensor.sampler().sample_count()
-        integrator = mi.load_dict({"type": "prosim_adaptive", "nested": integrator, "adaptive": "none"})
-    return Take(integrator, subject.scene, subject.sensor, spp, seed)
+    if isinstance(integrator, WaveIntegrator):
+        return integrator, spp
+    within = mi.load_dict({"type": "prosim_adaptive", "nested": integrator, "adaptive": "none"})
+    return within, spp or sensor.sampler().sample_count()
 
 
 def name(integrator: Any) -> str:

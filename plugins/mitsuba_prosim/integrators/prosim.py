@@ -123,8 +123,8 @@ class Prosim(WaveIntegrator):
 
     Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
     whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
-    followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
-    :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is shared by multiple
+    followed from a diffuse component, so caustics and diffuse interreflection are left out, unless :monosp:`caustics`
+    and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is shared by multiple
     importance sampling, so that the expected image is the same at any roughness.
 
     Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
@@ -133,10 +133,10 @@ class Prosim(WaveIntegrator):
 
     With :monosp:`caustics`, photons go from every source (but surfaces that emit in one direction) towards all that is
     specular, through it by at most :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse
-    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their noise
-    falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken whole
-    (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested in
-    another integrator, and without derivatives.
+    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their
+    noise falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken
+    whole (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested
+    in another integrator, and without derivatives.
 
     Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
     sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of

@@ -1,13 +1,17 @@
 """Time and memory of translating CSG trees, by their number of primitives.
 
-    python benchmarks/csg.py [--pairwise] [COUNT ...]
+    python benchmarks/csg.py [--trees TREE ...] [--pairwise] [COUNT ...]
 
-Two kinds of trees: `field` is a union of random primitives, left-deep as in the thesis's listing; `carved` is a block
-from which half of the primitives are taken away, then half are added and taken away in turn. `--pairwise` also times
-what is usual elsewhere, one union after the other in the order of the tree. Each measurement runs in its own process.
+The trees: `field` is a union of random primitives, left-deep as in the thesis's listing; `carved` is a block from which
+half of the primitives are taken away, then half are added and taken away in turn; `grid` is a union of primitives that
+do not touch; `plate` one with a hole at each place of a grid; in `comb` each box overlaps the next, and in `point` all
+overlap at one point, added and taken away in turn. `--pairwise` also times what is usual elsewhere, one union after the
+other in the order of the tree. `again` is the translation of a scene of which one SURFACE has changed, with what the
+first one has left. Each measurement runs in its own process.
 """
 
 import argparse
+import math
 import random
 import resource
 import subprocess
@@ -16,19 +20,29 @@ import tempfile
 import time
 from pathlib import Path
 
+TREES = ["field", "carved", "grid", "plate", "comb", "point"]
+
 
 def scene(kind, count, seed=1):
     """The text of a scene with ``count`` primitives of about the same density at any count."""
     rng = random.Random(seed)
     side = 2.0 * count ** (1 / 3)
     shapes = ["CUBE", "SPHERE", "CYLINDER", "CONE"]
-    leaves = [f"{shapes[i % 4]} {i}" for i in range(1, count)]
-    if kind == "field":
-        tree = ["+"] * (count - 1) + ["CUBE 0", *leaves]
-    else:
-        half = len(leaves) // 2
-        operators = ["-"] * half + ["+-"[i % 2] for i in range(len(leaves) - half)]
-        tree = [*operators[::-1], "CUBE 0", *leaves]
+    in_turn = ["+-"[i % 2] for i in range(count - 1)][::-1]  # the first operator of the text is the last one applied
+    operators = ["+"] * (count - 1)
+    row = math.ceil(count**0.5)
+    if kind == "carved":
+        half = (count - 1) // 2
+        operators = in_turn[: count - 1 - half] + ["-"] * half
+    elif kind == "plate":
+        shapes, operators = ["CYLINDER"], ["-"] * (count - 1)
+    elif kind in ("comb", "point"):
+        shapes, operators = ["CUBE"], in_turn
+    if kind in ("grid", "plate"):
+        side = row + 1.0
+    elif kind == "comb":
+        side = 0.6 * count
+    tree = [*operators, "CUBE 0", *(f"{shapes[i % len(shapes)]} {i}" for i in range(1, count))]
     lines = [
         "NAME: bench",
         "LIGHTS POINT position 0 0 99 Intensity 60000 60000 60000",
@@ -37,28 +51,34 @@ def scene(kind, count, seed=1):
         *tree,
     ]
     for i in range(count):
-        x, y, z = (rng.uniform(-side / 2, side / 2) for _ in range(3))
-        if i == 0:
+        turn = f"ROTATE-X ({rng.uniform(0, 360):.2f}) ROTATE-Z ({rng.uniform(0, 360):.2f})"
+        size = " ".join(f"{rng.uniform(0.3, 1):.3f}" for _ in range(3))
+        place = " ".join(f"{rng.uniform(-side / 2, side / 2):.4f}" for _ in range(3))
+        cell = f"{i % row - row / 2} {i // row - row / 2}"
+        transform = f"SCALE ({size}) {turn} TRANSLATE ({place})"
+        if kind == "grid":
+            transform = f"SCALE (.3 .3 .3) TRANSLATE ({cell} 0)"
+        elif kind == "comb":
+            transform = f"SCALE (1 .5 .5) TRANSLATE ({0.6 * i - side / 2:.3f} {0.1 * (i % 3)} {0.07 * (i % 5)})"
+        elif kind == "point":
+            transform = f"TRANSLATE (-.5 -.5 -.5) SCALE ({size}) {turn}"
+        elif i == 0:
             transform = f"SCALE ({side} {side} {side / 2}) TRANSLATE ({-side / 2} {-side / 2} {-side / 2})"
-        else:
-            transform = (
-                f"SCALE ({rng.uniform(0.3, 1):.3f} {rng.uniform(0.3, 1):.3f} {rng.uniform(0.3, 1):.3f}) "
-                f"ROTATE-X ({rng.uniform(0, 360):.2f}) ROTATE-Z ({rng.uniform(0, 360):.2f}) "
-                f"TRANSLATE ({x:.4f} {y:.4f} {z:.4f})"
-            )
+        elif kind == "plate":
+            transform = f"SCALE (.3 .3 {side}) TRANSLATE ({cell} {-3 * side / 4})"
         lines += [f"SURFACE {i} material lambertiano kd = 0.{1 + i % 8} 0.5 0.5", f"TRANSFORM {i} {transform}"]
     return "\n".join([*lines, "END", ""])
 
 
 def measure(kind, count, pairwise):
-    """Prints seconds of reading and of the whole, processor seconds of the whole, and mebibytes.
+    """Prints seconds of reading, of the whole and of a second time, processor seconds of the whole, and mebibytes.
 
     The latter at the peak, above those of the imports, and of the meshes.
     """
     import warnings
 
     import prosim_scene
-    from prosim_scene.solids import csg, parts
+    from prosim_scene.solids import chains, parts, values
 
     warnings.simplefilter("ignore")
     if pairwise:
@@ -66,10 +86,10 @@ def measure(kind, count, pairwise):
         def union(operands):
             result = []
             for part in (p for operand in operands for p in operand):
-                result = parts.as_parts(part.manifold + result[0].manifold) if result else [part]
+                result = parts.as_parts(part.manifold + result[0].manifold, part.planes) if result else [part]
             return result
 
-        csg.union = union
+        chains.union = values.union = union
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.scn"
         path.write_text(scene(kind, count))
@@ -78,27 +98,34 @@ def measure(kind, count, pairwise):
         start = time.perf_counter()
         prosim_scene.parse(prosim_scene.read(path))
         parsed, processor = time.perf_counter(), time.process_time()
-        prosim_scene.translate(path)
+        kept = prosim_scene.Kept()
+        prosim_scene.translate(path, kept=kept)
         end, processor = time.perf_counter(), time.process_time() - processor
+        path.write_text(path.read_text().replace("SURFACE 1 material lambertiano", "SURFACE 1"))
+        changed = prosim_scene.document(path)
+        begin = time.perf_counter()
+        prosim_scene.translate(changed, kept=kept)
+        again = time.perf_counter() - begin
         size = sum(f.stat().st_size for f in Path(folder).rglob("*.ply"))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     mebibytes = (peak - before) / 1024, size / 2**20
     print(
-        f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {mebibytes[0]:9.0f} "
-        f"{mebibytes[1]:9.1f}"
+        f"{kind:>7} {count:>7} {parsed - start:9.2f} {end - parsed:9.2f} {processor:9.2f} {again:9.2f} "
+        f"{mebibytes[0]:9.0f} {mebibytes[1]:9.1f}"
     )
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("counts", nargs="*", type=int, default=[100, 1000, 10000], metavar="COUNT")
+    parser.add_argument("--trees", nargs="+", choices=TREES, default=TREES[:2], metavar="TREE")
     parser.add_argument("--pairwise", action="store_true")
-    parser.add_argument("--one", choices=["field", "carved"], help=argparse.SUPPRESS)
+    parser.add_argument("--one", choices=TREES, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
         return measure(options.one, options.counts[0], options.pairwise)
-    print(f"{'tree':>7} {'leaves':>7} {'read s':>9} {'all s':>9} {'cpu s':>9} {'MiB':>9} {'PLY MiB':>9}")
-    for kind in ("field", "carved"):
+    print(f"{'tree':>7} {'leaves':>7} {'read s':>9} {'all s':>9} {'cpu s':>9} {'again s':>9} {'MiB':>9} {'PLY MiB':>9}")
+    for kind in options.trees:
         for count in options.counts:
             command = [sys.executable, __file__, "--one", kind, str(count), *["--pairwise"] * options.pairwise]
             subprocess.run(command, check=True)

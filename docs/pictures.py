@@ -1,8 +1,10 @@
-"""Draws docs/pictures: one picture for each plugin, with the parameters of the example in its documentation.
+"""Draws docs/pictures: one for each plugin, with the parameters of the example in its documentation, and one for each
+step of docs/walkthrough.md, called ``walkthrough-1`` and so on.
 
 ``python docs/pictures.py [NAME...]``; needs matplotlib.
 """
 
+import re
 import sys
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import prosim_scene
 from matplotlib.figure import Figure
+from prosim_scene.language import document_of
 
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent / "examples")]
@@ -164,8 +167,23 @@ def association():
     return figure
 
 
+def turntable():
+    """Every sixth frame of the example."""
+    path, size = DOCS.parent / "examples" / "volta.scn", (96, 96)
+    frames = [prosim_scene.load(path, resolution=size, define={"frame": n}) for n in range(0, 48, 6)]
+    return np.concatenate([np.array(mi.render(mi.load_dict(scene), seed=1)) for scene in frames], axis=1)
+
+
+def steps():
+    """The scenes of docs/walkthrough.md."""
+    return re.findall(r"```scn\n(.*?)```", (DOCS / "walkthrough.md").read_text("utf-8"), re.DOTALL)
+
+
 def main(only):
     mi.set_variant("llvm_ad_rgb")
+    if not only or "volta" in only:
+        bitmap = mi.Bitmap(turntable()).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
+        bitmap.write(str(DOCS / "pictures" / "volta.jpg"), quality=92)
     for folder, scene_of in FOLDERS.items():
         for name, docstring in plugins(folder):
             if not only or name in only:
@@ -175,6 +193,14 @@ def main(only):
                 mi.Bitmap(image * np.float32(exposure)).convert(
                     mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True
                 ).write(str(DOCS / "pictures" / f"{name}.jpg"), quality=88)
+    for number, text in enumerate(steps(), start=1):
+        name = f"walkthrough-{number}"
+        if not only or name in only:
+            size = (320, 240) if "RESOLUTION" in text else (240, 240)
+            image = mi.render(mi.load_dict(prosim_scene.load(document_of(text, name), resolution=size)))
+            mi.Bitmap(image).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True).write(
+                str(DOCS / "pictures" / f"{name}.jpg"), quality=88
+            )
     for name, draw in {"nrook.jpg": sampler, "passes.png": passes, "association.png": association}.items():
         if not only or Path(name).stem in only:
             draw().savefig(DOCS / "pictures" / name, dpi=100)

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from prosim_scene.language.words import WORDS
 from pygments.lexer import RegexLexer, bygroups
-from pygments.token import Comment, Keyword, Name, Number, String, Text
+from pygments.token import Comment, Keyword, Name, Number, Operator, Punctuation, String, Text
 
 STEPS = "|".join(spelling for row in WORDS if row.role == "STEP" for spelling in row.spellings)
 KEYWORDS = "|".join(sorted({spelling for row in WORDS for spelling in row.spellings}, key=len, reverse=True))
@@ -20,10 +20,19 @@ class SceneLexer(RegexLexer):
             (r"#.*", Comment),
             (r"\(", Comment, "remark"),
             (r'"[^"\n]*"', String),
+            (r"\$\w+", Name.Variable),
+            (r"\{", Punctuation, "arithmetic"),
             (r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?(?![\w-])", Number),
             (rf"(?i)(?:{KEYWORDS})(?![\w.-])", Keyword),
             (r"[\w.-]+", Name),
             (r"\s+|.", Text),
+        ],
+        "arithmetic": [
+            (r"\}|\n", Punctuation, "#pop"),
+            (r"\$\w+", Name.Variable),
+            (r"(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", Number),
+            (r"\w+", Name.Function),
+            (r"\s+|.", Operator),
         ],
         "remark": [(r"\(", Comment, "#push"), (r"\)", Comment, "#pop"), (r"[^()]+", Comment)],
     }

@@ -12,9 +12,11 @@ from .language.files import read, rewrite
 from .language.formatter import format
 from .language.messages import SceneError, SceneWarning
 from .model import Scene
+from .solids import Kept
 from .translator import check, document, load, translate
 
 __all__ = [
+    "Kept",
     "Scene",
     "SceneError",
     "SceneWarning",

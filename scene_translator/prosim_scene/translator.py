@@ -6,7 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .solids import TOLERANCE, tessellate
+from .solids import TOLERANCE, Kept, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
@@ -83,11 +83,13 @@ def assemble(
     options: Options,
     store: Callable[[str, bytes], str],
     image_path: Callable[[Path], str],
+    kept: Kept | None = None,
 ) -> Node:
     """A scene's dictionary.
 
     ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary.
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept`` is what
+    earlier translations left.
     """
     scene, target = document.scene, TARGETS[options.target]
     context = Context(
@@ -101,6 +103,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
+        kept,
     )
 
     def comment(text: str, *path: str | int) -> Comment:
@@ -124,7 +127,7 @@ def assemble(
             name += "_"
         if not np.abs(triangles[key].positions).max() <= single.LARGEST:
             raise document.error("this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index)
-        content = ply(triangles[key], with_uv=materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+        content = ply(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
         bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
             ", ..." if len(leaves) > 3 else ""
         )
@@ -175,17 +178,19 @@ def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[
 # ---- Entry points ----------------------------------------------------------------------------------------------------
 
 
-def document(path: AnyPath) -> Document:
-    """A scene file, read: the scene, and the places of its values.
+def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
+    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`.
 
     :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
     asked for first is read but once. Raises :class:`SceneError`.
     """
-    return document_of(read(path), path)
+    return document_of(read(path), path, define)
 
 
-def _opened(source: AnyPath | Document) -> tuple[Document, Path]:
-    opened = source if isinstance(source, Document) else document(source)
+def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
+    if isinstance(source, Document) and define:
+        raise SceneError(f"{source.source.filename}: this document has been read; give define to prosim_scene.document")
+    opened = source if isinstance(source, Document) else document(source, define)
     return opened, Path(opened.source.filename)
 
 
@@ -199,6 +204,8 @@ def translate(
     resolution: tuple[int, int] | None = None,
     samples: int | None = None,
     allow_outside: bool = False,
+    define: Mapping[str, object] | None = None,
+    kept: Kept | None = None,
 ) -> Path:
     """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
@@ -215,6 +222,10 @@ def translate(
         (width, height) and N instead of the scene's.
     ``allow_outside``
         Whether image files outside the scene's folder may be used.
+    ``define``
+        Values, numbers or words, of the ``$names`` in the scene.
+    ``kept``
+        What earlier translations left, see :class:`Kept`; for one scene that is translated again and again.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
@@ -227,7 +238,7 @@ def translate(
         samples=samples,
         allow_outside=allow_outside,
     )
-    opened, source_path = _opened(source)
+    opened, source_path = _opened(source, define)
     if not xml.can_say(source_path.stem):
         raise SceneError(
             f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
@@ -255,14 +266,21 @@ def translate(
         meshes[file := output.mesh_name(name, content)] = content
         return f"{output.meshes_folder(stem)}/{file}"
 
-    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path)}
+    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path, kept)}
     try:
         return output.write(folder, stem, xml.write(tree), meshes)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
 
 
-def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None = None, **options: Any) -> Node:
+def load(
+    source: AnyPath | Document,
+    *,
+    transform: Callable[[Any], Any] | None = None,
+    define: Mapping[str, object] | None = None,
+    kept: Kept | None = None,
+    **options: Any,
+) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
 
     The meshes are written to a temporary folder that lives as long as the process. Mitsuba takes its own type alone for
@@ -270,7 +288,7 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
     variant where Mitsuba has been imported, and otherwise arrays are left as they are.
     """
     checked = Options(**options)
-    opened, path = _opened(source)
+    opened, path = _opened(source, define)
     folder = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
@@ -280,7 +298,7 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
         return str(file)
 
     try:
-        tree = assemble(opened, path.parent, checked, store, str)
+        tree = assemble(opened, path.parent, checked, store, str, kept)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
     mitsuba = sys.modules.get("mitsuba")
@@ -289,12 +307,14 @@ def load(source: AnyPath | Document, *, transform: Callable[[Any], Any] | None =
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(source: AnyPath | Document, **options: Any) -> Scene:
+def check(
+    source: AnyPath | Document, *, define: Mapping[str, object] | None = None, kept: Kept | None = None, **options: Any
+) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     checked = Options(**options)
-    opened, path = _opened(source)
-    assemble(opened, path.parent, checked, lambda name, _: name, str)
+    opened, path = _opened(source, define)
+    assemble(opened, path.parent, checked, lambda name, _: name, str, kept)
     return opened.scene

@@ -4,6 +4,7 @@ A pixel (i, j) looks from E through VRP + u (umin + (i+1/2)(umax-umin)/w) + v (v
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,11 +51,19 @@ class Camera:
 
     def may_see(self, corners: np.ndarray) -> bool:
         """Whether the convex hull of points (n, 3) may reach into the pyramid that the window shows."""
-        x, y, z = np.stack([self.u, self.v, -self.n]) @ (corners - self.eye).T
+        x, y, z = self._axes @ (corners - self.eye).T
         x, y = x * self.depth, y * self.depth  # against the window's borders at the depth z
-        return not any(
-            map(np.all, (z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z))
+        return not (
+            (z <= 0).all()
+            or (x < self.left * z).all()
+            or (x > self.right * z).all()
+            or (y < self.bottom * z).all()
+            or (y > self.top * z).all()
         )
+
+    @cached_property
+    def _axes(self) -> np.ndarray:
+        return np.stack([self.u, self.v, -self.n])
 
 
 def camera(document: Document, resolution: tuple[int, int] | None = None) -> Camera:

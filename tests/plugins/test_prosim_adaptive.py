@@ -77,7 +77,7 @@ def test_the_expectation_is_that_of_volpath_in_a_medium(variant_rgb, inside):
     scene = foggy(inside)
     clear = {key: value for key, value in penumbra(COPPER).items() if key != "integrator"}
     clear["light"] = scene["light"]
-    assert compare(scene, {"type": "volpath", "max_depth": 6})
+    assert compare(scene, {"type": "volpath", "max_depth": 6}, spp=36, count=8)
     foggy_mean, clear_mean = (
         renderings({**s, "integrator": adaptive({"type": "volpath", "max_depth": 6})}, 2).mean() for s in (scene, clear)
     )
@@ -114,7 +114,7 @@ def test_a_sampler_that_is_given_goes_on_from_sample_to_sample(variant_rgb, samp
 @pytest.mark.parametrize("sampler", ["independent", "multijitter", "stratified"])
 def test_a_sampler_that_is_given_is_drawn_from(variant_rgb, sampler):
     scene = penumbra(COPPER)
-    assert compare(scene, "path", count=12, sampler={"type": sampler}, adaptive="none")
+    assert compare(scene, "path", spp=36, count=6, sampler={"type": sampler}, adaptive="none")
     ours = renderings({**scene, "integrator": adaptive("path")}, 1)
     given, other = renderings({**scene, "integrator": adaptive("path", sampler={"type": sampler})}, 2)
     assert not np.array_equal(given, ours[0]) and not np.array_equal(given, other)

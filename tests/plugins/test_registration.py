@@ -43,6 +43,16 @@ def test_any_order_of_imports_renders(code):
     assert done.returncode == 0, done.stderr
 
 
+def test_what_renders_is_imported_with_the_first_image():
+    """It would take longer than all plugins together; a variant is set as the plugins are imported then only."""
+    done = python(
+        "import sys, mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitsuba_prosim;"
+        "late = ['numpy', 'mitsuba_prosim.rendering.state', 'mitsuba_prosim.denoising'];"
+        "print([name for name in late if name in sys.modules], 'mitsuba_prosim.integrators.prosim' in sys.modules)"
+    )
+    assert done.stdout.strip() == "[] True", done.stderr
+
+
 def test_every_plugin_follows_the_variant():
     """Each class derives from the active variant's base class, also after a return to an earlier variant."""
     for variant in (*VARIANTS, *VARIANTS):

@@ -215,19 +215,18 @@ def test_a_lone_pixel_goes_on_step_by_step(variant_rgb):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "ball, nested",
-    [(None, None), (COPPER, None), (None, "path"), (COPPER, "path")],
+    "ball, nested, asked",
+    [(None, None, 0.006), (COPPER, None, 0.006), (None, "path", 0.01), (COPPER, "path", 0.012)],
     ids=["matt", "copper", "matt, path", "copper, path"],
 )
-def test_the_noise_that_is_asked_for_is_reached(variant_rgb, ball, nested):
-    """Against the mean of 24 images of 400 samples. Of 12 seeds at least 11 lie within 0.7 and 1.05 of what was asked
+def test_the_noise_that_is_asked_for_is_reached(variant_rgb, ball, nested, asked):
+    """Against the mean of 12 images of 256 samples. Of 12 seeds at least 11 lie within 0.7 and 1.05 of what was asked
     for: where 95 % do, fewer are an event of probability 0.12; at least 9 are asserted (probability of fewer: 0.0002).
     """
     integrator = {"type": "prosim"} if nested is None else {"type": "prosim_adaptive", "nested": {"type": nested}}
     scene = penumbra(ball, size=48)
-    reference = renderings({**scene, "integrator": integrator | {"adaptive": "none"}}, 24, spp=400, first_seed=500)
+    reference = renderings({**scene, "integrator": integrator | {"adaptive": "none"}}, 12, spp=256, first_seed=500)
     reference = reference.mean(0) @ LUMINANCE
-    asked = 0.006
     images = renderings({**scene, "integrator": integrator | {"adaptive": "graded", "noise": asked}}, 12) @ LUMINANCE
     off = np.sqrt(images + 0.01) - np.sqrt(reference + 0.01)
     ratios = np.sqrt(np.mean(off**2, axis=(1, 2))) / asked

@@ -42,6 +42,9 @@ MARKS = (
     "t-x",
     "a.png",
     "cobre",
+    "$a ",
+    "{1+$a}",
+    "{sin(30)}",
     "Cu_palik",
 )
 

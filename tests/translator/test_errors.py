@@ -125,6 +125,15 @@ WRONG = [
         ["found 0 numbers after kd", "'#ff8000' is a remark, and this colour is 1 0.502 0"],
     ),
     # trees in parentheses and infix trees
+    (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["found '-' between its operands", "before them: - CUBE 0 SPHERE 0"]),
+    (4, "CSG-TREE CUBE 0 + CUBE 1 * CUBE 2 - CUBE 3", 17, ["before them: - + CUBE 0 * CUBE 1 CUBE 2 CUBE 3"]),
+    (
+        4,
+        "CSG-TREE CUBE 0 t-listra * CUBE 1 * CUBE 2 + CUBE 3",
+        26,
+        ["them: + * * CUBE 0 t-listra CUBE 1 CUBE 2 CUBE 3"],
+    ),
+    (4, "CSG-TREE CUBE 0" + " + CUBE 0" * 9, 17, ["operators come before their operands, as in - CUBE 1"]),
     (
         4,
         "CSG-TREE (CUBE 0 - SPHERE 0)",
@@ -132,7 +141,6 @@ WRONG = [
         ["the tree stands in a remark", "- CUBE 1 SPHERE 2", "parentheses are remarks"],
     ),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, ["the tree stands in a remark"]),
-    (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["operators come before their operands"]),
     (4, "CSG-TREE + (CUBE 0 - SPHERE 0) CUBE 0", 10, ["lacks an operand", "parentheses are remarks"]),
     # marks
     (1, "NAME: x (unclosed", 9, ["this remark is not closed"]),

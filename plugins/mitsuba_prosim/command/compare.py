@@ -148,9 +148,15 @@ def compare(
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
-        with tqdm(total=100, unit="%", bar_format="{l_bar}{bar}| {elapsed}", disable=None, leave=False) as bar:
+        form, doing = "{l_bar}{bar}| {elapsed}", ""
+        with tqdm(total=100, unit="%", bar_format=form, disable=None, leave=False) as bar:
 
             def tell(text: str, done: float) -> None:
+                nonlocal doing
+                if text != doing:
+                    doing = text
+                    bar.reset()  # each step has a time of its own
+                bar.bar_format = form + (", {remaining} left" if done > 0.01 else "")  # before, nobody knows
                 bar.set_description_str(text)
                 bar.update(100 * done - bar.n)
 

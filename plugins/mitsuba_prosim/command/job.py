@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+from prosim_scene import Kept
 
 from ..rendering.record import Record
 from ..scene_files import opening
@@ -49,9 +50,11 @@ class Job:
         """What a record of it has to say, so that another process can go on: ``job`` and ``digest``."""
         return {"job": asdict(replace(self, scene=os.path.abspath(self.scene))), "digest": file.digest()}
 
-    def open(self, folder: Path) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
-        """The scene file, its scene and its sensor. ``folder``: for translations. Raises what their makers raise."""
-        file = opening.SceneFile(
+    def file(self, folder: Path, kept: Kept | None = None) -> opening.SceneFile:
+        """The scene file. ``folder``: for translations; ``kept``: what they leave to each other. Raises what its maker
+        raises.
+        """
+        return opening.SceneFile(
             self.scene,
             folder,
             definitions=self.definitions,
@@ -59,7 +62,12 @@ class Job:
             crop=self.crop,
             samples=self.samples,
             integrator=self.integrator,
+            kept=kept,
             **self.language,
         )
+
+    def open(self, folder: Path) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
+        """The scene file, its scene and its sensor. Raises what their makers raise."""
+        file = self.file(folder)
         scene = file.load()
         return file, scene, opening.pick_sensor(scene, self.sensor)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -19,8 +20,8 @@ from ..rendering.part import Part
 from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
-from ..scene_files import images, rendering, session, writing
-from . import denoised, reached
+from ..scene_files import images, opening, rendering, session, writing
+from . import black, denoised, reached
 from . import output as files
 from .interrupts import interruptible
 from .job import Job
@@ -29,6 +30,15 @@ from .options import InputError, wrong_input
 
 #: What an image is written as, and its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
+
+
+@dataclass(frozen=True)
+class Made:
+    """What is to be said of an image that has been written, and who has kept its state, if it was kept."""
+
+    said: str
+    interrupted: bool
+    keeper: Keeper | None
 
 
 def make(
@@ -51,46 +61,73 @@ def make(
     """
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
-            file, loaded, chosen = job.open(folder)
-            about = job.about(file) if keep or begin is not None else {}
+            opened = job.open(folder)
+            about = job.about(opened[0]) if keep or begin is not None else {}
             if about:
-                refuse_to_keep(loaded.integrator())
+                refuse_to_keep(opened[1].integrator())
             refuse_another_scene(job, begin, about)
-        width, height = chosen.film().crop_size()
-        integrator = loaded.integrator()
-        refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
-        size = size_of_image(integrator, chosen.film(), denoise)
-        suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
-        keeper, state = None, STATE if part is None else f".{part}.exr"
-        if keep:
-            suffixes, size = (
-                (*suffixes, state),
-                size + 2 * size_of_state(integrator, chosen.film(), part),
-            )  # the old one, too
-            keeper = Keeper(stem.with_name(stem.name + state), about, warn)
-        files.check(Path(job.scene), stem, suffixes, size)
+        made = render(job, opened, stem, begin, about if keep else None, part, denoise)
+    click.echo(made.said)
+    if made.interrupted:
+        if made.keeper is not None:
+            click.echo(f"To go on with it: prosim resume {made.keeper.path}")
+        sys.exit(1)
 
-        start = perf_counter()
-        with interruptible(integrator.cancel) as signals:
-            try:
-                with progress_bar(integrator, job.variant) as tell:
-                    stopped = partial(bool, signals)
-                    picture = take(loaded, chosen, job, denoise, tell, stopped, begin, keeper, part)
-            except ValueError as error:
-                raise InputError(str(error)) from None
-            except (RuntimeError, MemoryError) as error:
-                raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-            seconds, interrupted = perf_counter() - start, bool(signals)
-            if interrupted and reached.nothing(integrator):
-                raise click.ClickException("interrupted before the image had begun; nothing was written.")
-            written = []
-            if part is None:
-                facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts)
-                written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
-        if keeper is not None:
-            if keeper.unwritten is not None:
-                files.save(stem, {state: keeper.unwritten})
-            written.append(keeper.path)
+
+def render(
+    job: Job,
+    opened: tuple[opening.SceneFile, mi.Scene, mi.Sensor],
+    stem: Path,
+    begin: Record | None = None,
+    keep: Mapping[str, Any] | None = None,
+    part: Part | None = None,
+    denoise: bool = False,
+    frame: Mapping[str, str] | None = None,
+    bar: Callable[[mi.Integrator, str], AbstractContextManager[Callable[[float], None] | None]] | None = None,
+) -> Made:
+    """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does.
+
+    ``keep``: what the state says that it is about, where it is kept; ``frame``: further metadata of a frame of a film,
+    whose image is written only if it is finished; ``bar``: what shows the progress, in the place of
+    :func:`progress_bar`.
+    """
+    file, loaded, chosen = opened
+    width, height = chosen.film().crop_size()
+    integrator = loaded.integrator()
+    refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
+    size = size_of_image(integrator, chosen.film(), denoise)
+    suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
+    keeper, state = None, STATE if part is None else f".{part}.exr"
+    if keep is not None:
+        # The old state is there, too.
+        suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film(), part)
+        keeper = Keeper(stem.with_name(stem.name + state), keep, warn)
+    files.check(Path(job.scene), stem, suffixes, size)
+
+    start = perf_counter()
+    with interruptible(integrator.cancel) as signals:
+        try:
+            with (bar or progress_bar)(integrator, job.variant) as tell:
+                stopped = partial(bool, signals)
+                picture = take(loaded, chosen, job, denoise, tell, stopped, begin, keeper, part)
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        except (RuntimeError, MemoryError) as error:
+            raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
+        seconds, interrupted = perf_counter() - start, bool(signals)
+        if interrupted and frame is None and reached.nothing(integrator):
+            raise click.ClickException("interrupted before the image had begun; nothing was written.")
+        written = []
+        if part is None and not (frame is not None and interrupted):
+            facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts) | dict(frame or {})
+            written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
+            shown = images.colours(picture.bitmap)
+            if shown is not None and (reason := black.why(loaded, chosen, shown * 2.0**job.exposure)):
+                warn(reason)
+    if keeper is not None:
+        if keeper.unwritten is not None:
+            files.save(stem, {state: keeper.unwritten})
+        written.append(keeper.path)
     said = [
         f"{' and '.join(map(str, written))}: "
         + (f"part {part.number} of {part.of}, " if part else "")
@@ -100,11 +137,7 @@ def make(
         None if part else reached.sentence(integrator, interrupted),
         picture.said,
     ]
-    click.echo("\n".join(filter(None, said)))
-    if interrupted:
-        if keeper is not None:
-            click.echo(f"To go on with it: prosim resume {keeper.path}")
-        sys.exit(1)
+    return Made("\n".join(filter(None, said)), interrupted, keeper)
 
 
 def take(

@@ -131,14 +131,14 @@ class Definition(click.ParamType):
         return key, text
 
 
-#: Decorator: the option for the constants of XML scenes.
+#: Decorator: the option for what $names stand for in scenes of either kind.
 defines = click.option(
     "-D",
     "--define",
     "definitions",
     type=Definition(),
     multiple=True,
-    help="Constant that replaces $key in the XML scene. May be repeated.",
+    help="Value that replaces $key in the scene. May be repeated.",
 )
 
 

@@ -10,6 +10,7 @@ import click
 
 from ..rendering.part import Part
 from ..rendering.policies import POLICIES
+from . import frames as film
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
@@ -110,6 +111,20 @@ from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, de
     help="Render only part K of M, of which NAME.K-of-M.exr is written, from time to time and at the end: prosim merge "
     "makes the image of all.",
 )
+@click.option(
+    "--frames",
+    type=film.Frames(),
+    show_default=False,
+    help="Render a film: images NAME.0000, ..., one for each value of $frame in the scene. 0:48 are frames 0 to 47, 7 "
+    "is frame 7 alone. Those that are there already are left.",
+)
+@click.option(
+    "--fps",
+    type=Finite(min=0, min_open=True),
+    show_default=False,
+    help="Frames a second, by which $time goes. [default: 24]",
+)
+@click.option("--anew", is_flag=True, help="Render frames anew that are there already.")
 @translation
 def render(
     scene: Path,
@@ -135,6 +150,9 @@ def render(
     denoise: bool,
     keep: bool,
     part: Part | None,
+    frames: range | None,
+    fps: float | None,
+    anew: bool,
     resolution: tuple[int, int] | None,
     samples: int | None,
     **language: Any,
@@ -157,6 +175,13 @@ def render(
         raise click.UsageError(
             "--denoise renders two images, and --keep and --part keep the state of one; give either."
         )
+    if frames is None and (fps or anew):
+        raise click.UsageError(f"{'--fps' if fps else '--anew'} is for films; say which --frames.")
+    if frames is not None and part:
+        raise click.UsageError(
+            "--part is for single images. A film is shared by giving each machine some of its --frames, such as 0:24 "
+            "here and 24:48 there."
+        )
     asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)
     options = ends | {"max_samples": max_samples, "adaptive": adaptive, "keep": keep or None, "part": part}
@@ -176,7 +201,10 @@ def render(
         language=language,
         exposure=exposure,
     )
-    make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
+    if frames is not None:
+        film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew)
+    else:
+        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
 
 
 def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:

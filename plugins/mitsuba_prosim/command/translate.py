@@ -9,7 +9,7 @@ import click
 import prosim_scene
 
 from . import stand_in
-from .options import SCENE, InputError, translation
+from .options import SCENE, InputError, defines, translation
 from .output import KNOWN
 
 
@@ -37,9 +37,13 @@ class Folder(click.Path):
     help="Plugins that the XML names: this package's, or only those that Mitsuba brings.",
 )
 @click.option("--check", is_flag=True, help="Write nothing; only say what is wrong or doubtful.")
+@defines
 @translation
-def translate(scene: Path, output: Path | None, check: bool, **options: Any) -> None:
+def translate(
+    scene: Path, output: Path | None, check: bool, definitions: tuple[tuple[str, str], ...], **options: Any
+) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
+    options["define"] = dict(definitions)
     try:
         if check:
             prosim_scene.check(scene, **options)

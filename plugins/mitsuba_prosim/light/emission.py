@@ -7,7 +7,6 @@ from typing import overload
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ..parameters import constant, reject, shown
 
@@ -33,6 +32,8 @@ def read_emission(props, name, default=None):
         return mi.load_dict({"type": "uniform", "value": 0.0})
     texture = props.get_emissive_texture(name) if default is None else props.get_emissive_texture(name, default)
     if not values:
+        import numpy as np  # slow to import, and seldom needed
+
         for key, parameter in mi.traverse(texture):
             if key.rpartition(".")[2] in ("value", "values", "data"):
                 numbers = np.ravel(np.array(parameter, dtype=np.float32))

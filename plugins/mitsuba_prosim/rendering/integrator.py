@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -13,20 +12,17 @@ import mitsuba as mi
 from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
 from . import collector
-from .camera import ray_sampler, uncropped
-from .derivatives import Derivatives
-from .estimate import Estimator
 from .film import Channels, asked_aovs, with_more_channels
-from .pace import Pace
-from .part import Part
 from .plan import Plan, Sampling
 from .policies import POLICIES
-from .record import Record
 from .scalar import take_back_interrupts
-from .snapshot import Reached, Snapshot, put
-from .state import State
-from .target import Target
-from .waves import waves
+
+if TYPE_CHECKING:
+    from .derivatives import Derivatives
+    from .growth import Growth
+    from .part import Part
+    from .record import Record
+    from .snapshot import Reached, Snapshot
 
 
 class WaveIntegrator(mi.SamplingIntegrator):
@@ -70,7 +66,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self.keep: Callable[[Callable[[], Record], bool], None] | None = None
         #: How far the last image came.
         self.reached: Reached | None = None
-        self._growing: tuple[mi.Film, State] | None = None  # what is being rendered, in JIT variants
+        self._growing: Growth | None = None  # what is being rendered, in JIT variants
         self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
@@ -115,8 +111,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         one that is only for derivatives.
         """
         if self._growing is not None:
-            film, state = self._growing
-            put(state, film)
+            self._growing.put()
 
     # ---------------------------------------------------------------- rendering
 
@@ -181,27 +176,23 @@ class WaveIntegrator(mi.SamplingIntegrator):
             )
         if part is not None or begin is not None:
             self._refuse_sampler()
-        policy, state = self._begin(scene, sensor, seed, spp, self.own_aovs, part)
-        target, steps = self._target(time.perf_counter()), self._grow
+        growth = self._growth(scene, sensor, seed, spp, self.own_aovs, part)
         if begin is not None:
-            begin.restore(state)
-            target = self._target(time.perf_counter() - begin.facts["seconds"])
-            if begin.finished and begin.same_aim(state):
-                steps = nothing_more
-        self._growing = film, state
+            growth.restore(begin)
+        self._growing = growth
         try:
-            for _ in steps(policy, state, target):
+            for _ in growth.waves(self.progress, self.keep, lambda: self.cancelled):
                 # Not the snapshot: with it the scene would hold itself, and the kernels of the next one would differ.
-                self.reached = Reached.of(state, target.passed)
-                yield Snapshot(state, film, self.reached)
+                self.reached = growth.reached()
+                yield growth.snapshot(self.reached)
             if self.keep is not None:
-                self.keep(lambda: Record.of(state, target.passed, not self.cancelled), True)
+                self.keep(lambda: growth.record(not self.cancelled), True)
         finally:
             self._growing = None
             if not sys.is_finalizing():  # an iterator that the program left behind
                 # Once more: where the first wave was good enough, that was seen after it.
-                self.reached = Reached.of(state, target.passed)
-                put(state, film)
+                self.reached = growth.reached()
+                growth.put()
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
@@ -219,9 +210,6 @@ class WaveIntegrator(mi.SamplingIntegrator):
     def _aims(self) -> bool:
         return self.noise > 0 or self.noise_99 > 0 or self.time > 0
 
-    def _target(self, begun: float) -> Target:
-        return Target(self.noise, self.time, begun, self.noise_99)
-
     def _refuse_sampler(self) -> None:
         if self.sampler is not None:
             raise ValueError(
@@ -229,8 +217,21 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 "Mitsuba's, which does not say where it was; leave the sampler out."
             )
 
-    def _plan(self, scene: mi.Scene, sensor: mi.Sensor, seed: int | mi.UInt32, spp: int) -> tuple[Plan, Estimator]:
-        """``(plan, estimator)``: which samples are taken, and what takes them."""
+    def _growth(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: int | mi.UInt32,
+        spp: int,
+        own_aovs: Sequence[str],
+        part: Part | None = None,
+    ) -> Growth:
+        """An image without samples, or a part of one."""
+        # With the first image: what makes images, and NumPy, would take longer to load than all plugins together.
+        from .estimate import Estimator
+        from .growth import Growth
+
+        self.cancelled = False  # before the work: what is cancelled during it stays so
         plan = Plan.of(
             Sampling(
                 self.samples,
@@ -250,45 +251,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         )
         transport = self.transport(scene, sensor)
         channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
-        return plan, Estimator(plan, scene, sensor, transport, channels, self.sampler)
-
-    def _begin(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor,
-        seed: int | mi.UInt32,
-        spp: int,
-        own_aovs: Sequence[str],
-        part: Part | None = None,
-    ) -> tuple[Any, State]:
-        """``(policy, state)``: an image without samples, or a part of one, and what says how many it gets."""
-        self.cancelled = False  # before the work: what is cancelled during it stays so
-        plan, estimator = self._plan(scene, sensor, seed, spp)
-        policy: Any = POLICIES[self.adaptive](plan, self.threshold)
-        return policy, State(plan, estimator, own_aovs, policy.judgements * policy.reach, part)
-
-    def _grow(self, policy: Any, state: State, target: Target) -> Iterator[State]:
-        """The image wave by wave."""
-        estimator = state.estimator
-
-        pace = Pace(state)
-        if self.keep is not None:
-            state.portion = Pace.FIRST
-
-        def pause() -> bool:
-            if self.keep is not None:
-                pace.look()
-                self.keep(lambda: Record.of(state, target.passed), False)
-                pace.go_on()
-            return self.cancelled
-
-        steps = waves(state.plan, policy, state, target, self.progress, pause)
-        while True:
-            with uncropped(estimator.sensor):
-                estimator.rays = estimator.rays or ray_sampler(estimator.sensor)
-                if next(steps, None) is None:
-                    return
-            yield state
+        return Growth(plan, Estimator(plan, scene, sensor, transport, channels, self.sampler), own_aovs, part)
 
     # ---------------------------------------------------------------- derivatives
 
@@ -323,13 +286,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
-            policy, state = self._begin(scene, sensor, seed, spp, [])
-            for _ in self._grow(policy, state, self._target(time.perf_counter())):
+            growth = self._growth(scene, sensor, seed, spp, [])
+            for _ in growth.waves(self.progress, cancelled=lambda: self.cancelled):
                 pass
-        state.estimator.transport = self.transport(scene, sensor, attached=True)
-        return Derivatives(state.plan, state.estimator, state.image(), state.counts())
-
-
-def nothing_more(policy: Any, state: State, target: Target) -> Iterator[State]:
-    """The one step of an image that has all it should."""
-    yield state
+        return growth.derivatives(self.transport(scene, sensor, attached=True))

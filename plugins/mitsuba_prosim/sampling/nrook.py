@@ -11,12 +11,15 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from .hash import GOLDEN, combine, hash32
+
+if TYPE_CHECKING:
+    import numpy as np
 
 JITTERS = ("multi", "uniform")
 
@@ -66,6 +69,8 @@ class Permutations:
     @classmethod
     @functools.cache
     def _rows(cls, n: int) -> np.ndarray:
+        import numpy as np  # takes as long to import as all plugins together, and is for whoever renders
+
         if n <= cls.ALL_UP_TO:
             return np.array(list(itertools.permutations(range(n))), dtype=np.uint32)
         keys = hash32(np.arange(1024 * n, dtype=np.uint64)).reshape(1024, n)

@@ -21,11 +21,18 @@ def encode(
     has none.
     """
     images = {".exr": exr(bitmap, facts)}
-    colours = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
-    if colours.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
-        linear = colours.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
-        images[".png"] = png(compress(np.array(linear) * np.float32(2**exposure)), shown)
+    linear = colours(bitmap)
+    if linear is not None:
+        images[".png"] = png(compress(linear * np.float32(2**exposure)), shown)
     return images
+
+
+def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
+    """The colours of a film's image, linear, shape (height, width, 3); None if it has none (spectral bins, say)."""
+    layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
+    if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
+        return None
+    return np.array(layer.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
 
 
 def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
@@ -40,7 +47,7 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
     planes = np.moveaxis(np.array(bitmap).reshape(height, width, len(names)), 2, 0)
     # A file's name may hold bytes that are no text.
     header = {name: fact.encode("utf-8", "backslashreplace").decode("utf-8") for name, fact in facts.items()}
-    header |= {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     file = io.BytesIO()
     OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in zip(names, planes)}).write(file)
     return file.getvalue()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -31,6 +32,7 @@ class SceneFile:
         crop: tuple[int, int, int, int] | None = None,
         samples: int | None = None,
         integrator: Mapping[str, Any] | None = None,
+        kept: prosim_scene.Kept | None = None,
         **language: Any,
     ):
         """Reads ``path``, as XML if that is its suffix.
@@ -38,13 +40,15 @@ class SceneFile:
         ``folder``
             Where a translation is written; it has to stay as long as scenes are made.
         ``definitions``
-            Values for the ``$key`` constants of XML.
+            Values of the scene's ``$names``; of XML those of its parameters.
         ``resolution``, ``crop``, ``samples``
             (width, height), (x, y, width, height), both in pixels, and N of the N-rook sampling instead of the scene's.
         ``integrator``
             Other parameters of the integrator ``prosim`` or ``prosim_adaptive`` instead of the scene's; None takes one
             away. Those that say how much is sampled put any other integrator within ``prosim_adaptive``, see
             :func:`.integrators.change`.
+        ``kept``
+            What an earlier translation has left to this one.
         ``language``
             Further options of :func:`prosim_scene.translate`.
 
@@ -57,11 +61,17 @@ class SceneFile:
         self.resolution, self.definitions = resolution, dict(definitions or {})
         if self.path.suffix.lower() != ".xml":
             self.xml = prosim_scene.translate(
-                self.path, Path(folder), resolution=resolution, samples=samples, **language
+                self.path,
+                Path(folder),
+                resolution=resolution,
+                samples=samples,
+                define=self.definitions,
+                kept=kept,
+                **language,
             )
             resolution = samples = None  # said in the translation
         with self._search_paths():
-            self.state = parse(self.xml, self.definitions)
+            self.state = parse(self.xml, self.definitions if self.xml is self.path else {})
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
@@ -141,6 +151,23 @@ def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserSt
     if taken := {"config", "filename"} & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba's Python parser keeps this name for itself; choose another")
     return mi.parser.parse_file(_config(), str(path), **parameters)
+
+
+def uses(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
+    """Which of these names, all of which ``definitions`` give values, a scene file of either kind says as ``$name``;
+    raises what reading it raises.
+    """
+    names, path = set(names), Path(path)
+    if path.suffix.lower() != ".xml":
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return set(prosim_scene.document(path, definitions).uses & names)
+    config = _config()
+    config.unused_parameters = mi.LogLevel.Trace
+    with session.search_paths(first=[path.parent]):
+        files = mi.parser.parse_file(config, str(path), **definitions).files
+    text = "".join(Path(str(file)).read_text(encoding="utf-8", errors="replace") for file in files)
+    return {name for name in names if re.search(rf"\${name}\b", text)}
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:

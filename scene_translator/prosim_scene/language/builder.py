@@ -8,11 +8,11 @@ from typing import Any
 from lark import Token, Tree
 
 from .. import model
-from . import checks
+from . import checks, parentheses
 from .document import Document, Path
 from .hints import hint, nearest
 from .lexer import place
-from .messages import Place, SceneError, Source, listing, quote
+from .messages import CLIP, Place, SceneError, Source, listing, quote
 from .names import ALIASES, BUILT_IN, METALS
 from .parentheses import EXPLAINED
 from .values import read_value, span
@@ -24,8 +24,8 @@ Node = Tree[Token]
 class Builder:
     """One scene on its way from the tree to the model."""
 
-    def __init__(self, source: Source) -> None:
-        self.source = source
+    def __init__(self, source: Source, uses: frozenset[str] = frozenset()) -> None:
+        self.source, self.uses = source, uses
         self.places: dict[Path, Place] = {}
 
     def document(self, tree: Node) -> Document:
@@ -38,7 +38,7 @@ class Builder:
                 if texture and texture.name in BUILT_IN:
                     fields["patterns"].setdefault(texture.name, model.Pattern(BUILT_IN[texture.name]))
         fields.setdefault("name", PurePath(self.source.filename).stem or "scene")
-        document = Document(model.Scene(**fields, text=self.source.text), self.source, self.places)
+        document = Document(model.Scene(**fields, text=self.source.text), self.source, self.places, self.uses)
         checks.whole(document)
         return document
 
@@ -68,6 +68,11 @@ class Builder:
         word = row(tokens[0])
         self.once(tokens[0], str(tokens[0]), *owner, word.name)
         return word, read_value(self.source, tokens)
+
+    def default(self, _: dict[str, Any], children: list[Token]) -> None:
+        """DEFAULT; the name's value has been put in its places by the lexer."""
+        name = children[1]
+        self.once(name, f"DEFAULT {name}", "defaults", str(name[1:]))
 
     def setting(self, fields: dict[str, Any], children: list[Token]) -> None:
         """A statement of one keyword and its values."""
@@ -138,6 +143,12 @@ class Builder:
     def csg(self, fields: dict[str, Any], children: list[Any]) -> None:
         """CSG-TREE."""
         self.once(children[0], "CSG-TREE", "csg")
+        if infix := parentheses.infix(self.source, children[1:]):
+            raise self.error(
+                children[2].children[0],
+                f"found {quote(children[2].children[0])} between its operands; expected it before them: "
+                f"{infix if len(infix) <= CLIP else EXPLAINED}",
+            )
         nodes: list[model.Operator | model.Leaf] = []
         missing: list[tuple[Token, int]] = []  # the operators that still lack operands, and how many
         for number, item in enumerate(children[1:]):

@@ -118,6 +118,9 @@ def _unused(document: Document) -> None:
         for index in table:
             if index not in used:
                 document.warn("no primitive has this index", name, index)
+    for path in document.places:
+        if path[0] == "defaults" and path[1] not in document.uses:
+            document.warn(f"nothing below uses ${path[1]}", *path)
     if not scene.csg:
         document.warn("the scene has no CSG-TREE: nothing but the background is seen", "csg")
     if not scene.lights:

@@ -13,11 +13,12 @@ Path = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Document:
-    """A scene, its text, and the places of its values by their paths in the model."""
+    """A scene, its text, the places of its values by their paths in the model, and the ``$names`` that it uses."""
 
     scene: Scene
     source: Source
     places: Mapping[Path, Place]
+    uses: frozenset[str] = frozenset()
 
     def given(self, *path: str | int) -> bool:
         """Whether the text gives this value, or it is a default."""

@@ -6,6 +6,7 @@ from os import PathLike
 from lark import Token
 
 from . import document_of
+from .definitions import Definitions
 from .messages import Source
 from .parser import tokens_and_tree
 from .words import OPERATORS, STATEMENTS, row
@@ -17,6 +18,7 @@ HEADINGS = {"LIGHTS", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
 #: Tokens that stand on the line of the keyword before them; any other begins a line.
 VALUES = {
     "NUMBER",
+    "VARIABLE",
     "WORD",
     "STRING",
     "FILE",
@@ -33,14 +35,18 @@ VALUES = {
 def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     """The text of a scene in canonical layout: one statement or parameter a line, canonical spellings, remarks kept.
 
-    ``parse(format(x)) == parse(x)``, and what is formatted stays as it is. Raises :class:`SceneError` where ``parse``
-    would.
+    ``parse(format(x)) == parse(x)``, and what is formatted stays as it is; names and what stands in braces are kept as
+    they are written. Raises :class:`SceneError` where ``parse`` would; but of a scene with names that have no value the
+    syntax alone is judged.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        document_of(text, filename)
-        pieces, _ = tokens_and_tree(Source(text, filename))
-    layout = _Layout()
+        source = Source(text, filename)
+        definitions = Definitions(source, tolerant=True)
+        pieces, _ = tokens_and_tree(source, definitions)
+        if not definitions.undefined:
+            document_of(text, filename)
+    layout = _Layout(text)
     end = 0
     for piece in pieces:
         layout.add(piece, same_line="\n" not in text[end : piece.start_pos])
@@ -63,7 +69,8 @@ class _Line:
 class _Layout:
     """The lines so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, source: str) -> None:
+        self.source = source
         self.lines: list[_Line] = []
         self.line = _Line("")  # the last one that has words
         self.heading = self.previous = ""  # the statement, and the type of the token before
@@ -94,7 +101,7 @@ class _Layout:
             if kind in HEADINGS or self.heading in HEADINGS:
                 self.blank_line()
             self.heading = kind
-            self.begin(0, row(piece).canonical + ("" if kind in HEADINGS or kind == "END" else ":"))
+            self.begin(0, row(piece).canonical + ("" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"))
         elif kind in VALUES:
             self.value(piece)
         elif kind == "MINUS" and self.heading == "VIEW":
@@ -146,7 +153,10 @@ class _Layout:
         kind, words = piece.type, self.line.words
         if kind == "LPAR" or kind == "RPAR":
             return  # set around the numbers of any step
-        if kind == "NUMBER":
+        as_written = self.source[piece.start_pos : piece.end_pos]
+        if as_written[:1] in ("$", "{"):
+            text = as_written
+        elif kind == "NUMBER":
             text = str(piece) if self.heading == "NAME" else _number(piece)
         elif kind == "STRING":
             text = f'"{piece}"'
@@ -157,6 +167,8 @@ class _Layout:
         if self.heading == "TRANSFORM" and self.line.indent:
             words[-1:] = [words[-1], f"({text})"] if len(words) == 1 else [f"{words[-1][:-1]} {text})"]
             return
+        if self.previous == "VARIABLE" and self.heading == "DEFAULT":
+            words.append("=")
         if self.heading in ("SURFACE", "TEXTURE") and self.line.indent and len(words) == 1 and words[0] != "material":
             words.append("=")
         words.append(text)

@@ -10,33 +10,37 @@ from collections.abc import Callable, Collection, Iterator
 
 from lark import Token
 
-from .messages import Place, SceneError, Source
+from . import expressions
+from .definitions import NAME, NUMBER, Definitions, UndefinedError, written
+from .messages import Place, SceneError, Source, quote
 from .words import OPERATORS, ROLES, ROWS, STATEMENT_OF, STATEMENTS, fold
 
 PIECE = re.compile(
-    r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>\))|(?P<string>"[^"\n]*"?)'
+    r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>\))|(?P<expression>\{[^{}\n]*\}?)|(?P<string>"[^"\n]*"?)'
     r'|(?P<equals>[:=])|(?P<operator>[*+-](?![\d.]|inf|nan))|(?P<word>[^\s()#":=]+)',
     re.IGNORECASE,
 )
 PARENTHESIS = re.compile(r"[()]")
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
+#: What a name may stand for: a word that begins nothing.
+VALUES = frozenset(("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "KIND"))
 
 
-def lex(source: Source, accepted: Callable[[], Collection[str]]) -> Iterator[Token]:
+def lex(source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions) -> Iterator[Token]:
     """Tokens and remarks of a text in order, up to END and what follows it.
 
     Tokens have the terminals of the grammar as types, remarks have REMARK, and what else follows END is one REST.
     ``accepted()`` says which terminals have a place where the parser stands: each token has to be given to it before
-    the next one is asked for. Raises SceneError for marks that are not closed and the like.
+    the next one is asked for. Names, and what stands in braces, are tokens of what they come to by ``definitions``,
+    which learn from DEFAULT statements. Raises SceneError for marks that are not closed and the like.
     """
-    return _Lexer(source, accepted).tokens()
+    return _Lexer(source, accepted, definitions).tokens()
 
 
 class _Lexer:
     """A text, and how far it has been read."""
 
-    def __init__(self, source: Source, accepted: Callable[[], Collection[str]]) -> None:
-        self.source, self.accepted = source, accepted
+    def __init__(self, source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions) -> None:
+        self.source, self.accepted, self.definitions = source, accepted, definitions
         self.position = 0
         self.previous: Token | None = None
         self.statement = ""  # the role of the last word that began one
@@ -51,6 +55,8 @@ class _Lexer:
             ends = token.type == "END" and "END" in self.accepted()
             yield token
             if token.type != "REMARK":
+                if self.previous is not None and self.previous.type == "VARIABLE":
+                    self.definitions.default(self.previous[1:], str(token))
                 self.previous = token
             if ends:
                 break
@@ -73,7 +79,7 @@ class _Lexer:
             self.open_argument = None
             return _token("RPAR", piece, start)
         if kind == "equals":
-            if self.previous is None or self.previous.type not in ROLES:
+            if self.previous is None or self.previous.type not in (*ROLES, "VARIABLE"):
                 raise self.source.error(
                     Place(start, self.position), f"found {piece!r}, which may only follow a keyword"
                 )
@@ -82,6 +88,10 @@ class _Lexer:
             if len(piece) < 2 or piece[-1] != '"':
                 raise self.source.error(Place(start, self.position), "this quote is not closed on its line")
             return _token("STRING", piece[1:-1], start, self.position)
+        if kind == "expression":
+            return self.expression(start)
+        if piece.startswith("$"):
+            return self.name(piece, start)
         return _token(OPERATORS[piece], piece, start) if kind == "operator" else self.word(piece, start)
 
     def parenthesis(self, start: int) -> Token:
@@ -91,6 +101,45 @@ class _Lexer:
             return self.open_argument
         self.position = _end_of_remark(self.source, start)
         return _token("REMARK", self.source.text[start : self.position], start)
+
+    def expression(self, start: int) -> Token:
+        """What stands in braces, as the number that it comes to."""
+        braces = Place(start, self.position)
+        try:
+            text = written(expressions.evaluate(self.source, braces, self.definitions.number))
+        except UndefinedError:
+            if not self.definitions.tolerant:
+                raise
+            text = "1"
+        return _token("NUMBER", text, start, self.position)
+
+    def name(self, word: str, start: int) -> Token:
+        """A name: itself after DEFAULT, and elsewhere the number or the word that it stands for."""
+        where = Place(start, self.position)
+        if not NAME.fullmatch(word, 1):
+            raise self.source.error(
+                where,
+                f"found {quote(word)}; expected letters, digits and _ after $, and arithmetic in braces: {{$x - 1}}",
+            )
+        accepted = self.accepted()
+        if "VARIABLE" in accepted:
+            return _token("VARIABLE", word, start)
+        try:
+            text = self.definitions.text(word[1:], where)
+        except UndefinedError:
+            if not self.definitions.tolerant:
+                raise
+            kind = next((role for role in ("NUMBER", "WORD", *sorted(VALUES)) if role in accepted), "WORD")
+            return _token(kind, word, start)
+        piece = PIECE.fullmatch(text)
+        if piece is None or piece.lastgroup != "word":
+            return _token("STRING", text, start, self.position)
+        kind = _type(text, accepted, self.statement)
+        if kind not in VALUES:
+            raise self.source.error(
+                where, f"{word} stands for {quote(text)}, a keyword; expected a number, or a word that is a value"
+            )
+        return _token(kind, text, start, self.position)
 
     def word(self, word: str, start: int) -> Token:
         """A word by what fits where it stands."""

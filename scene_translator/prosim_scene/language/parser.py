@@ -10,14 +10,17 @@ from pathlib import Path
 from lark import Lark, Token, Tree, UnexpectedToken
 
 from . import lexer
+from .definitions import Definitions
 from .hints import meant
 from .messages import Place, SceneError, Source, listing, quote
 from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, meanings
 
 #: The order in which a message lists what it expected.
-ORDER = ("NUMBER", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
+ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
 #: Numbers as other languages write them. A comma is not read: in 0,5 it may be a point, or stand between two numbers.
 SEPARATED = re.compile(r"[-+.e\d]*[,;][-+.e\d,;]*", re.IGNORECASE)
+#: An operator, but for the sign of a number or of its exponent.
+ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
 
 @cache
@@ -26,12 +29,12 @@ def _parser() -> Lark:
     return Lark(grammar, parser="lalr")
 
 
-def tokens_and_tree(source: Source) -> tuple[list[Token], Tree[Token]]:
+def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Token], Tree[Token]]:
     """All pieces of the text in order (tokens and remarks), and lark's tree; raises SceneError."""
     parser = _parser().parse_interactive()
     pieces: list[Token] = []
     try:
-        for piece in lexer.lex(source, parser.choices):
+        for piece in lexer.lex(source, parser.choices, definitions):
             pieces.append(piece)
             if piece.type not in ("REMARK", "REST"):
                 parser.feed_token(piece)
@@ -53,17 +56,8 @@ def _syntax_error(source: Source, token: Token, expected: set[str], pieces: list
             return source.error(place, "the file ends here and END is missing; expected END as the last statement")
         return source.error(place, f"the file ends after this; expected {listing(names)}")
     place = lexer.place(token)
-    if token.type == "WORD" and "NUMBER" in expected:
-        if fold(token.lstrip("+-")) in ("nan", "inf", "infinity"):
-            return source.error(place, f"found {quote(token)}; expected a finite number")
-        if SEPARATED.fullmatch(token):
-            return source.error(
-                place,
-                f"found {quote(token)}; expected numbers with nothing but spaces between them, as in 1 2 3, and with "
-                "a point for the fraction, as in 0.5",
-            )
-        if token[0] in "0123456789.+-":
-            return source.error(place, f"found {quote(token)}, which is not a number")
+    if mistake := _mistake(token, expected, pieces):
+        return source.error(place, f"found {quote(token)}{mistake}")
     if token.type == "WORD":
         return source.error(place, f"unknown word {quote(token)}; expected {listing(names)}{meant(token, expected)}")
     owner = STATEMENT_OF.get(token.type)
@@ -75,6 +69,25 @@ def _syntax_error(source: Source, token: Token, expected: set[str], pieces: list
     if token.type in ROLES and token.type not in STATEMENTS and "NUMBER" not in expected:
         return source.error(place, f"found {quote(token)}, which has no place here; expected {listing(names)}")
     return source.error(place, f"found {quote(token)}; expected {listing(names)}")
+
+
+def _mistake(token: Token, expected: set[str], pieces: list[Token]) -> str:
+    """What to say of a token that most likely was meant as a number, or as a name; nothing of others."""
+    if expected == {"VARIABLE"}:
+        return "; expected a name, such as $angle"
+    if "NUMBER" not in expected or token.type not in (*OPERATORS.values(), "WORD"):
+        return ""
+    braces = "; arithmetic stands in braces, as in {360 * $frame / 48}" if ARITHMETIC.search(token) else ""
+    if braces and [piece.type for piece in pieces[-2:-1]] == ["NUMBER"]:
+        return f" after a number{braces}"
+    if fold(token.lstrip("+-")) in ("nan", "inf", "infinity"):
+        return "; expected a finite number"
+    if SEPARATED.fullmatch(token):
+        return (
+            "; expected numbers with nothing but spaces between them, as in 1 2 3, and with a point for the fraction, "
+            "as in 0.5"
+        )
+    return f", which is not a number{braces}" if token.type == "WORD" and token[0] in "0123456789.+-" else ""
 
 
 def _statement(pieces: list[Token]) -> str:

@@ -96,6 +96,7 @@ ROUGH = "conductor dielectric composite phong"  # "phong": no material is given
 
 WORDS = (
     # statements
+    _word("DEFAULT", "DEFAULT PADRAO", "defaults"),
     _word("NAME", "NAME NOME", "name"),
     _word("SETTING", "SAVE-RGB SALVA-RGB", "channels", Flags(3)),
     _word("SETTING", "MAX-LEVEL NIVEL-MAX NIVEL-MAXIMO", "max_level", Numbers(1, "a level", 0, 24, whole=True)),
@@ -198,6 +199,7 @@ WORDS = (
 #: What terminals that are no words are called in messages, and BOOL, whose words are too many.
 MEANINGS = {
     "NUMBER": "a number",
+    "VARIABLE": "a name such as $angle",
     "WORD": "a word",
     "STRING": "a quoted string",
     "FILE": "a file name",
@@ -212,7 +214,7 @@ MEANINGS = {
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 #: The roles that begin a statement.
 STATEMENTS = frozenset(
-    ("NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END")
+    ("DEFAULT", "NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END")
 )
 #: The statement that the words of other roles belong to.
 STATEMENT_OF = {

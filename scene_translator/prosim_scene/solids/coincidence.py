@@ -70,12 +70,33 @@ class Planes:
         """A solid with its vertices brought back onto their planes, as far as they lie on some surfaces."""
         return self._moved(solid, surfaces, lambda height, side: np.zeros_like(height))
 
-    def adjusted(self, mesh: Mesh, first: int) -> Mesh:
-        """A primitive's mesh, whose facets are numbered from ``first``, with its vertices brought onto their planes."""
-        plane = self.of_facet[first + mesh.facets]
-        pairs = np.unique((mesh.triangles * len(self.planes) + plane[:, None])[plane >= 0])
+    def adjusted(self, meshes: list[Mesh], first: np.ndarray) -> list[Mesh]:
+        """The meshes of primitives with their vertices brought onto their planes; the facets of mesh i are numbered
+        from ``first[i]``.
+        """
+        vertices = np.concatenate([np.empty((0, 3)), *(m.vertices for m in meshes)])
+        begin = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+        triangles = [np.empty((0, 3), np.int64), *(m.triangles + a for m, a in zip(meshes, begin))]
+        facets = [np.empty(0, np.int64), *(m.facets + a for m, a in zip(meshes, first))]
+        vertices = self.settled(vertices, np.concatenate(triangles), np.concatenate(facets))
+        return [replace(m, vertices=vertices[a:b]) for m, a, b in zip(meshes, begin, begin[1:])]
+
+    def settled(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
+        """Vertices (n, 3) brought onto the planes of the ``facets`` (m,) that ``triangles`` (m, 3) of them lie on."""
+        plane = self.of_facet[facets]
+        if not len(pairs := np.unique((triangles * len(self.planes) + plane[:, None])[plane >= 0])):
+            return vertices
         vertex, on = np.divmod(pairs, len(self.planes))
-        return replace(mesh, vertices=self.onto(mesh.vertices.copy(), vertex, on, 0.0))
+        return self.onto(vertices, vertex, on, 0.0)
+
+    def one_sided(self, surface: int, low: np.ndarray, high: np.ndarray) -> bool:
+        """Whether all boxes (n, 3), from ``low`` to ``high``, are known to lie on one side of a surface."""
+        planes = self.planes[self.surface == surface]
+        if len(planes) > 1:  # a curved one
+            return False
+        normal, offset = planes[0, :3], planes[0, 3]
+        middle, half = ((low + high) / 2) @ normal + offset, ((high - low) / 2) @ np.abs(normal)
+        return bool((middle + half < 8 * self.step).all() or (middle - half > -8 * self.step).all())
 
     def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
         """A solid with its facets on some surfaces moved to the heights over their planes that ``target`` gives for

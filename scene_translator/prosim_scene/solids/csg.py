@@ -1,24 +1,18 @@
 """The CSG tree evaluated.
 
 How it stays fast: chains of + and - and chains of * become n-ary operations; operands of a chain whose boxes do not
-touch are exchanged freely, so that a long chain of additions and subtractions takes few operations on the whole.
-
-A value maps each medium to its parts: {medium: [Part]}. Media are what solids are made of as far as optics are
-concerned, see :mod:`.media`.
+touch are exchanged freely, so that a long chain of additions and subtractions takes few operations on the whole, see
+:mod:`.chains`.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable
-
-import numpy as np
+from collections.abc import Callable
 
 from ..model import Leaf
-from . import tree
-from .parts import Part, boxes, difference, intersection, union
-
-Value = dict[Hashable, list[Part]]
+from . import chains, tree
+from .values import Value, total, united, within
 
 
 def evaluate(nodes: tree.Nodes, leaf_value: Callable[[int, Leaf], Value]) -> Value:
@@ -55,27 +49,7 @@ class _Sum:
         return self
 
     def value(self) -> Value:
-        """Works through the chain in rounds, each of which first takes away and then adds.
-
-        An operand joins the earliest round that comes after all earlier operands that it touches and does not commute
-        with; so the number of rounds is that of the additions and subtractions that alternate at one place.
-        """
-        if self.adds_only:
-            return _union(value for _, value in self.operands)
-        ends = [boxes([p for parts in value.values() for p in parts]) for _, value in self.operands]
-        low = np.array([b.min(axis=0, initial=np.inf) for b, _ in ends])
-        high = np.array([b.max(axis=0, initial=-np.inf) for _, b in ends])
-        adds = np.array([s == "+" for s, _ in self.operands])
-        round_ = np.zeros(len(adds), int)
-        for i in range(1, len(adds)):
-            touching = np.all((low[:i] <= high[i]) & (high[:i] >= low[i]), axis=1)
-            round_[i] = (round_[:i] + (adds[:i] & ~adds[i]))[touching].max(initial=0)
-        result: Value = {}
-        for r in range(round_.max() + 1):
-            chosen = [self.operands[i] for i in np.flatnonzero(round_ == r)]
-            result = _difference(result, [value for s, value in chosen if s == "-"])
-            result = _union([result, *(value for s, value in chosen if s == "+")])
-        return result
+        return united(value for _, value in self.operands) if self.adds_only else chains.evaluate(self.operands)
 
 
 class _Product:
@@ -99,8 +73,7 @@ class _Product:
         """What all operands have in common, in the first one's media."""
         result, *rest = self.operands
         for value in rest:
-            total = _total(value)
-            result = {medium: intersection(parts, total) for medium, parts in result.items()}
+            result = within(result, total(value))
         return result
 
 
@@ -109,23 +82,3 @@ _Term = Value | _Sum | _Product
 
 def _value(item: _Term) -> Value:
     return item.value() if isinstance(item, _Sum | _Product) else item
-
-
-def _total(value: Value) -> list[Part]:
-    """All media of a value as one solid."""
-    return next(iter(value.values())) if len(value) == 1 else union(value.values())
-
-
-def _union(values: Iterable[Value]) -> Value:
-    media: dict[Hashable, list[list[Part]]] = {}
-    for value in values:
-        for medium, parts in value.items():
-            media.setdefault(medium, []).append(parts)
-    return {medium: union(parts) for medium, parts in media.items()}
-
-
-def _difference(minuend: Value, subtrahends: list[Value]) -> Value:
-    if not subtrahends:
-        return minuend
-    subtrahend = union([_total(value) for value in subtrahends])
-    return {medium: difference(parts, subtrahend) for medium, parts in minuend.items()}

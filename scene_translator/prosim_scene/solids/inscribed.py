@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from .placing import corners
 from .solid import Solid
 from .sweep import sweep
 
@@ -47,13 +48,13 @@ def _inradius(solid: Solid) -> float:
 
 def _touching(solids: list[Solid]) -> list[tuple[int, int]]:
     """Pairs of solids with overlapping boxes and different curved faces."""
-    corners = np.array([s.corners() for s in solids]).reshape(-1, 8, 3)
-    return [
-        (number, other)
-        for number, others in sweep(corners.min(axis=1), corners.max(axis=1))
-        for other in others.tolist()
-        if solids[number].curved_surface < 0 or solids[number].curved_surface != solids[other].curved_surface
-    ]
+    boxes = corners(solids)
+    surface = np.array([s.curved_surface for s in solids])
+    found = []
+    for first, second in sweep(boxes.min(axis=1), boxes.max(axis=1)):
+        chosen = (surface[first] < 0) | (surface[first] != surface[second])
+        found += list(zip(first[chosen].tolist(), second[chosen].tolist()))
+    return found
 
 
 def _touches_within(inner: Solid, outer: Solid) -> bool:

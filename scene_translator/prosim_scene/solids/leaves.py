@@ -10,7 +10,8 @@ from . import tree
 from .coincidence import STEP, Planes
 from .detail import choose_segments, warn_if_far
 from .inscribed import shrink_inscribed
-from .primitives import PRIMITIVES, Mesh
+from .placing import corners, facet_planes, placed
+from .primitives import PRIMITIVES
 from .recognition import same_surfaces
 from .sight import Sight
 from .solid import Solid
@@ -34,9 +35,9 @@ class Surface:
 class Leaves:
     """Tables for the leaves of a scene.
 
-    ``solids`` are the different ones, ``meshes`` theirs in the world, with ``origin`` as the point 0; ``of_leaf`` has
-    the number of a leaf's solid. The facets of all solids are numbered through, those of solid i from ``first[i]``:
-    ``faces`` has the face of each, ``planes`` those that facets have in common.
+    ``solids`` are the different ones, ``of_leaf`` has the number of a leaf's solid. After :meth:`make_meshes` there are
+    their ``meshes`` in the world, with ``origin`` as the point 0. The facets of all solids are numbered through, those
+    of solid i from ``first[i]``: ``faces`` has the face of each, ``planes`` those that facets have in common.
     """
 
     def __init__(self, document: Document, camera: Sight, tolerance: float) -> None:
@@ -44,9 +45,9 @@ class Leaves:
         leaves = tree.leaves(document.scene.csg)
         kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
         self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
-        matrices = {index: _checked_matrix(document, index) for index in dict.fromkeys(index for _, index in kinds)}
+        matrices = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
         self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
-        boxes = np.array([s.corners() for s in self.solids])
+        boxes = corners(self.solids)
         warn_if_far(document, camera, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
@@ -56,7 +57,7 @@ class Leaves:
         shrink_inscribed(self.solids)
         for s in self.solids:
             s.to_world = s.to_world - np.pad(self.origin[:, None], ((0, 1), (3, 0)))
-        self._number_facets(STEP * float(np.abs(np.stack([low, high]) - self.origin).max()))
+        self._step = STEP * float(np.abs(np.stack([low, high]) - self.origin).max())
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
         self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
 
@@ -79,35 +80,52 @@ class Leaves:
         self.solids = [self.solids[i] for i in kept]
         self.of_leaf = renumbered[self.of_leaf]
 
-    def _number_facets(self, step: float) -> None:
+    def content(self) -> Hashable:
+        """Equal for tables that are the same."""
+        solids = tuple(
+            (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.surfaces.tobytes()) for s in self.solids
+        )
+        return solids, self.of_leaf.tobytes(), self.origin.tobytes()
+
+    def make_meshes(self) -> None:
         """Makes the meshes, and brings them onto the planes that they share."""
-        self.meshes = [s.mesh() for s in self.solids]
-        counts = [len(m.faces) for m in self.meshes]
+        meshes = placed(self.solids)
+        counts = np.array([len(m.faces) for m in meshes])
         self.first = np.concatenate([[0], np.cumsum(counts)])
-        self.faces = np.concatenate([m.faces for m in self.meshes])
-        of_facet, side = np.full(self.first[-1], -1), np.ones(self.first[-1])
-        known: dict[int, tuple[int, np.ndarray]] = {}  # surface -> the number of its first plane, its planes
-        count = 0
+        self.faces = np.concatenate([m.faces for m in meshes])
         # A surface's planes are those of the facets of the first solid that bears it, which is the largest one.
         sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
         sharing.sort(key=lambda i: -np.linalg.norm(self.solids[i].to_world[:3, :3]))
-        for i in sharing:
-            own = facet_planes(self.meshes[i])
-            for face, number in enumerate(self.solids[i].surfaces):
-                if number < 0:
-                    continue
-                facets = np.flatnonzero(self.meshes[i].faces == face)
-                if number not in known:
-                    known[number] = count, own[facets]
-                    count += len(facets)
-                start, planes = known[number]
-                of_facet[self.first[i] + facets] = start + np.arange(len(facets))
-                side[self.first[i] + facets] = np.sign(np.einsum("ij,ij->i", own[facets, :3], planes[:, :3]))
-        planes = np.concatenate([np.empty((0, 4)), *(p for _, p in known.values())])
-        surface = np.repeat(np.array(list(known), int), [len(p) for _, p in known.values()])
-        self.planes = Planes(planes, surface, of_facet, side, step)
-        for i in sharing:
-            self.meshes[i] = self.planes.adjusted(self.meshes[i], int(self.first[i]))
+        facets = np.concatenate([np.arange(0), *(np.arange(self.first[i], self.first[i + 1]) for i in sharing)])
+        own = facet_planes([meshes[i] for i in sharing])
+        surface = np.concatenate([np.arange(0), *(self.solids[i].surfaces[meshes[i].faces] for i in sharing)])
+        face = np.stack([np.repeat(np.arange(len(sharing)), counts[sharing]), self.faces[facets]])
+        facets, own, surface, face = (
+            facets[surface >= 0],
+            own[surface >= 0],
+            surface[surface >= 0],
+            face[:, surface >= 0],
+        )
+        # Face by face, in which a face's facets keep their order.
+        order = np.lexsort(face[::-1])
+        facets, own, surface, face = facets[order], own[order], surface[order], face[:, order]
+        begins = np.flatnonzero(np.append(True, (np.diff(face) != 0).any(axis=0)))[: len(facets)]
+        lengths = np.diff(np.append(begins, len(facets)))
+        numbers, first, bearer = np.unique(surface[begins], return_index=True, return_inverse=True)
+        ranks = np.argsort(np.argsort(first))  # of the surfaces, in the order in which they are met
+        kept = np.sort(first)
+        starts = np.append(0, np.cumsum(lengths[kept]))
+        within = np.arange(len(facets)) - np.repeat(begins, lengths)
+        plane = starts[np.repeat(ranks[bearer], lengths)] + within
+        planes = own[np.isin(np.repeat(np.arange(len(begins)), lengths), kept)]
+        of_facet, side = np.full(self.first[-1], -1), np.ones(self.first[-1])
+        of_facet[facets] = plane
+        side[facets] = np.sign(np.einsum("ij,ij->i", own[:, :3], planes[plane, :3]))
+        self.planes = Planes(planes, np.repeat(numbers[np.argsort(first)], lengths[kept]), of_facet, side, self._step)
+        adjusted = self.planes.adjusted([meshes[i] for i in sharing], self.first[sharing])
+        for i, mesh in zip(sharing, adjusted):
+            meshes[i] = mesh
+        self.meshes = meshes
 
     def surface(self, positions: np.ndarray, leaf: np.ndarray, facet: np.ndarray, sign: np.ndarray) -> Surface:
         """Normals and surface parameters of triangles (n, 3, 3) of the leaves with these numbers; ``sign`` (n,) is -1
@@ -129,20 +147,12 @@ class Leaves:
         return Surface(normals, uv, face, alone)
 
 
-def facet_planes(mesh: Mesh) -> np.ndarray:
-    """The planes (k, 4) of a mesh's facets, outward unit normals and offsets."""
-    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
-    cross = np.cross(b - a, c - a)
-    weight = np.linalg.norm(cross, axis=1)
-    normal: np.ndarray = np.stack([np.bincount(mesh.facets, cross[:, i]) for i in range(3)], axis=1)
-    middle: np.ndarray = np.stack([np.bincount(mesh.facets, weight * (a + b + c)[:, i] / 3) for i in range(3)], axis=1)
-    middle /= np.bincount(mesh.facets, weight)[:, None]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.append(normal, -np.einsum("ij,ij->i", normal, middle)[:, None], axis=1)
-
-
-def _checked_matrix(document: Document, index: int) -> np.ndarray:
-    m = matrix(document.scene.transforms[index])
-    if not np.isfinite(m).all() or np.linalg.cond(m[:3, :3]) > 1e12:
-        raise document.error("this transform is singular or beyond double precision", "transforms", index)
-    return m
+def _checked_matrices(document: Document, indices: list[int]) -> dict[int, np.ndarray]:
+    result = {index: matrix(document.scene.transforms[index]) for index in indices}
+    matrices = np.array(list(result.values()))
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    conditions = np.linalg.cond(np.where(finite[:, None, None], matrices, 0)[:, :3, :3])
+    for index, wrong in zip(indices, (~finite | ~(conditions <= 1e12)).tolist()):
+        if wrong:
+            raise document.error("this transform is singular or beyond double precision", "transforms", index)
+    return result

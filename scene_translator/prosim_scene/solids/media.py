@@ -1,25 +1,27 @@
 """How optics are kept: solids of different media are kept apart.
 
-Media are the opaque one, and one for every index of refraction of a dielectric. Every occurrence of a primitive has its
-own id, which manifold3d carries to the triangles of the result.
+Media are numbers: the opaque one's, and one for every index of refraction of a dielectric. Every occurrence of a
+primitive has its own id, which manifold3d carries to the triangles of the result.
 """
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
 
-from .csg import Value
+from .coincidence import Planes
 from .parts import Part, as_parts, reserve_ids, union
+from .values import Value
 
-OPAQUE = None  # the medium of everything that is not a dielectric
+OPAQUE = 0  # the medium of everything that is not a dielectric
 
 
 @dataclass
 class Shell:
     """Triangles of a result: ``vertices`` (n, 3), ``triangles`` (m, 3), and for each the original id of its primitive,
-    the number of its facet, and a ``sign``, -1 where it is the surface of a primitive that was taken away.
+    the number of its facet, and a ``sign``, -1 where it is the surface of a primitive that was taken away. It is
+    ``settled`` when its vertices lie on the planes of its facets.
     """
 
     vertices: np.ndarray
@@ -27,15 +29,11 @@ class Shell:
     ids: np.ndarray
     facets: np.ndarray
     sign: np.ndarray
+    settled: bool = True
 
 
-def precedence(media: Iterable[Hashable]) -> list[Hashable]:
-    """Media, each before those that give way to it: the opaque one, then dielectrics in the given order."""
-    return sorted(dict.fromkeys(media), key=lambda medium: medium is not OPAQUE)  # stable
-
-
-def shells(value: Value, media: list[Hashable]) -> list[Shell]:
-    """The surfaces to render; ``media`` are those of the scene in their order of precedence.
+def shells(value: Value) -> list[Shell]:
+    """The surfaces to render. Media are numbers in their order of precedence, OPAQUE first.
 
     An opaque solid is bounded by its whole surface. A dielectric gives way to opaque solids, and to dielectrics that
     stand before it in the tree: of its surface there remains what bounds the union of all up to it. So every interface
@@ -43,8 +41,7 @@ def shells(value: Value, media: list[Hashable]) -> list[Shell]:
     """
     result: list[Shell] = []
     before: list[Part] = []
-    for medium in media:
-        parts = value.get(medium, [])
+    for _, parts in sorted(value.items()):
         if not before:
             before = parts
             result += [_shell(p) for p in parts]
@@ -62,8 +59,38 @@ def shells(value: Value, media: list[Hashable]) -> list[Shell]:
     return result
 
 
+def batches(shells: Iterable[Shell], size: int, planes: Planes) -> Iterator[Shell]:
+    """The same triangles in few shells, all settled: small ones are put together until they have ``size`` triangles."""
+    waiting: list[Shell] = []
+    count = 0
+    for shell in shells:
+        waiting.append(shell)
+        count += len(shell.triangles)
+        if count >= size:
+            yield _joined(waiting, planes)
+            waiting, count = [], 0
+    if waiting:
+        yield _joined(waiting, planes)
+
+
+def _joined(shells: list[Shell], planes: Planes) -> Shell:
+    vertices = np.concatenate([s.vertices for s in shells])
+    begin = np.cumsum([0, *(len(s.vertices) for s in shells)])
+    triangles = np.concatenate([s.triangles + first for s, first in zip(shells, begin)])
+    facets = np.concatenate([s.facets for s in shells])
+    unsettled = np.repeat([not s.settled for s in shells], [len(s.triangles) for s in shells])
+    return Shell(
+        planes.settled(vertices, triangles[unsettled], facets[unsettled]),
+        triangles,
+        np.concatenate([s.ids for s in shells]),
+        facets,
+        np.concatenate([s.sign for s in shells]),
+    )
+
+
 def _shell(part: Part) -> Shell:
-    mesh = part.planes.together(part.manifold, part.surfaces).to_mesh64()
+    # Plain primitives are brought onto their planes many at a time, see batches; elsewhere that is not idempotent.
+    mesh = (part.manifold if part.plain else part.planes.together(part.manifold, part.surfaces)).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
@@ -74,6 +101,7 @@ def _shell(part: Part) -> Shell:
         ids,
         np.asarray(mesh.face_id, dtype=np.int64),
         1.0 - 2 * back,
+        not part.plain,
     )
 
 

@@ -14,13 +14,14 @@ import numpy as np
 from manifold3d import Error, Manifold, Mesh64
 
 from .coincidence import Planes
-from .sweep import sweep
+from .sweep import components, touching
 
 
 @dataclass(eq=False)
 class Part:
     """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that
-    its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same.
+    its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same. It
+    is ``plain`` where it is a whole primitive none of whose curved faces is shared.
     """
 
     make: Callable[[], Manifold]
@@ -29,6 +30,7 @@ class Part:
     surfaces: frozenset[int]
     planes: Planes
     key: Hashable = None
+    plain: bool = False
 
     @cached_property
     def manifold(self) -> Manifold:
@@ -44,6 +46,7 @@ def solid(
     planes: Planes,
     surfaces: frozenset[int] = frozenset(),
     key: Hashable = None,
+    plain: bool = False,
 ) -> list[Part]:
     """A closed mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets."""
 
@@ -60,7 +63,8 @@ def solid(
             )
         )
 
-    return [Part(make, vertices.min(axis=0) - planes.step, vertices.max(axis=0) + planes.step, surfaces, planes, key)]
+    low, high = vertices.min(axis=0) - planes.step, vertices.max(axis=0) + planes.step
+    return [Part(make, low, high, surfaces, planes, key, plain)]
 
 
 def as_parts(manifold: Manifold, planes: Planes, *surfaces: frozenset[int]) -> list[Part]:
@@ -95,11 +99,11 @@ def union(operands: Iterable[list[Part]]) -> list[Part]:
 
 def difference(minuend: list[Part], subtrahend: list[Part]) -> list[Part]:
     """The first solid without the second."""
-    low, high = boxes(subtrahend)
+    if not minuend or not subtrahend:
+        return minuend
     result = []
-    for part in minuend:
-        hits = _touching(part, low, high)
-        if not len(hits):
+    for part, hits in zip(minuend, _hits(minuend, subtrahend)):
+        if not hits:
             result.append(part)
         else:  # the boxes of the subtrahend's parts are disjoint: they compose to one without any computation
             result += _combined("-", part, _composed([subtrahend[i] for i in hits]))
@@ -108,8 +112,23 @@ def difference(minuend: list[Part], subtrahend: list[Part]) -> list[Part]:
 
 def intersection(first: list[Part], second: list[Part]) -> list[Part]:
     """What two solids have in common."""
+    if not first or not second:
+        return []
+    hits = _hits(first, second)
+    return [p for part, numbers in zip(first, hits) for i in numbers for p in _combined("*", part, second[i])]
+
+
+def _hits(first: list[Part], second: list[Part]) -> list[list[int]]:
+    """For each of some parts the numbers of the others whose boxes it touches."""
+    result: list[list[int]] = [[] for _ in first]
     low, high = boxes(second)
-    return [p for part in first for i in _touching(part, low, high) for p in _combined("*", part, second[i])]
+    if len(first) <= len(second):
+        return [touching(low, high, (part.low, part.high)).tolist() for part in first]
+    own = boxes(first)
+    for j, box in enumerate(zip(low, high)):
+        for i in touching(*own, box).tolist():
+            result[i].append(j)
+    return result
 
 
 def _checked(manifold: Manifold) -> Manifold:
@@ -151,20 +170,10 @@ def _different(parts: list[Part]) -> list[Part]:
     return [p for p in parts if p.key is None or first.setdefault(p.key, p) is p]
 
 
-def _touching(part: Part, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Indices of the boxes that overlap or touch a part's."""
-    return np.flatnonzero(np.all((low <= part.high) & (high >= part.low), axis=1))
-
-
 def _components(parts: list[Part]) -> list[list[Part]]:
     """Groups of parts whose boxes are connected by touching, each group in the given order."""
-    label = np.arange(len(parts))
-    for i, others in sweep(*boxes(parts)):
-        touched = label[others]
-        if (touched != label[i]).any():
-            label[np.isin(label, touched)] = label[i]
     groups: dict[int, list[Part]] = {}
-    for part, group in zip(parts, label.tolist()):
+    for part, group in zip(parts, components(*boxes(parts)).tolist()):
         groups.setdefault(group, []).append(part)
     return list(groups.values())
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .primitives import Mesh, Primitive, box_corners
+from .primitives import Mesh, Primitive
 
 
 @dataclass(eq=False)
@@ -46,21 +46,16 @@ class Solid:
         """Equal for solids that are the same; None where one of its surfaces shows that there is no other."""
         return None if (self.surfaces < 0).any() else (self.primitive.name, frozenset(self.surfaces.tolist()))
 
-    def corners(self) -> np.ndarray:
-        """The corners (8, 3) in the world of the box around it."""
-        return np.asarray(box_corners(self.primitive.box) @ self.to_world[:3, :3].T + self.to_world[:3, 3])
+    @property
+    def own_mesh_key(self) -> Hashable:
+        """Equal for solids with the same :meth:`own_mesh`."""
+        return id(self) if (self.frame != np.eye(4)).any() else (self.primitive.name, self.segments)
 
-    def mesh(self) -> Mesh:
-        """Its mesh in the world, wound counter-clockwise seen from outside."""
-        linear = self.to_world[:3, :3]
-        mesh, outside_in = _unit_mesh(self.primitive, self.segments), False
+    def own_mesh(self) -> Mesh:
+        """The primitive's mesh in its own space."""
         if (self.frame != np.eye(4)).any():
-            mesh = self.primitive.mesh(self.segments, self.frame)
-            a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
-            outside_in = np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # of the volume
-        triangles = mesh.triangles[:, ::-1] if (np.linalg.det(linear) < 0) != outside_in else mesh.triangles
-        vertices = mesh.vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
-        return Mesh(vertices @ linear.T + self.to_world[:3, 3], triangles, mesh.facets, mesh.faces)
+            return self.primitive.mesh(self.segments, self.frame)
+        return _unit_mesh(self.primitive, self.segments)
 
 
 @lru_cache(maxsize=64)

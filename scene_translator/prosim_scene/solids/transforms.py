@@ -1,14 +1,16 @@
 """TRANSFORM -> 4x4 matrix."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
 from .. import model
 
 
+@lru_cache(maxsize=1 << 15)
 def matrix(transform: model.Transform) -> np.ndarray:
-    """The 4x4 matrix of a TRANSFORM: its steps in the order in which they are applied."""
+    """The 4x4 matrix of a TRANSFORM: its steps in the order in which they are applied. It cannot be written to."""
     result = np.eye(4)
     for step in transform.steps:
         m = np.eye(4)
@@ -25,4 +27,5 @@ def matrix(transform: model.Transform) -> np.ndarray:
             m[i, i] = m[j, j] = cosine
             m[j, i], m[i, j] = sine, -sine
         result = m @ result
+    result.flags.writeable = False
     return result

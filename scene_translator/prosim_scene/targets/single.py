@@ -26,10 +26,15 @@ def check(document: Document, node: Node, *path: str | int) -> Node:
 
 def check_transforms(document: Document) -> None:
     """Raises the SceneError about a transform that leads beyond single precision."""
-    for index, transform in document.scene.transforms.items():
-        with np.errstate(all="ignore"):
-            m = matrix(transform)
-        if not np.abs(m).max() <= LARGEST or np.linalg.svd(m[:3, :3], compute_uv=False).min() < 1 / LARGEST:
+    transforms = document.scene.transforms
+    if not transforms:
+        return
+    with np.errstate(all="ignore"):
+        matrices = np.array([matrix(transform) for transform in transforms.values()])
+    wrong = ~(np.abs(matrices).max(axis=(1, 2)) <= LARGEST)
+    narrowest = np.linalg.svd(np.where(wrong[:, None, None], 0, matrices)[:, :3, :3], compute_uv=False).min(axis=1)
+    for index, beyond in zip(transforms, (wrong | (narrowest < 1 / LARGEST)).tolist()):
+        if beyond:
             raise document.error(
                 "these steps together lead beyond single precision, Mitsuba's; expected less extreme factors "
                 "and distances",

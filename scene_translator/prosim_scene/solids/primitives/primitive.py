@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -81,6 +82,11 @@ class Primitive(ABC):
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         """Normals and surface parameters of triangles (n, 3, 3) on its faces with the numbers ``face`` (n,)."""
 
+    @cached_property
+    def box_corners(self) -> np.ndarray:
+        """The corners (8, 3) of its bounding box."""
+        return box_corners(self.box)
+
     def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
         """Under a linear map: the curved face's longest semi-axis, and centre and radius of a ball around the solid."""
         raise NotImplementedError(f"a {self.name} with a curved face says how large that is")
@@ -92,7 +98,7 @@ class Primitive(ABC):
         linear, offset = to_world[:3, :3], to_world[:3, 3]
         size, center, radius = self.ball(linear)
         most = MAX_SEGMENTS
-        if not camera.may_see(box_corners(self.box) @ linear.T + offset):
+        if not camera.may_see(self.box_corners @ linear.T + offset):
             most, tolerance = UNSEEN_SEGMENTS, UNSEEN_TOLERANCE * tolerance
         distance = float(np.linalg.norm(center + offset - camera.eye)) - radius
         if distance < radius:  # the eye is near the ball around the solid, but maybe not near its surface

@@ -1,0 +1,41 @@
+"""A picture that is black says why it may be."""
+
+import pytest
+from running import prosim
+
+SCENE = """LIGHTS {light}
+VIEW RESOLUTION 8 6 WINDOW -4 -3 4 3 {view}
+CSG-TREE SPHERE 0
+SURFACE 0
+TRANSFORM 0
+END
+"""
+LAMP, VIEW = "POINT position 9 9 9", "OBS 0 0 10 VRP 0 0 0"
+
+
+@pytest.mark.parametrize(
+    "light, view, says",
+    [
+        ("", VIEW, "the scene has no lights"),
+        (LAMP, "OBS 0 0 10 VRP 0 0 20", "looks towards (0, 0, 11); the middle of all that there is lies behind it"),
+        (LAMP, "OBS 30 0 10 VRP 30 0 0", "lies beside what it sees, at (0, 0, 0)"),
+        (LAMP, "OBS 0 0 0 VRP 0 0 -1", "the eye is within a solid"),
+        ("POINT position 0 0 -9", VIEW, "it lies in shadow"),
+        (LAMP + " CONE direction 0 1 0 angle 5", VIEW, "the lights shine elsewhere"),
+        (LAMP + " Intensity 3 3 3", VIEW, "its brightest value is"),
+        (LAMP, VIEW, None),
+    ],
+)
+def test_black_pictures_say_why(tmp_path, light, view, says):
+    scene = tmp_path / "scene.scn"
+    scene.write_text(SCENE.format(light=light, view=view), encoding="utf-8")
+    done = prosim("render", scene, "--samples", 1)
+    assert done.exit_code == 0, done.output
+    assert ("the picture is black" in done.output) == (says is not None)
+    assert says is None or says in done.output
+
+
+def test_a_picture_shown_brighter_is_not_black(tmp_path):
+    scene = tmp_path / "scene.scn"
+    scene.write_text(SCENE.format(light=LAMP + " Intensity 3 3 3", view=VIEW), encoding="utf-8")
+    assert "black" not in prosim("render", scene, "--samples", 1, "--exposure", 14).output

@@ -1,0 +1,44 @@
+"""Each step of docs/walkthrough.md is a whole scene, and its picture is of that scene."""
+
+import itertools
+import re
+import warnings
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+import pytest
+from prosim_scene.language import document_of
+
+DOCS = Path(__file__).parents[1] / "docs"
+STEPS = re.findall(r"```scn\n(.*?)```\n\n!\[.*?\]\((.*?)\)", (DOCS / "walkthrough.md").read_text("utf-8"), re.DOTALL)
+
+
+def test_there_are_ten_steps_and_each_adds_to_the_one_before():
+    words = [set(re.findall(r"[\w.-]+", text)) for text, _ in STEPS]
+    assert len(words) == 10
+    for before, after in itertools.pairwise(words):
+        assert len(before - after) <= 4  # a word or two becomes another
+
+
+@pytest.mark.parametrize("number", range(len(STEPS)))
+def test_steps_warn_of_what_the_page_says_alone(number):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        document = document_of(STEPS[number][0], f"{number}.scn")
+        prosim_scene.load(document, resolution=(8, 6))
+    assert [str(w.message).splitlines()[0] for w in said] == ["0.scn:1:1: the scene has no lights"] * (number == 0)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("number", range(len(STEPS)))
+def test_pictures_are_of_the_steps(variant_rgb, number):
+    text, picture = STEPS[number]
+    size = (32, 24) if "RESOLUTION" in text else (24, 24)
+    scene = prosim_scene.load(document_of(text, f"{number}.scn"), resolution=size, samples=3)
+    image = np.clip(np.array(mi.render(mi.load_dict(scene))), 0, 1)[..., :3]
+    shown = mi.Bitmap(str(DOCS / picture)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+    blocks = np.array(shown).reshape(size[1], 10, size[0], 10, 3).mean(axis=(1, 3))
+    assert np.sqrt(np.mean((image - blocks) ** 2)) < 0.05  # outlines, and grain

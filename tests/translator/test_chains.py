@@ -1,0 +1,48 @@
+"""Long chains of + and -, which are evaluated in halves."""
+
+import random
+
+import exact_csg
+import numpy as np
+import pytest
+from meshes import assert_closed, scene, solids, volume
+from prosim_scene.solids import chains
+from test_exact_csg import EDGE, wrong_pixels
+
+
+@pytest.mark.parametrize("kind", ["general", "grid", "nested", "grazing"])
+def test_chains_in_halves_are_what_the_tree_means(variant_rgb, tmp_path, monkeypatch, kind):
+    monkeypatch.setattr(chains, "DEEP", 0)
+    assert wrong_pixels(exact_csg.KINDS[kind](np.random.default_rng([1, 7])), tmp_path) <= EDGE
+
+
+def halved(monkeypatch, text):
+    """The meshes of a scene and how many pairs of halves there were."""
+    found = []
+    original = chains.in_halves
+    monkeypatch.setattr(chains, "DEEP", 0)
+    monkeypatch.setattr(chains, "in_halves", lambda *a: found.append(a[2:]) or original(*a))
+    return solids(text), len(found)
+
+
+def test_a_comb_in_halves_is_the_comb_one_by_one(monkeypatch):
+    # A bar with teeth, and gaps in these, all flush with its sides.
+    rng = random.Random(3)
+    transforms = ["SCALE (8 1 1) TRANSLATE (-4 0 0)"] + [
+        f"SCALE ({rng.uniform(0.5, 1)} 1 {rng.uniform(1.5, 2)}) TRANSLATE ({0.3 * i - 3} 0 0)" for i in range(20)
+    ]
+    tree = " ".join(["-+"[i % 2] for i in range(20)]) + " " + " ".join(f"CUBE {i}" for i in range(21))
+    text = scene(tree, transforms)
+    meshes = list(solids(text).values())
+    again, count = halved(monkeypatch, text)
+    assert count > 1
+    assert_closed(list(again.values()))
+    assert volume(list(again.values())) == pytest.approx(volume(meshes), rel=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing is seen of CUBE 1")
+def test_a_face_that_was_covered_and_is_laid_bare_again_is_the_cutters(monkeypatch):
+    # CUBE 1 covers the top of CUBE 0; CUBE 2 takes it away down to just there.
+    text = scene("- + CUBE 0 CUBE 1 CUBE 2", ["", "TRANSLATE (0 0 .5)", "SCALE (3 3 3) TRANSLATE (-1 -1 1)"])
+    meshes, count = halved(monkeypatch, text)
+    assert count == 0 and meshes.keys() == {0, 2}

@@ -1,0 +1,187 @@
+"""Names and arithmetic: what they come to, what is wrong with them, and that they are kept as they are written."""
+
+import math
+import warnings
+
+import prosim_scene
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from prosim_scene import SceneError, SceneWarning
+from test_errors import MINIMAL
+
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+
+SCENE = """DEFAULT $turn = 30
+PADRAO: $far {2 * $turn}
+DEFAULT $metal = cobre
+VIEW OBS {$far * sin($turn)} $turn {-$far}
+SURFACE 0 material condutor $metal
+TRANSFORM 0 ROTATE-Y ({$turn / 4}) SCALE ($turn 1 1)
+END
+"""
+
+
+def value(expression, define=None):
+    return prosim_scene.parse(f"VIEW OBS {{{expression}}} 0 0 END", define=define).view.eye[0]
+
+
+@pytest.mark.parametrize(
+    "expression, expected",
+    [
+        ("1+2*3", 7),
+        ("(1 + 2)*3", 9),
+        ("7-2-1", 4),
+        ("8/2/2", 2),
+        ("2^3^2", 512),
+        ("-2^2", -4),
+        ("2^-1", 0.5),
+        ("--3 - -3*+2", 9),
+        ("1e-3 + .5 + 2.", 2.501),
+        ("sin(90) + cos(180) + sin(-90)", -1),
+        ("sin(30) + cos(60) + tan(45)", 2),
+        ("cos(90) + sin(720) + cos(270) + tan(180)", 0),
+        ("atan2(1, 0) + sqrt(16) + abs(-1)", 95),
+        ("floor(-1.5) + round(2.5) + mod(-1, 24)", 24),
+        ("min(3, 1, 2) + max(4, 1)", 5),
+        ("360 * $frame / 48", 0),
+        ("pi", math.pi),
+        ("0.1 + 0.2", 0.1 + 0.2),
+    ],
+)
+def test_arithmetic(expression, expected):
+    assert value(expression) == pytest.approx(expected, rel=1e-15, abs=1e-15)
+
+
+def test_right_angles_are_exact():
+    assert value("cos(90)") == value("sin(180)") == value("sin(-360)") == 0 and value("cos(-540)") == -1
+
+
+@given(st.floats(-1e15, 1e15).filter(lambda x: x == 0 or abs(x) > 1e-300))
+def test_no_bit_of_a_value_is_lost(x):
+    assert value("$x", {"x": x}) == x
+    assert value("$x", {"x": repr(x)}) == x
+
+
+def test_names_have_the_values_of_their_defaults_or_of_those_from_without(tmp_path):
+    scene = prosim_scene.parse(SCENE)
+    assert scene.view.eye == pytest.approx((30, 30, -60)) and scene.surfaces[0].metal == "Cu_palik"
+    assert [step.values for step in scene.transforms[0].steps] == [(7.5,), (30, 1, 1)]
+    path = tmp_path / "s.scn"
+    path.write_text(SCENE)
+    for define in {"turn": 90, "metal": "ouro"}, {"turn": "90", "metal": "ouro"}:
+        opened = prosim_scene.document(path, define)
+        assert opened.scene.view.eye == pytest.approx((180, 90, -180)) and opened.scene.surfaces[0].metal == "Au"
+        assert prosim_scene.check(path, define=define) == opened.scene == prosim_scene.check(opened)
+        node = prosim_scene.load(path, define=define, transform=lambda matrix: matrix)
+        assert node["view"]["to_world"][:3, 3] == pytest.approx((180, 90, -180))
+        assert "180" in prosim_scene.translate(path, tmp_path / "out", define=define).read_text()
+    with pytest.raises(SceneError, match=r"give define to prosim_scene\.document"):
+        prosim_scene.check(opened, define=define)
+
+
+def test_frame_and_time_have_values_of_themselves():
+    text = "VIEW OBS $frame $time 1 END"
+    assert prosim_scene.parse(text).view.eye == (0, 0, 1)
+    assert prosim_scene.parse(text, define={"frame": 12}).view.eye == (12, 0.5, 1)
+    assert prosim_scene.parse(text, define={"frame": 12, "time": 3}).view.eye == (12, 3, 1)
+    assert prosim_scene.parse(f"DEFAULT $frame 6 {text}").view.eye == (6, 0.25, 1)
+    assert prosim_scene.parse("END", define={"frame": 12, "time": 3}).view.eye == (0, 0, 20)
+
+
+def test_names_stand_for_words_of_all_kinds():
+    text = "DO-SHADOW $b NAME $w BACKGROUND 0 0 0 $f CSG-TREE CUBE 0 $t SURFACE 0 material $m TRANSFORM 0 END"
+    define = {"b": False, "w": "cone", "f": "a b.png", "t": "T-Listra", "m": "lambertiano"}
+    scene = prosim_scene.parse(text, define=define)
+    assert (scene.shadows, scene.name, scene.background.image) == (False, "cone", "a b.png")
+    assert scene.csg[0].textures[0].name == "t-listra" and scene.surfaces[0].material == "lambertian"
+
+
+# the first line of the minimal scene, column of the error, words of the message
+@pytest.mark.parametrize(
+    "line, column, words",
+    [
+        ("NSAMPLES {$n + 1}", 11, ["nothing above says what $n stands for", "DEFAULT $n = 1", "-D n=1"]),
+        ("DEFAULT $angle = 1 NSAMPLES $Angle", 29, ["did you mean '$angle'"]),
+        ("NSAMPLES $n DEFAULT $n = 1", 10, ["nothing above says", "before its use"]),
+        ("DEFAULT $n = 1 DEFAULT $n = 2", 24, ["DEFAULT $n is given twice", "line 1"]),
+        ("DEFAULT n = 1", 9, ["found 'n'; expected a name, such as $angle"]),
+        ("DEFAULT $n = ouro NSAMPLES {$n + 1}", 29, ["$n stands for 'ouro'; expected a finite number"]),
+        ("DEFAULT $n = ouro NSAMPLES $n", 28, ["unknown word 'ouro'", "a number"]),
+        ("DEFAULT $n = CUBE LIGHTS $n", 26, ["$n stands for 'CUBE', a keyword"]),
+        ("DEFAULT $metal = oro SURFACE 7 metal $metal", 38, ["unknown metal 'oro'", "did you mean 'ouro'"]),
+        ("NSAMPLES {7 / 2}", 10, ["found '3.5' after NSAMPLES; expected a whole number"]),
+        ("NSAMPLES {7 / (2 - 2)}", 11, ["this divides by 0"]),
+        ("NSAMPLES {1 + mod(1, 0)}", 15, ["this divides by 0"]),
+        ("NSAMPLES {10^400}", 11, ["'10^400' is no finite number"]),
+        ("NSAMPLES {1 + sqrt(-1)}", 15, ["'sqrt(-1)' is no finite number"]),
+        ("NSAMPLES {1e999}", 11, ["no finite number"]),
+        ("NSAMPLES {}", 11, ["the expression ends here", "expected a number, a $name"]),
+        ("NSAMPLES {1 +}", 14, ["the expression ends here", "expected a number, a $name"]),
+        ("NSAMPLES {(1}", 13, ["the expression ends here", "expected an operator (+ - * / ^) or ')'"]),
+        ("NSAMPLES {1 2}", 13, ["found '2' in an expression; expected an operator"]),
+        ("NSAMPLES {0,5}", 12, ["found ','", "a fraction has a point"]),
+        ("NSAMPLES {1 # 2}", 13, ["found '#' in an expression"]),
+        ("NSAMPLES {2 * angle}", 15, ["unknown word 'angle' in an expression; expected a name such as $angle"]),
+        ("NSAMPLES {sinn(3)}", 11, ["unknown word 'sinn'", "did you mean 'sin'"]),
+        ("NSAMPLES {sin(1, 2)}", 11, ["found 2 numbers in sin(); expected 1"]),
+        ("NSAMPLES {min(1)}", 11, ["found 1 number in min(); expected 2 or more"]),
+        ("NSAMPLES {min()}", 15, ["found ')'", "expected a number"]),
+        ("NSAMPLES {1\n}", 10, ["this '{' is not closed on its line"]),
+        ("NSAMPLES 2*3", 10, ["found '2*3', which is not a number; arithmetic stands in braces"]),
+        ("NSAMPLES 4 / 2", 12, ["found '/' after a number; arithmetic stands in braces"]),
+        ("TRANSFORM 7 ROTATE-X (4 - 2)", 25, ["found '-' after a number; arithmetic stands in braces"]),
+        ("NSAMPLES $n-1", 10, ["found '$n-1'; expected letters, digits and _ after $"]),
+    ],
+)
+def test_each_error_names_its_place(line, column, words):
+    with pytest.raises(SceneError) as caught:
+        prosim_scene.parse(f"{line}\n{MINIMAL}", "s.scn")
+    assert str(caught.value).startswith(f"s.scn:1:{column}: ")
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "define, words",
+    [
+        ({"turm": 3}, "turm = 3 is given, and nothing in the scene says .turm; .*did you mean '.turn'"),
+        ({"turn": math.nan}, "turn = nan cannot stand in a scene"),
+        ({"turn": ""}, "turn = '' cannot stand"),
+        ({"turn": [1]}, r"turn = \[1\] cannot stand"),
+        ({"a-b": 1}, "'a-b' cannot be a name"),
+    ],
+)
+def test_a_wrong_value_from_without(define, words):
+    with pytest.raises(SceneError, match=f"^s.scn: .*{words}"):
+        prosim_scene.parse(SCENE, "s.scn", define)
+
+
+def test_a_default_that_nothing_uses_is_a_warning():
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", SceneWarning)
+        prosim_scene.parse(f"DEFAULT $n = 1 {MINIMAL}", define={"n": 2})
+    assert [str(w.message).splitlines()[0] for w in said] == ["<string>:1:9: nothing below uses $n"]
+
+
+def test_deep_arithmetic_exhausts_nothing():
+    assert value("(" * 5000 + "1" + ")" * 5000) == 1
+    assert value("-" * 5000 + "1") == 1
+    assert value("1" + "+1" * 5000) == 5001
+
+
+def test_the_formatter_keeps_what_is_written():
+    tidy = prosim_scene.format(SCENE)
+    assert tidy.startswith("DEFAULT $turn = 30\nDEFAULT $far = {2 * $turn}\nDEFAULT $metal = cobre\n\nVIEW\n")
+    assert "    OBS {$far * sin($turn)} $turn {-$far}\n" in tidy and "    material condutor $metal\n" in tidy
+    assert "    ROTATE-Y ({$turn / 4})\n    SCALE ($turn 1 1)\n" in tidy
+    assert prosim_scene.format(tidy) == tidy and prosim_scene.parse(tidy) == prosim_scene.parse(SCENE)
+
+
+def test_the_formatter_needs_no_values():
+    text = "VIEW OBS $x {1/$y} 2.0 SURFACE 0 material $kind CSG-TREE CUBE 0 $t END"
+    tidy = prosim_scene.format(text)
+    assert "    OBS $x {1/$y} 2\n" in tidy and "    material $kind\n" in tidy and "    CUBE 0 $t\n" in tidy
+    assert prosim_scene.format(tidy) == tidy
+    with pytest.raises(SceneError, match="expected a number"):
+        prosim_scene.format("VIEW OBS $x {1/} 2 END")

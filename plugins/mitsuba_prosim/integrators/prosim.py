@@ -25,170 +25,170 @@ if TYPE_CHECKING:
 @plugin("integrator", "prosim")
 class Prosim(WaveIntegrator):
     r"""
-        .. _integrator-prosim:
+    .. _integrator-prosim:
 
-        Stochastic ray tracer with adaptive N-rook sampling (:monosp:`prosim`)
-        ----------------------------------------------------------------------
+    Stochastic ray tracer with adaptive N-rook sampling (:monosp:`prosim`)
+    ----------------------------------------------------------------------
 
-        .. pluginparameters::
+    .. pluginparameters::
 
-         * - samples
-           - |int|
-           - :math:`N`: samples of a pass; :math:`N` passes fill a pattern of :math:`N^2` (Default: 5)
+     * - samples
+       - |int|
+       - :math:`N`: samples of a pass; :math:`N` passes fill a pattern of :math:`N^2` (Default: 5)
 
-         * - adaptive
-           - |string|
-           - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the 24 pixels around it are noisy.
-             :monosp:`graded`: it gets as many patterns of :math:`N^2` as the variance within the 48 pixels around asks for,
-             or the first passes alone. :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet.
-             :monosp:`none`: always :math:`N^2`. (Default: :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or
-             :monosp:`time`)
+     * - adaptive
+       - |string|
+       - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the 24 pixels around it are noisy.
+         :monosp:`graded`: it gets as many patterns of :math:`N^2` as the variance within the 48 pixels around asks for,
+         or the first passes alone. :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet.
+         :monosp:`none`: always :math:`N^2`. (Default: :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or
+         :monosp:`time`)
 
-         * - threshold
-           - |float|
-           - Standard error that is small enough: of the displayed value, white being 1, for :monosp:`neighbours` and
-             :monosp:`graded`; of the radiance for :monosp:`thesis` (Default: 0.006)
+     * - threshold
+       - |float|
+       - Standard error that is small enough: of the displayed value, white being 1, for :monosp:`neighbours` and
+         :monosp:`graded`; of the radiance for :monosp:`thesis` (Default: 0.006)
 
-         * - min_passes, max_samples
-           - |int|
-           - Passes that every pixel gets (Default: 1) and the most samples that one may get; where it is no multiple of
-             :math:`N`, the last pass is cut short. More than :math:`N^2` begin new patterns. (Default: :math:`N^2`,
-             four times as many for :monosp:`graded`, and any with :monosp:`noise` or :monosp:`time`)
+     * - min_passes, max_samples
+       - |int|
+       - Passes that every pixel gets (Default: 1) and the most samples that one may get; where it is no multiple of
+         :math:`N`, the last pass is cut short. More than :math:`N^2` begin new patterns. (Default: :math:`N^2`,
+         four times as many for :monosp:`graded`, and any with :monosp:`noise` or :monosp:`time`)
 
-         * - noise, noise_99, time
-           - |float|
-           - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
-             at most :monosp:`noise`, and that of 99 pixels in 100 at most :monosp:`noise_99`, or so many seconds have
-             passed, whichever is first; in larger patterns than :math:`N^2`, if it takes many samples. Not with
-             :monosp:`thesis`. (Default: 0, not asked for)
+     * - noise, noise_99, time
+       - |float|
+       - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
+         at most :monosp:`noise`, and that of 99 pixels in 100 at most :monosp:`noise_99`, or so many seconds have
+         passed, whichever is first; in larger patterns than :math:`N^2`, if it takes many samples. Not with
+         :monosp:`thesis`. (Default: 0, not asked for)
 
-         * - max_level
-           - |int|
-           - Deepest level of reflected and refracted rays; 0: only the first visible surface; -1: any, for paths
-             (Default: 4)
+     * - max_level
+       - |int|
+       - Deepest level of reflected and refracted rays; 0: only the first visible surface; -1: any, for paths
+         (Default: 4)
 
-         * - shadows
-           - |bool|
-           - Cast shadow rays (Default: |true|)
+     * - shadows
+       - |bool|
+       - Cast shadow rays (Default: |true|)
 
-         * - ambient
-           - |spectrum| or |texture|
-           - Ambient intensity :math:`I_a`; a surface adds :math:`k_a I_a` (Default: 0)
+     * - ambient
+       - |spectrum| or |texture|
+       - Ambient intensity :math:`I_a`; a surface adds :math:`k_a I_a` (Default: 0)
 
-         * - background
-           - |spectrum| or |texture|
-           - Radiance of a ray that leaves the scene. A bitmap is looked up by direction, as
-             :monosp:`envmap` does, but lights nothing. (Default: 0)
+     * - background
+       - |spectrum| or |texture|
+       - Radiance of a ray that leaves the scene. A bitmap is looked up by direction, as
+         :monosp:`envmap` does, but lights nothing. (Default: 0)
 
-         * - diffuse_bounces
-           - |int|
-           - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing
-             (Default: 0)
+     * - diffuse_bounces
+       - |int|
+       - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing
+         (Default: 0)
 
-         * - caustics
-           - |bool|
-           - Light that comes to diffuse surfaces by way of specular ones, from photons (Default: |false|)
+     * - caustics
+       - |bool|
+       - Light that comes to diffuse surfaces by way of specular ones, from photons (Default: |false|)
 
-         * - caustic_photons
-           - |int|
-           - Photons that leave the sources for each :math:`N^2` samples of a pixel, or each 64 where that is less: of the
-             order of the image's pixels, some times as many for a quiet image. They take 40 bytes each. (Default: 1048576)
+     * - caustic_photons
+       - |int|
+       - Photons that leave the sources for each :math:`N^2` samples of a pixel, or each 64 where that is less: of the
+         order of the image's pixels, some times as many for a quiet image. They take 40 bytes each. (Default: 1048576)
 
-         * - cutoff
-           - |float|
-           - A branch whose throughput is not above this ends (Default: 0)
+     * - cutoff
+       - |float|
+       - A branch whose throughput is not above this ends (Default: 0)
 
-         * - rr_depth
-           - |int|
-           - Level from which Russian roulette ends paths; only with :monosp:`diffuse_bounces` (Default: 5)
+     * - rr_depth
+       - |int|
+       - Level from which Russian roulette ends paths; only with :monosp:`diffuse_bounces` (Default: 5)
 
-         * - hide_emitters
-           - |bool|
-           - Camera rays do not see light sources (Default: |false|)
+     * - hide_emitters
+       - |bool|
+       - Camera rays do not see light sources (Default: |false|)
 
-         * - jitter
-           - |string|
-           - Place of a sample in its cell: :monosp:`multi` or :monosp:`uniform`, see :ref:`sampler-nrook`
-             (Default: :monosp:`multi`)
+     * - jitter
+       - |string|
+       - Place of a sample in its cell: :monosp:`multi` or :monosp:`uniform`, see :ref:`sampler-nrook`
+         (Default: :monosp:`multi`)
 
-         * - channels
-           - |string|
-           - Which of r, g and b are written; the others are black (Default: :monosp:`rgb`)
+     * - channels
+       - |string|
+       - Which of r, g and b are written; the others are black (Default: :monosp:`rgb`)
 
-         * - aovs
-           - |string|
-           - Further channels, separated by commas: :monosp:`samples` (per pixel), :monosp:`error` (standard error of the
-             luminance), or :monosp:`name:type` as for the :monosp:`aov` integrator (Default: none)
+     * - aovs
+       - |string|
+       - Further channels, separated by commas: :monosp:`samples` (per pixel), :monosp:`error` (standard error of the
+         luminance), or :monosp:`name:type` as for the :monosp:`aov` integrator (Default: none)
 
-         * - band
-           - |int|
-           - Pixels that are rendered at a time, which bounds the memory; it does not change the image
-             (Default: 262144)
+     * - band
+       - |int|
+       - Pixels that are rendered at a time, which bounds the memory; it does not change the image
+         (Default: 262144)
 
-        Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
-        whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
-            followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
-        :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is
-        shared by multiple importance sampling, so that the expected image is the same at any roughness.
-    
-        Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
-        find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
-        sampled by their own methods.
+    Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
+    whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
+        followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
+    :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is
+    shared by multiple importance sampling, so that the expected image is the same at any roughness.
 
-        With :monosp:`caustics`, photons go from every source (but surfaces that emit in one direction) towards all that is
-        specular, through it by at most :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse
-        surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their
-        noise falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken
-        whole (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested
-        in another integrator, and without derivatives.
+    Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
+    find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
+    sampled by their own methods.
 
-        Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
-        sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
-        threads do not change a bit of the image (with :monosp:`noise`, crop windows do; with :monosp:`time`, all may). The
-        film's reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's
-        sampler is not used. A nonzero :monosp:`spp` given to ``render()`` stands for :math:`N^2`, in the place of
-        :monosp:`max_samples` and :monosp:`samples`; :monosp:`graded` may take up to four times as many in a pixel.
+    With :monosp:`caustics`, photons go from every source (but surfaces that emit in one direction) towards all that is
+    specular, through it by at most :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse
+    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their
+    noise falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken
+    whole (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested
+    in another integrator, and without derivatives.
 
-        The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no
-        separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
-        others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
-        they are smooth.
+    Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
+    sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
+    threads do not change a bit of the image (with :monosp:`noise`, crop windows do; with :monosp:`time`, all may). The
+    film's reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's
+    sampler is not used. A nonzero :monosp:`spp` given to ``render()`` stands for :math:`N^2`, in the place of
+    :monosp:`max_samples` and :monosp:`samples`; :monosp:`graded` may take up to four times as many in a pixel.
 
-        What lies inside a shape absorbs light by Beer's law along a ray's way through it (Hall), if the shape's
-        :monosp:`interior` is a :monosp:`homogeneous` medium whose :monosp:`albedo` is 0; shapes within it say so by their
-        :monosp:`exterior`, a camera by its :monosp:`medium`. :monosp:`volpath` renders the same. Nothing is scattered:
-        other media are taken for empty, with a warning.
+    The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no
+    separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
+    others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
+    they are smooth.
 
-        Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
-        within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
-        The back of a one-sided surface reflects none.
+    What lies inside a shape absorbs light by Beer's law along a ray's way through it (Hall), if the shape's
+    :monosp:`interior` is a :monosp:`homogeneous` medium whose :monosp:`albedo` is 0; shapes within it say so by their
+    :monosp:`exterior`, a camera by its :monosp:`medium`. :monosp:`volpath` renders the same. Nothing is scattered:
+    other media are taken for empty, with a warning.
 
-        Derivatives, forward and backward, are those of the samples that the image is made of, by any parameter of materials
-        and sources, and by the places of sources, of what they light, and of mirrors. Left out is what a moving edge covers
-        or uncovers: silhouettes as the camera sees them, shadows, and the edges of objects in glossy and diffuse
-        reflections, except those of sources.
+    Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
+    within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
+    The back of a one-sided surface reflects none.
 
-        In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
-        sample count of the sensor's sampler, and that sampler's samples.
+    Derivatives, forward and backward, are those of the samples that the image is made of, by any parameter of materials
+    and sources, and by the places of sources, of what they light, and of mirrors. Left out is what a moving edge covers
+    or uncovers: silhouettes as the camera sees them, shadows, and the edges of objects in glossy and diffuse
+    reflections, except those of sources.
 
-        .. tabs::
-            .. code-tab:: xml
+    In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
+    sample count of the sensor's sampler, and that sampler's samples.
 
-                <integrator type="prosim">
-                    <integer name="samples" value="5"/>
-                    <integer name="max_level" value="3"/>
-                    <rgb name="ambient" value="0.1, 0.1, 0.1"/>
-                </integrator>
+    .. tabs::
+        .. code-tab:: xml
 
-            .. code-tab:: python
+            <integrator type="prosim">
+                <integer name="samples" value="5"/>
+                <integer name="max_level" value="3"/>
+                <rgb name="ambient" value="0.1, 0.1, 0.1"/>
+            </integrator>
 
-                'type': 'prosim',
-                'samples': 5,
-                'max_level': 3,
-                'ambient': {
-                    'type': 'rgb',
-                    'value': [0.1, 0.1, 0.1]
-                }
+        .. code-tab:: python
+
+            'type': 'prosim',
+            'samples': 5,
+            'max_level': 3,
+            'ambient': {
+                'type': 'rgb',
+                'value': [0.1, 0.1, 0.1]
+            }
     """
 
     def __init__(self, props: mi.Properties) -> None:

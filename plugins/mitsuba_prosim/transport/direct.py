@@ -23,8 +23,12 @@ def direct_light(
     bsdf: mi.BSDF | mi.BSDFPtr,
     points: NRook | SamplerPoints,
     active: mi.Bool,
+    scattered: mi.Bool | bool = False,
 ) -> mi.Spectrum:
-    """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1)."""
+    """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1).
+
+    ``scattered``: the lanes that are lit through the diffuse lobes alone.
+    """
     lights, alone = stage.facts.lights, stage.facts.alone
     flags = bsdf.flags()
     active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
@@ -40,8 +44,12 @@ def direct_light(
         lit = active & (sample.pdf > 0)
         wo = si.to_local(sample.d)
         f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
+        glossy = lit
+        if scattered is not False:
+            f = dr.select(scattered, bsdf.eval(lobes.diffuse(), si, wo, lit & scattered), f)
+            glossy = but_not(lit, scattered)
         for lobe in stage.facts.partners:
-            f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit)
+            f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, glossy)
             f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)

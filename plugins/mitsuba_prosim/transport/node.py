@@ -18,10 +18,17 @@ from .surroundings import background_radiance
 
 
 def shade(
-    stage: Stage, ray: Ray, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool
+    stage: Stage,
+    ray: Ray,
+    camera: mi.Ray3f,
+    points: NRook | SamplerPoints,
+    active: mi.Bool,
+    scattered: mi.Bool | bool = False,
 ) -> tuple[mi.Spectrum, Node]:
     """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
-    direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths.
+    direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths;
+    ``scattered``: whether there was a diffuse reflection before that has gathered what comes to it by way of specular
+    surfaces.
     """
     settings, lights = stage.settings, stage.facts.lights
     ray3, si = meet(stage, ray, camera, active)
@@ -43,7 +50,10 @@ def shade(
     bsdf = si.bsdf()
     if settings.ambient is not None:
         L += ambient_term(stage, si, bsdf, surface_inside)
-    L += direct_light(stage, ray, si, bsdf, points, surface_inside)
+    L += direct_light(stage, ray, si, bsdf, points, surface_inside, scattered)
+    if stage.caustics is not None:
+        assert isinstance(points, NRook)
+        L += stage.caustics(si, bsdf, points.t, surface_inside)
     return ray.throughput * L, Node(ray, si, bsdf, surface)
 
 

@@ -38,7 +38,8 @@ def radiance(
     settings = stage.settings
 
     def step(state: State) -> State:
-        L, node = shade(stage, state.ray, camera, points, state.active)
+        scattered = state.bounces > 0 if stage.caustics is not None else False
+        L, node = shade(stage, state.ray, camera, points, state.active, scattered)
         ray = node.ray
         hit = state.hit | (ray.level == 0) & node.surface
         surface, bounces = node.surface, state.bounces
@@ -49,6 +50,9 @@ def radiance(
         else:
             following, going, passed, bounces = one_of_two(stage, ray, node, points, surface, bounces)
         following.node = ray.node + 1
+        if stage.caustics is not None:
+            # What a ray meets after a diffuse reflection was gathered there.
+            following.counts &= bounces == 0
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
         eta = state.eta * passed
         following, going = roulette(stage, following, going, eta, points.choice(stage.space(ray.node, ROULETTE)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -10,6 +11,9 @@ import mitsuba as mi
 from .ray import Ray
 from .scene_facts import SceneFacts
 from .settings import Settings
+
+if TYPE_CHECKING:
+    from ..caustics.caustics import Caustics
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
 PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
@@ -23,7 +27,8 @@ class Stage:
     """``scene`` under ``settings``, and the ``facts`` about it.
 
     ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
-    (:mod:`.moving`), and their weights evaluated anew.
+    (:mod:`.moving`), and their weights evaluated anew. ``caustics``: the light that comes to diffuse surfaces by way
+    of specular ones, where it is gathered from photons; None where it is left to the rays.
     """
 
     scene: mi.Scene
@@ -32,6 +37,7 @@ class Stage:
     attached: bool = False
     #: The medium that the camera is in, or None.
     around: mi.Medium | None = None
+    caustics: Caustics | None = None
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""

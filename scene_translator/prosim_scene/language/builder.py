@@ -1,7 +1,7 @@
 """lark's tree -> document: each statement's values by the table of words, and their places."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, MutableMapping
 from pathlib import PurePath
 from typing import Any
 
@@ -26,13 +26,21 @@ class Builder:
 
     def __init__(self, source: Source, uses: frozenset[str] = frozenset()) -> None:
         self.source, self.uses = source, uses
-        self.places: dict[Path, Place] = {}
+        self.places: MutableMapping[Path, Place] = {}
 
     def document(self, tree: Node) -> Document:
         """The document of a whole scene; raises SceneError, emits SceneWarning."""
         fields: dict[str, Any] = {"surfaces": {}, "transforms": {}, "patterns": {}}
+        self.statements(fields, tree)
+        return self.whole(fields)
+
+    def statements(self, fields: dict[str, Any], tree: Node) -> None:
+        """Puts the values of a tree's statements into ``fields``; raises SceneError."""
         for statement in _trees(tree.children):
             getattr(self, statement.data)(fields, statement.children)
+
+    def whole(self, fields: dict[str, Any]) -> Document:
+        """The document of a scene with these values; raises SceneError, emits SceneWarning."""
         for node in fields.get("csg", ()):
             for texture in node.textures if isinstance(node, model.Leaf) else ():
                 if texture and texture.name in BUILT_IN:

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from little import LITTLE
+from mitsuba_prosim import denoising
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.studio import Studio
@@ -174,3 +175,17 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             until(lambda studio=studio: studio.board.state.view is not None and is_done(studio)())
             assert "<matrix" in studio.board.state.view
             assert not np.array_equal(final(studio), before)
+
+
+def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch):
+    """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image."""
+    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
+    with running(path, monkeypatch, tmp_path, denoise=True) as studio:
+        until(is_done(studio))
+        shown = [p["own"] for _, p in studio.board.said if "own" in p]
+        assert any(set(p.layers) == {"final", "error", "samples"} for p in shown)
+        layers = studio.board.pictures["own"].layers
+    expected = denoising.render(SceneFile(path, tmp_path / "again").load())
+    for name in ("final", "raw", "denoised"):
+        assert np.array_equal(layers[name], getattr(expected, name)), name
+    assert np.array_equal(layers["error"], expected.final_error)

@@ -40,7 +40,7 @@ class Subject:
 
     def names(self) -> set[str]:
         """Names of the files that are part of it."""
-        return {self.path.name} | {other.name for other in self.file.named_files()}
+        return {self.path.name, self.path.resolve().name} | {other.name for other in self.file.named_files()}
 
     # ---------------------------------------------------------------- looking from elsewhere
 

@@ -67,6 +67,14 @@ class SceneFile:
                 self.document, Path(folder), resolution=resolution, samples=samples, kept=kept, **language
             )
             resolution = samples = None  # said in the translation
+        #: What makes the same of the XML file alone.
+        self.changes: dict[str, Any] = {
+            "definitions": self.definitions,
+            "resolution": resolution,
+            "crop": crop,
+            "samples": samples,
+            "integrator": dict(integrator or {}),
+        }
         with self._search_paths():
             self.state = parse(self.xml, self.definitions if self.xml is self.path else {})
         for node in self.state.nodes:
@@ -84,10 +92,10 @@ class SceneFile:
         with self._search_paths():
             return digest(self.state)
 
-    def named_files(self) -> list[Path]:
-        """The files that it names: images, meshes."""
+    def named_files(self) -> list[tuple[str, Path]]:
+        """The files that the scene names, each as it is named; see :func:`.digest.named_files`."""
         with self._search_paths():
-            return [path for _, path in named_files(self.state)]
+            return list(named_files(self.state))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

@@ -33,12 +33,14 @@ class Seen(Board):
 
 
 @contextmanager
-def running(path, monkeypatch, tmp_path, **options):
+def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
+    """``opened`` is called when the scene has been read, and nobody knows it yet."""
     monkeypatch.setattr("mitsuba_prosim.watch.studio.Board", Seen)
 
     def opener():
         file = SceneFile(path, tmp_path / "scratch")
         scene = file.load()
+        opened()
         return file, scene, pick_sensor(scene, 0)
 
     studio = Studio(path, opener, **options)
@@ -117,6 +119,32 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         until(lambda: studio.board.state.saves == 54 and is_done(studio)())
         assert studio.board.state.error is None
         assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
+
+
+def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
+    """Also where the view is another one; and a mistake takes no view away that was moved."""
+    studios = []
+
+    def opened():
+        if studios[0].board.state.saves == 0:
+            path.write_text(BLUE)
+            studios[0].saved()
+
+    def wait_for_studio():
+        until(lambda: studios)
+        opened()
+
+    with running(path, monkeypatch, tmp_path, wait_for_studio) as studio:
+        studios.append(studio)
+        until(lambda: studio.board.state.saves == 1 and is_done(studio)())
+        assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
+        studio.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: studio.board.state.view is not None and is_done(studio)())
+        view = studio.board.state.view
+        save(studio, path, BLUE.replace("kd", "kkd"))
+        save(studio, path, RED)
+        until(is_done(studio))
+        assert studio.board.state.view == view
 
 
 def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):

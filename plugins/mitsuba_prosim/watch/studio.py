@@ -63,6 +63,7 @@ class Studio:
         self._names: frozenset[str] = frozenset({path.name, path.resolve().name})
         self._takes: dict[str, takes.Take] = {}
         self._integrator: Any = None
+        self._view: Camera | None = None  # the scene's own, when it was opened last
 
     # ---------------------------------------------------------------- wishes
 
@@ -129,7 +130,8 @@ class Studio:
                 pass
         finally:
             self._close()
-            self._subject = None
+            self._subject = self._integrator = None
+            gc.unfreeze()
             self.board.close()
 
     def _turn(self) -> bool:
@@ -190,19 +192,19 @@ class Studio:
         self._begun = time.perf_counter()
         self._close()
         self.board.say(doing="opening", saves=wish.text)
-        before = self._subject
-        home = before.home if before is not None else None
         # The kernels of an image have all materials in them that there are, those of another scene too.
-        self._subject = before = None
+        self._subject = None
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
             subject = Subject(self._path, self._opener)
         gc.collect()
         said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self._subject, self._names = subject, frozenset(subject.names())
-        if home is None or subject.home is None or (home.to_world != subject.home.to_world).any():
+        before, self._view = self._view, subject.home
+        if before is None or subject.home is None or (before.to_world != subject.home.to_world).any():
             with self._changed:  # the text says another view
-                self._wish = wish = replace(self._wish, camera=None)
+                self._wish = replace(self._wish, camera=None)
+            wish = replace(wish, camera=None)
         elif wish.camera is not None:
             subject.look(wish.camera)
         self.board.say(warnings=said, size=subject.size, movable=subject.home is not None)

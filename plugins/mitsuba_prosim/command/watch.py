@@ -52,6 +52,9 @@ from .render import parameters, sampling
     help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
 )
 @click.option(
+    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
+)
+@click.option(
     "--max-level",
     type=click.IntRange(-1, 2**16),
     show_default=False,
@@ -96,6 +99,7 @@ def watch(
     spp: int | None,
     seed: int,
     paths: bool,
+    caustics: bool,
     max_level: int | None,
     threshold: float | None,
     noise: float | None,
@@ -135,7 +139,7 @@ def watch(
         resolution=resolution,
         crop=None,
         samples=samples,
-        integrator=parameters(paths, max_level) | asked,
+        integrator=parameters(paths, max_level, caustics) | asked,
         language=language,
         exposure=0.0,
     )

@@ -58,6 +58,8 @@ RENDERED = {
     "5.18-caustica": partial(scenes.render, "caustica"),
     "5.18-fotons": partial(scenes.render, "caustica", caustics=True),
     "5.18-path": partial(scenes.render_path, "caustica", spp=1024),
+    "6-absorcao": partial(scenes.render, "garrafas"),
+    "6-dispersao": partial(scenes.render, "prisma"),
     "palito": partial(scenes.render, "palito"),
 }
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from . import view
+from .kept import Kept
 from .language import document_of
 from .language.document import Document
 from .language.files import read
@@ -21,11 +22,10 @@ from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
 from .model import Leaf, Scene, Vector
 from .nodes import Comment, Default, Node
-from .solids import TOLERANCE, Kept, tessellate
+from .solids import TOLERANCE, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .write import output, xml
-from .write.ply import ply
 
 AnyPath = str | os.PathLike[str]
 
@@ -88,10 +88,10 @@ def assemble(
     """A scene's dictionary.
 
     ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept`` is what
-    earlier translations left.
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
+    earlier translation has left, and this one leaves.
     """
-    scene, target = document.scene, TARGETS[options.target]
+    scene, target, kept = document.scene, TARGETS[options.target], kept or Kept()
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
@@ -103,7 +103,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
-        kept,
+        kept.faces,
     )
 
     def comment(text: str, *path: str | int) -> Comment:
@@ -127,7 +127,7 @@ def assemble(
             name += "_"
         if not np.abs(triangles[key].positions).max() <= single.LARGEST:
             raise document.error("this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index)
-        content = ply(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+        content = kept.file(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
         bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
             ", ..." if len(leaves) > 3 else ""
         )
@@ -225,7 +225,7 @@ def translate(
     ``define``
         Values, numbers or words, of the ``$names`` in the scene.
     ``kept``
-        What earlier translations left, see :class:`Kept`; for one scene that is translated again and again.
+        What an earlier translation has left, and this one leaves: meshes of the same solids are not made anew.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
@@ -307,14 +307,12 @@ def load(
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(
-    source: AnyPath | Document, *, define: Mapping[str, object] | None = None, kept: Kept | None = None, **options: Any
-) -> Scene:
+def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     checked = Options(**options)
     opened, path = _opened(source, define)
-    assemble(opened, path.parent, checked, lambda name, _: name, str, kept)
+    assemble(opened, path.parent, checked, lambda name, _: name, str)
     return opened.scene

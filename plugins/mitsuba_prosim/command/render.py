@@ -14,7 +14,20 @@ from . import frames as film
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, defines, running, translation
+from .options import (
+    SCENE,
+    STOPS,
+    Crop,
+    Finite,
+    Helpers,
+    Share,
+    aims,
+    choose_variant,
+    defines,
+    helped,
+    running,
+    translation,
+)
 
 
 @click.command()
@@ -125,6 +138,7 @@ from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, de
     help="Frames a second, by which $time goes. [default: 24]",
 )
 @click.option("--anew", is_flag=True, help="Render frames anew that are there already.")
+@helped
 @translation
 def render(
     scene: Path,
@@ -155,6 +169,7 @@ def render(
     anew: bool,
     resolution: tuple[int, int] | None,
     samples: int | None,
+    helpers: Helpers | None,
     **language: Any,
 ) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
@@ -204,7 +219,7 @@ def render(
     if frames is not None:
         film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew)
     else:
-        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
+        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise, helpers=helpers)
 
 
 def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import drjit as dr
 import mitsuba as mi
 
-from ..caustics.caustics import Caustics
 from ..light.emission import read_emission
 from ..parameters import expose, number, reject, whole
 from ..registry import plugin
 from ..rendering import collector
-from ..rendering.derivatives import Derivatives
 from ..rendering.film import aov_values
 from ..rendering.integrator import WaveIntegrator
 from ..sampling.nrook import SamplerPoints
 from ..transport.settings import DEEPEST_TREE, Settings
 from ..transport.transport import Transport
+
+if TYPE_CHECKING:
+    from ..caustics.caustics import Caustics
+    from ..rendering.derivatives import Derivatives
 
 
 @plugin("integrator", "prosim")
@@ -124,8 +128,8 @@ class Prosim(WaveIntegrator):
     Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
     whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
     followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
-    :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is shared by multiple
-    importance sampling, so that the expected image is the same at any roughness.
+    :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is
+    shared by multiple importance sampling, so that the expected image is the same at any roughness.
 
     Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
     find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
@@ -133,10 +137,10 @@ class Prosim(WaveIntegrator):
 
     With :monosp:`caustics`, photons go from every source (but surfaces that emit in one direction) towards all that is
     specular, through it by at most :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse
-    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their noise
-    falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken whole
-    (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested in
-    another integrator, and without derivatives.
+    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their
+    noise falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken
+    whole (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested
+    in another integrator, and without derivatives.
 
     Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
     sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
@@ -149,6 +153,11 @@ class Prosim(WaveIntegrator):
     separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
     others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
     they are smooth.
+
+    What lies inside a shape absorbs light by Beer's law along a ray's way through it (Hall), if the shape's
+    :monosp:`interior` is a :monosp:`homogeneous` medium whose :monosp:`albedo` is 0; shapes within it say so by their
+    :monosp:`exterior`, a camera by its :monosp:`medium`. :monosp:`volpath` renders the same. Nothing is scattered:
+    other media are taken for empty, with a warning.
 
     Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
     within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
@@ -244,7 +253,7 @@ class Prosim(WaveIntegrator):
                 "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of "
                 "a prosim within another integrator."
             )
-        transport = self._scalar or Transport(self._settings(), scene)
+        transport = self._scalar or Transport(self._settings(), scene, around=medium)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
@@ -263,7 +272,7 @@ class Prosim(WaveIntegrator):
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
         caustics = self._caustics(scene, sensor) if self.caustics else None
-        return Transport(self._settings(), scene, attached, caustics)
+        return Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
         if self.caustics:
@@ -274,6 +283,8 @@ class Prosim(WaveIntegrator):
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
         """The photons; None where nothing is specular, or nothing shines."""
+        from ..caustics.caustics import Caustics  # with the first image, as all that makes images
+
         # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
         return Caustics.of(scene, sensor, self.caustic_photons, deepest)

@@ -9,6 +9,7 @@ from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
+from .absorption import beyond, transmittance
 from .indivisible import is_whole
 from .moving import carried_sample
 from .ray import Ray, mis, viewer_side
@@ -52,7 +53,7 @@ def direct_light(
             f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-        return L + unless_in_shadow(stage, si, sample.p, f * sample.weight, lit)
+        return L + unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
 
     L = lights.for_each(light, mi.Spectrum(0), active, attached=stage.attached)
     if lights.sky is not None and alone is not None:
@@ -65,15 +66,18 @@ def direct_light(
         f = bsdf.eval(alone, si, wo, lit)
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-        L += unless_in_shadow(stage, si, sample.p, f * sample.weight, lit)
+        L += unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
     return L
 
 
 def unless_in_shadow(
-    stage: Stage, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
+    stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
 ) -> mi.Spectrum:
-    """``L`` where nothing is between ``si`` and the point ``p``, else 0."""
+    """``L``, less what is absorbed, where nothing is between ``si``, met by ``ray``, and the point ``p``; else 0."""
     if stage.settings.shadows:
         active &= dr.max(dr.abs(L)) > 0
         active = but_not(active, stage.scene.ray_test(si.spawn_ray_to(p), active))
+    if stage.facts.absorbs:
+        d = p - si.p
+        L *= transmittance(beyond(si, ray.medium, d, active), si.wavelengths, dr.norm(d), active)
     return dr.select(active, L, 0)

@@ -38,9 +38,9 @@ def radiance(
     settings = stage.settings
 
     def step(state: State) -> State:
-        ray = state.ray
         scattered = state.bounces > 0 if stage.caustics is not None else False
-        L, node = shade(stage, ray, camera, points, state.active, scattered)
+        L, node = shade(stage, state.ray, camera, points, state.active, scattered)
+        ray = node.ray
         hit = state.hit | (ray.level == 0) & node.surface
         surface, bounces = node.surface, state.bounces
         if settings.max_level >= 0:
@@ -59,7 +59,7 @@ def radiance(
         return State(state.L + L, hit, following, going, bounces, eta, state.sampler)
 
     state = State(
-        mi.Spectrum(0), mi.Bool(False), Ray.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler
+        mi.Spectrum(0), mi.Bool(False), stage.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler
     )
     return walk(stage, step, state, camera)
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import drjit as dr
 import mitsuba as mi
 
+from .ray import Ray
 from .scene_facts import SceneFacts
 from .settings import Settings
 
@@ -33,7 +35,17 @@ class Stage:
     settings: Settings
     facts: SceneFacts
     attached: bool = False
+    #: The medium that the camera is in, or None.
+    around: mi.Medium | None = None
     caustics: Caustics | None = None
+
+    def first(self, camera: mi.Ray3f) -> Ray:
+        """The ray that begins with the ``mi.Ray3f`` of the camera."""
+        ray = Ray.first(camera)
+        if self.facts.absorbs:
+            ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
+            ray.gap = mi.Float(0)
+        return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Number of the ``k``-th space of a node."""

@@ -1,14 +1,13 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable
 
 import numpy as np
 
 from ..language.document import Document
 from ..model import Leaf, Operator
 from . import csg, media, parts, tree
-from .kept import Faces, Kept
+from .faces import Faces, Triangles
 from .leaves import Leaves
 from .sight import Sight
 from .values import Value
@@ -16,16 +15,9 @@ from .values import Value
 CHUNK = 1 << 18  # triangles at a time
 
 
-@dataclass
-class Triangles:
-    """Triangles of one material, corner by corner: positions (n, 3, 3), unit normals (n, 3, 3), uv (n, 3, 2), and a key
-    (n, 3) that is equal for equal corners.
-    """
-
-    positions: np.ndarray
-    normals: np.ndarray
-    uv: np.ndarray
-    keys: np.ndarray
+def anew(_: Hashable, make: Callable[[], Faces]) -> Faces:
+    """Keeps nothing."""
+    return make()
 
 
 def tessellate(
@@ -34,42 +26,39 @@ def tessellate(
     tolerance: float,
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
-    kept: Kept | None = None,
+    kept: Callable[[Hashable, Callable[[], Faces]], Faces] = anew,
 ) -> dict[Hashable, Triangles]:
     """The surfaces of a document's scene: {material: Triangles}.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
-    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. What is ``kept`` from earlier scenes
-    is not computed again. Raises :class:`SceneError` for a transform that cannot be inverted and for more triangles
-    than memory is provided for.
+    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. ``kept(key, make)`` may give
+    what ``make`` has made for an equal key before. Raises :class:`SceneError` for a transform that cannot be inverted
+    and for more triangles than memory is provided for.
     """
     nodes = document.scene.csg
     leaves = tree.leaves(nodes)
     if not leaves:
         return {}
     table = Leaves(document, camera, tolerance)
-    names: dict[Hashable, int] = {None: media.OPAQUE}
-    media_of = [names.setdefault(medium(leaf), len(names)) for leaf in leaves]
+    media_of = _numbered([None, *map(medium, leaves)])[1:]
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
-    faces = (kept or Kept()).faces(
-        (symbols, tuple(media_of), table.content()), lambda: _evaluated(nodes, table, media_of)
-    )
+    faces = kept((symbols, tuple(media_of), table.content()), lambda: _faces(nodes, table, media_of))
     _report_vanished(document, faces.seen)
-    materials: dict[Hashable, int] = {}
-    material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
-    order = np.argsort(material_of[faces.leaf], kind="stable")
-    begins = np.searchsorted(material_of[faces.leaf][order], np.arange(len(materials) + 1))
-    result: dict[Hashable, Triangles] = {}
-    shown = set(material_of[faces.seen].tolist())  # of others there are seams of no width at most
-    for name, number in materials.items():
-        if number in shown:
-            chosen = order[begins[number] : begins[number + 1]]
-            result[name] = Triangles(*(a[chosen] for a in (faces.positions, faces.normals, faces.uv, faces.keys)))
-    return result
+    alike: dict[Hashable, list[int]] = {}
+    for number, leaf in enumerate(leaves):
+        alike.setdefault(material(leaf), []).append(number)
+    shown = {name: tuple(some) for name, some in alike.items() if faces.seen[some].any()}
+    return dict(zip(shown, faces.chosen(list(shown.values()))))
 
 
-def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
-    """The triangles of a tree; the leaf with the number i is of the medium ``media_of[i]``, 0 is the opaque one."""
+def _numbered(keys: Iterable[Hashable]) -> list[int]:
+    """Keys numbered from 0, in the order in which they are met first."""
+    numbers: dict[Hashable, int] = {}
+    return [numbers.setdefault(key, len(numbers)) for key in keys]
+
+
+def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
+    """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric."""
     table.make_meshes()
     base = parts.reserve_ids(len(media_of))
 
@@ -91,7 +80,7 @@ def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
 
     value = csg.evaluate(nodes, leaf_value)
     seen = np.zeros(len(media_of), bool)
-    collected: list[list[np.ndarray]] = []
+    collected = [[np.empty(0, int), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)]]
     vertices = alone = 0  # so far: what keys are made of
     for shell in media.batches(media.shells(value), CHUNK, table.planes):
         for start in range(0, len(shell.triangles), CHUNK):
@@ -106,10 +95,8 @@ def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
             alone += int(found.alone.sum())
             collected.append([leaf, positions + table.origin, found.normals, found.uv, keys])
         vertices += len(shell.vertices)
-    if not collected:
-        collected.append([np.empty(0, int), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)])
-    leaf, positions, normals, uv, keys = map(np.concatenate, zip(*collected))
-    return Faces(leaf, positions, normals, uv, keys, seen)
+    leaf, *columns = map(np.concatenate, zip(*collected))
+    return Faces(Triangles(*columns), leaf, seen)
 
 
 def _height(positions: np.ndarray) -> np.ndarray:

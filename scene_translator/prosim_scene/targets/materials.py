@@ -2,6 +2,7 @@
 
 import math
 
+from ..language.names import INDICES
 from ..language.words import numbers
 from ..model import GREY, Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
@@ -37,10 +38,13 @@ def slots(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]
 
 def mean_index(context: Context, index: int, surface: Surface) -> float:
     """The index of refraction as one number; per-channel ones are averaged, and said so."""
+    if surface.glass:
+        return INDICES[surface.glass]
     assert surface.eta is not None
     if len(set(surface.eta)) > 1:
         context.approximate(
-            "the index of refraction differs from channel to channel: its mean is used, without dispersion",
+            "the index of refraction differs from channel to channel: its mean is used, without dispersion "
+            "(a dieletrico disperses by abbe, or a glass's name)",
             "surfaces",
             index,
         )
@@ -65,7 +69,7 @@ def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
     elif surface.material == "dielectric":
         node = {
             "type": "prosim_dielectric",
-            "int_ior": mean_index(context, leaf.index, surface),
+            **_index(context, leaf.index, surface),
             "ext_ior": air,
             **roughness(surface),
         }
@@ -87,6 +91,35 @@ def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
     if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
         node["ambient"] = textured(ka)
     return node
+
+
+def _index(context: Context, index: int, surface: Surface) -> Node:
+    """The parameters of the index of a dielectric: a number, or what depends on the wavelength."""
+    if surface.glass:
+        return {"int_material": surface.glass}
+    dispersion = {} if surface.abbe is None else {"int_abbe": float(surface.abbe)}
+    return {"int_ior": mean_index(context, index, surface), **dispersion}
+
+
+def absorbs(surface: Surface) -> bool:
+    """Whether light is absorbed inside."""
+    return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
+
+
+def interior(surface: Surface) -> Node:
+    """What lies inside a dielectric that absorbs, as a parameter of its shapes; nothing for others.
+
+    By Beer's law the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, hence the
+    scale.
+    """
+    if not absorbs(surface):
+        return {}
+    assert surface.transmittance is not None
+    sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
+    scale = max(sigma)
+    return {
+        "interior": {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(s / scale for s in sigma), "scale": scale}
+    }
 
 
 def phong_exponent(surface: Surface) -> float | None:

@@ -41,5 +41,6 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def surface(context: Context, number: int, leaf: Leaf) -> Node:
-    """The BSDF of a leaf."""
-    return {"bsdf": materials.bsdf(context, number, leaf)}
+    """The BSDF of a leaf, and what lies inside."""
+    interior = materials.interior(context.scene.surfaces[leaf.index])
+    return {"bsdf": materials.bsdf(context, number, leaf), **interior}

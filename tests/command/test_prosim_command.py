@@ -214,8 +214,12 @@ def own(tmp_path, monkeypatch):
 
 def test_record_lists_a_file_once(own):
     """What pip removes on uninstalling."""
+    files = own / "mitsuba" / "plugins" / "a.so", own.parent / "elsewhere.so"
+    files[0].parent.mkdir(parents=True)
+    for file in files:
+        file.touch()  # what is not there is not listed, where importlib_metadata has been imported
     for _ in range(2):
-        link.record([own / "mitsuba" / "plugins" / "a.so", own.parent / "elsewhere.so"])
+        link.record(files)
     lines = (own / "own-1.dist-info" / "RECORD").read_text().splitlines()
     assert lines[1:] == ["mitsuba/plugins/a.so,,", "../elsewhere.so,,"]
 

@@ -203,8 +203,8 @@ def render(
         raise click.UsageError(f"{'--fps' if fps else '--anew'} is for films; say which --frames.")
     if frames is not None and (part or view):
         raise click.UsageError(
-            "--part and --view are for single images. A film is shared by giving each machine some of its --frames, "
-            "such as 0:24 here and 24:48 there."
+            f"{'--part' if part else '--view'} is for single images. A film is shared by giving each machine some of "
+            "its --frames, such as 0:24 here and 24:48 there."
         )
     asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)

@@ -63,7 +63,7 @@ def test_each_frame_is_the_image_of_the_scene_alone(film):
     assert mi.Bitmap(str(film.with_name("film.0004.exr"))).metadata()["prosim.seed"] == "9"
 
 
-def test_a_frame_is_rendered_once_and_anew_where_anything_has_changed(film):
+def test_a_frame_is_rendered_once_and_anew_where_the_scene_has_changed(film):
     options = "--frames", "0:2"
     assert rendered(film, *options) == (2, 0)
     before = kept(film.parent)
@@ -72,7 +72,14 @@ def test_a_frame_is_rendered_once_and_anew_where_anything_has_changed(film):
     film.with_name("film.0001.exr").unlink()
     assert rendered(film, *options) == (1, 1)
     film.with_name("film.0000.exr").write_bytes(b"none")
-    assert rendered(film, *options) == (1, 1)
+    film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
+    assert rendered(film, *options) == (2, 0)
+
+
+@pytest.mark.slow
+def test_a_frame_is_rendered_anew_where_an_option_has_changed(film):
+    options = "--frames", "0:2"
+    assert rendered(film, *options) == (2, 0)
     for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--anew"]:
         assert rendered(film, *options, *other) == (2, 0), other
     assert rendered(film, *options, "--fps", 30) == (1, 1)  # the first is at the time 0

@@ -8,7 +8,7 @@ from lark import Token, UnexpectedToken
 
 from ..language.definitions import FRAME, TIME
 from ..language.expressions import CONSTANTS, FUNCTIONS
-from ..language.names import BUILT_IN, GLASSES, METALS
+from ..language.names import BUILT_IN, GLASSES, INDICES, METALS
 from ..language.parser import ORDER, begin
 from ..language.words import ROLES, STATEMENTS, Numbers, Word, fold, of_role, row
 from . import meanings, places
@@ -55,7 +55,7 @@ def completions(reading: Reading, offset: int) -> list[Completion]:
     if last is not None and last.type in ("METAL", "CONDUCTOR"):
         result += [Completion(name, "metal", start, table) for name, table in METALS.items()]
     if last is not None and last.type == "DIELECTRIC":
-        result += [Completion(name, "glass", start, material) for name, material in GLASSES.items()]
+        result += [Completion(name, "glass", start) for name in GLASSES]
     if "TEXTURE_NAME" in expected:
         result += _textures(reading, start)
     if "VARIABLE" not in expected and {"NUMBER", "WORD"} & expected:
@@ -81,9 +81,10 @@ def hover(reading: Reading, offset: int) -> tuple[int, int, str] | None:
             if token.type in meanings.OPERATORS:
                 return start, end, meanings.OPERATORS[token.type]
             if token.type == "WORD" and last is not None and last.type in ("METAL", "CONDUCTOR"):
-                return start, end, f"The metal {METALS.get(token.lower(), 'that nobody knows')}"
-            if token.type == "WORD" and last is not None and last.type == "DIELECTRIC":
-                return start, end, f"The glass {GLASSES.get(fold(token), 'that nobody knows')}"
+                return start, end, f"The metal {METALS.get(fold(token), 'that nobody knows')}"
+            if token.type == "WORD" and last is not None and last.type == "DIELECTRIC" and fold(token) in GLASSES:
+                name = GLASSES[fold(token)]
+                return start, end, f"The glass {name}: n-refr = {INDICES[name]} at 587.6 nm"
         if token.type != "REMARK":
             last = token
     return None

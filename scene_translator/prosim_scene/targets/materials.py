@@ -1,6 +1,7 @@
 """SURFACE -> BSDF of this project's plugins, and what both targets need of a surface."""
 
 import math
+from dataclasses import dataclass
 
 from ..language.words import numbers
 from ..model import GREY, Leaf, Surface, Texture, Vector
@@ -9,6 +10,14 @@ from . import textures
 from .context import Context
 
 BLACK = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The media on both sides of a dielectric's face, as the indices of SURFACEs; ``outside`` is None for air."""
+
+    inside: int
+    outside: int | None = None
 
 
 def roughness(surface: Surface) -> Node:
@@ -47,7 +56,15 @@ def mean_index(context: Context, index: int, surface: Surface) -> float:
     return sum(surface.eta) / 3
 
 
-def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
+def indices(context: Context, sides: Sides) -> Node:
+    """The indices of refraction on both sides of a dielectric's face."""
+    inside, outside = context.scene.surfaces[sides.inside], context.scene.air_index
+    if sides.outside is not None:
+        outside = mean_index(context, sides.outside, context.scene.surfaces[sides.outside])
+    return {"int_ior": mean_index(context, sides.inside, inside), "ext_ior": outside}
+
+
+def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
     """The BSDF of this project's plugins for a leaf, node ``number`` of the tree."""
     surface = context.scene.surfaces[leaf.index]
     kd, ks, ka = defaults(surface)
@@ -63,12 +80,7 @@ def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
         elif surface.eta and surface.k:
             node |= {"eta": rgb(surface.eta), "k": rgb(surface.k)}
     elif surface.material == "dielectric":
-        node = {
-            "type": "prosim_dielectric",
-            "int_ior": mean_index(context, leaf.index, surface),
-            "ext_ior": air,
-            **roughness(surface),
-        }
+        node = {"type": "prosim_dielectric", **indices(context, sides), **roughness(surface)}
     elif surface.material == "lambertian":
         node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
     elif surface.material == "composite":

@@ -112,7 +112,7 @@ def _along(position: Vector, direction: Vector) -> np.ndarray:
     return to_world
 
 
-def surface(context: Context, number: int, leaf: Leaf) -> Node:
+def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -> Node:
     """BSDF, and the emitter that stands for the ambient term."""
     scene = context.scene
     surface = scene.surfaces[leaf.index]
@@ -129,7 +129,7 @@ def surface(context: Context, number: int, leaf: Leaf) -> Node:
         elif slot.name is not None:
             context.approximate("stock target: patterns are replaced by their mean colour", *path)
             factor = factor * _mean(*textures.parameters(scene, slot.name, i == 1))
-    result = {"bsdf": _bsdf(context, leaf.index, surface, image or rgb_clipped(factor * kd), ks)}
+    result = {"bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks)}
     ambient = [a * i for a, i in zip(factor * ka, lights.radiometric(scene.ambient), strict=True)]
     if any(ambient):
         result["emitter"] = {"type": "area", "radiance": rgb(ambient)}
@@ -148,7 +148,7 @@ def _mean(kind: str, values: dict[str, Any]) -> np.ndarray:
     return np.asarray(share * np.array(first) + (1 - share) * np.array(second))
 
 
-def _bsdf(context: Context, index: int, surface: Surface, diffuse: Node, ks: Vector) -> Node:
+def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides, diffuse: Node, ks: Vector) -> Node:
     path, air = ("surfaces", index), context.scene.air_index
     alpha = materials.beckmann_slope(surface)
     if alpha:
@@ -161,12 +161,7 @@ def _bsdf(context: Context, index: int, surface: Surface, diffuse: Node, ks: Vec
             optics = {"eta": rgb([x / air for x in surface.eta]), "k": rgb([x / air for x in surface.k])}
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
-        return {
-            "type": prefix + "dielectric",
-            "int_ior": materials.mean_index(context, index, surface),
-            "ext_ior": air,
-            **rough,
-        }
+        return {"type": prefix + "dielectric", **materials.indices(context, sides), **rough}
     if surface.material == "lambertian":
         return {"type": "diffuse", "reflectance": diffuse}
     if surface.material == "composite":

@@ -88,7 +88,7 @@ def exists(read, inside, medium):
 @pytest.mark.parametrize("kind", ["blocks", "turned blocks", "general", "same_quadric", "nested"])
 def test_every_face_leads_from_one_medium_to_the_next(kind):
     compared = {False: 0, True: 0}
-    for seed in range(8):
+    for seed in range(3):
         rng = np.random.default_rng([seed, 5])
         if "blocks" in kind:
             text = exact_csg.blocks(rng, exact_csg.turn(rng) if "turned" in kind else "")
@@ -96,7 +96,7 @@ def test_every_face_leads_from_one_medium_to_the_next(kind):
             text = exact_csg.KINDS[kind](rng)
         text = re.sub(r"lambertiano kd \S+", "dieletrico n-refr {}", text).format(*rng.choice([1.2, 1.3, 1.5], 20))
         meshes = skins(text)
-        for _ in range(40):
+        for _ in range(15):
             origin = 9.0 * rng.choice([-1, 1], 3)
             direction = rng.uniform(-2, 2, 3) - origin
             direction /= np.linalg.norm(direction)
@@ -104,7 +104,7 @@ def test_every_face_leads_from_one_medium_to_the_next(kind):
             compared[len(found) == len(expected)] += 1
             if len(found) == len(expected):
                 assert found == expected, seed
-    assert compared[False] < 0.01 * compared[True]  # at edges, which chords cut
+    assert compared[False] < 0.05 * compared[True]  # at edges, which chords cut
 
 
 TUMBLER = scene(
@@ -118,16 +118,25 @@ TUMBLER = scene(
 )
 
 
-def test_a_tumbler_with_water_to_its_wall_has_one_interface_and_the_right_volumes():
-    meshes = solids(TUMBLER, 0.005)
+ON_A_TABLE = TUMBLER.replace("+ -", "+ CUBE 3 + -").replace(
+    "END", "SURFACE 3 kd = .5 TRANSFORM 3 SCALE (9 9 9) TRANSLATE (5 0 0) END"
+)
+
+
+@pytest.mark.parametrize("text", [TUMBLER, ON_A_TABLE])
+def test_a_tumbler_with_water_to_its_wall_has_one_interface_and_the_right_volumes(text):
+    meshes = solids(text, 0.02)
+    for mesh in meshes.values():
+        a, b = mesh.positions[:, 1] - mesh.positions[:, 0], mesh.positions[:, 2] - mesh.positions[:, 0]
+        assert (np.einsum("ti,tci->tc", np.cross(a, b), mesh.normals) >= -1e-9).all()
+    meshes.pop(3, None)
     glass, water, between = meshes[0], meshes[2], meshes[0, 2]
-    turned = [between.positions[:, ::-1]]
     disc, wall = math.pi * 1.8**2, 2 * math.pi * 1.8 * 2
-    assert area(between) == pytest.approx(disc + wall, rel=1e-3)
-    assert area(water) == pytest.approx(disc, rel=1e-3)  # its top alone
-    assert volume([glass, between]) == pytest.approx(math.pi * (4 * 4 - 3.7 * 1.8**2), rel=1e-3)
-    assert volume([water]) - volume([between]) == pytest.approx(2 * disc, rel=1e-3)
-    assert len(meshes) == 3 and len(turned) == 1
+    assert area(between) == pytest.approx(disc + wall, rel=2e-3)
+    assert area(water) == pytest.approx(disc, rel=2e-3)  # its top alone
+    assert volume([glass, between]) == pytest.approx(math.pi * (4 * 4 - 3.7 * 1.8**2), rel=3e-3)
+    assert volume([water]) - volume([between]) == pytest.approx(2 * disc, rel=2e-3)
+    assert len(meshes) == 3
 
 
 @pytest.mark.parametrize(
@@ -137,8 +146,7 @@ def test_rays_through_water_in_glass_follow_snell(tree, surfaces):
     # In the second tree the water fills a cavity of its own size.
     inner = 0.6
     meshes = skins(scene(tree, [f"SCALE ({inner} {inner} {inner}) ROTATE-Y (20)", "ROTATE-X (30)"], surfaces), 0.01)
-    worst = 0.0
-    for height in np.linspace(0.02, 0.85, 30):
+    for height in (*np.linspace(0.02, 0.75, 6), 0.93):  # between 0.8 and 0.9 there is total reflection within
         origin, direction = np.array([height, 0.01, 4.0]), np.array([0.0, 0.0, -1.0])
         for _ in range(6):
             found = hits(meshes, origin, direction)
@@ -152,10 +160,8 @@ def test_rays_through_water_in_glass_follow_snell(tree, surfaces):
         b = math.hypot(height, 0.01)
         turn = 2 * (math.asin(b) - math.asin(b / 1.5))
         if b / 1.5 < inner:
-            turn += 2 * (math.asin(b / 1.5 / inner) - math.asin(b / 1.33 / inner)) if b / 1.33 < inner else 0.0
-        if (abs(b / 1.33 - inner) > 0.03 and b / 1.33 < inner) or b / 1.5 > inner + 0.03:
-            worst = max(worst, abs(math.acos(-direction[2]) - abs(turn)))
-    assert worst < 2e-3
+            turn += 2 * (math.asin(b / 1.5 / inner) - math.asin(b / 1.33 / inner))
+        assert math.acos(-direction[2]) == pytest.approx(abs(turn), abs=2e-3)
 
 
 def refracted(direction, normal, eta):
@@ -167,11 +173,23 @@ def refracted(direction, normal, eta):
 
 def test_both_targets_say_both_indices(tmp_path):
     path = tmp_path / "s.scn"
-    path.write_text(TUMBLER.replace("material dieletrico n-refr = 1.33", "material dieletrico n-refr = 1.33 m = .1"))
+    path.write_text(TUMBLER)
     for target in ("prosim", "stock"):
         shapes = [x for x in prosim_scene.load(path, target=target).values() if isinstance(x, dict) and "bsdf" in x]
         found = {(shape["bsdf"]["int_ior"], shape["bsdf"]["ext_ior"]) for shape in shapes}
         assert found == {(1.5, 1.0), (1.5, 1.33), (1.33, 1.0)} and len(shapes) == 3
+
+
+def test_a_rough_face_between_equal_indices_is_a_smooth_one(tmp_path):
+    # Rough dielectrics take no equal indices, and light goes straight through such a face.
+    path = tmp_path / "s.scn"
+    path.write_text(
+        scene("+ SPHERE 0 SPHERE 1", ["", "SCALE (2 2 2)"], [GLASS + " m = .1", GLASS.replace("1.5", "1.4 1.5 1.6")])
+    )
+    for target in ("prosim", "stock"):
+        with pytest.warns(prosim_scene.SceneWarning):
+            shapes = prosim_scene.load(path, target=target)
+        assert "alpha" not in shapes["surface_0"]["bsdf"] and "rough" not in shapes["surface_0"]["bsdf"]["type"]
 
 
 def test_what_cuts_glass_of_another_kind_leaves_the_glass_its_index(tmp_path):
@@ -185,9 +203,8 @@ def test_a_cut_through_several_media_leaves_no_film():
     # All are cut in half, and one face of the cutter bounds the water, the other the glass beside it.
     cut = TUMBLER.replace("+ -", "- + -").replace("CYLINDER 2\n", "CYLINDER 2 CUBE 3\n", 1)
     text = cut.replace("END", "SURFACE 3 " + GLASS + " TRANSFORM 3 SCALE (9 9 9) TRANSLATE (0 -4.5 -4.5) END")
-    meshes = solids(text, 0.005)
-    found = {tuple(np.ravel(key)): area(mesh) for key, mesh in meshes.items()}
-    assert sum(volume([mesh]) for key, mesh in meshes.items() if not isinstance(key, tuple)) == pytest.approx(
-        math.pi / 2 * (4 * 4 - 1.7 * 1.8**2), rel=1e-3
-    )
-    assert found
+    meshes = skins(text, 0.02)
+    outer = [mesh for skin, mesh in meshes.items() if skin.outside is None]
+    assert volume(outer) == pytest.approx(math.pi / 2 * (4 * 4 - 1.7 * 1.8**2), rel=2e-3)
+    flat = [area(mesh, np.abs(mesh.normals[:, :, 0]).min(axis=1) > 1 - 1e-9) for mesh in outer]
+    assert sum(flat) == pytest.approx(4 * 4 - 2 * 1.7 * 1.8, rel=1e-3)  # of the cut

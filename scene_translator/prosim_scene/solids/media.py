@@ -167,14 +167,13 @@ def _shell(part: Part) -> Shell:
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
-    back = np.repeat(np.asarray(mesh.run_flags, dtype=np.int64) & 1, runs)
     nowhere = np.full(len(ids), AIR)
     return Shell(
         np.array(mesh.vert_properties)[:, :3],
         np.array(mesh.tri_verts, dtype=np.int64),
         ids,
         np.asarray(mesh.face_id, dtype=np.int64),
-        1.0 - 2 * back,
+        np.where(part.planes.backs(mesh), -1.0, 1.0),
         nowhere,
         nowhere,
         not part.plain,
@@ -194,11 +193,12 @@ def _renamed(parts: list[Part]) -> tuple[list[Part], np.ndarray, np.ndarray]:
         base = reserve_ids(runs)
         ids += range(base, base + runs)
         originals += np.asarray(mesh.run_original_id).tolist()
+        flags = np.asarray(mesh.run_flags).tolist()  # of which manifold3d knows nothing in a mesh that is given to it
+        part.planes.turned.update(i for i, flag in zip(range(base, base + runs), flags) if flag & 1)
         fresh = Mesh64(
             np.array(mesh.vert_properties, float),
             np.array(mesh.tri_verts, np.uint64),
             run_index=np.array(mesh.run_index, np.uint64),
-            run_flags=np.array(mesh.run_flags, np.uint8),
             run_original_id=np.arange(base, base + runs, dtype=np.uint32),
             face_id=np.array(mesh.face_id, np.uint64),
         )

@@ -64,6 +64,11 @@ def indices(context: Context, sides: Sides) -> Node:
     return {"int_ior": mean_index(context, sides.inside, inside), "ext_ior": outside}
 
 
+def invisible(indices: Node) -> bool:
+    """Whether a face has the same index on both sides: then it is smooth, whatever it is made of."""
+    return bool(indices["int_ior"] == indices["ext_ior"])
+
+
 def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
     """The BSDF of this project's plugins for a leaf, node ``number`` of the tree."""
     surface = context.scene.surfaces[leaf.index]
@@ -80,7 +85,8 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
         elif surface.eta and surface.k:
             node |= {"eta": rgb(surface.eta), "k": rgb(surface.k)}
     elif surface.material == "dielectric":
-        node = {"type": "prosim_dielectric", **indices(context, sides), **roughness(surface)}
+        node = {"type": "prosim_dielectric", **(both := indices(context, sides))}
+        node |= {} if invisible(both) else roughness(surface)
     elif surface.material == "lambertian":
         node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
     elif surface.material == "composite":

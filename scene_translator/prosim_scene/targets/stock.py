@@ -161,7 +161,10 @@ def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides
             optics = {"eta": rgb([x / air for x in surface.eta]), "k": rgb([x / air for x in surface.k])}
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
-        return {"type": prefix + "dielectric", **materials.indices(context, sides), **rough}
+        indices = materials.indices(context, sides)
+        if materials.invisible(indices):
+            return {"type": "dielectric", **indices}
+        return {"type": prefix + "dielectric", **indices, **rough}
     if surface.material == "lambertian":
         return {"type": "diffuse", "reflectance": diffuse}
     if surface.material == "composite":

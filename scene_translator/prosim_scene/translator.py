@@ -20,7 +20,7 @@ from .language.document import Document
 from .language.files import read
 from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
-from .model import Leaf, Scene, Vector
+from .model import Leaf, Scene
 from .nodes import Comment, Default, Node
 from .solids import TOLERANCE, Skin, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
@@ -65,10 +65,12 @@ def _whole(value: int, takes: Numbers) -> bool:
     return int(value) == value and takes.low <= value <= takes.high
 
 
-def medium(scene: Scene, leaf: Leaf) -> Vector | None:
-    """The medium inside a dielectric; None, the opaque one, inside anything else."""
+def medium(scene: Scene, leaf: Leaf) -> Hashable:
+    """The medium inside a dielectric, by what it refracts and absorbs; None, the opaque one, inside anything else."""
     surface = scene.surfaces[leaf.index]
-    return surface.eta if surface.material == "dielectric" else None
+    if surface.material != "dielectric":
+        return None
+    return surface.eta, surface.glass, surface.abbe, surface.transmittance, surface.thickness
 
 
 def look(scene: Scene, leaf: Leaf) -> Hashable:

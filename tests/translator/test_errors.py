@@ -95,6 +95,10 @@ WRONG = [
     (4, "CSG-TREE CUBE 0 NULL NULL NULL", 27, ["a third texture"]),
     # materials
     (5, "SURFACE 0 material dieletrico", 1, ["lacks its index", "n-refr"]),
+    (5, "SURFACE 0 material dieletrico quarzo", 31, ["unknown glass 'quarzo'", "did you mean 'quartzo'"]),
+    (5, "SURFACE 0 material dieletrico bk7 n-refr = 1.5", 31, ["expected one of the two"]),
+    (5, "SURFACE 0 material dieletrico n-refr = 1.5 transmitancia = 0", 60, ["1e-06 or more"]),
+    (5, "SURFACE 0 material dieletrico n-refr = 1.5 abbe = .5", 51, ["1 or more"]),
     (5, "SURFACE 0 material condutor n-refr = 1 1 1", 1, ["lacks its optics", "k-abs"]),
     (5, "SURFACE 0 material condutor ouro k-abs = 1", 29, ["expected one of the two"]),
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, ["kd + ks is above 1"]),
@@ -125,6 +129,15 @@ WRONG = [
         ["found 0 numbers after kd", "'#ff8000' is a remark, and this colour is 1 0.502 0"],
     ),
     # trees in parentheses and infix trees
+    (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["found '-' between its operands", "before them: - CUBE 0 SPHERE 0"]),
+    (4, "CSG-TREE CUBE 0 + CUBE 1 * CUBE 2 - CUBE 3", 17, ["before them: - + CUBE 0 * CUBE 1 CUBE 2 CUBE 3"]),
+    (
+        4,
+        "CSG-TREE CUBE 0 t-listra * CUBE 1 * CUBE 2 + CUBE 3",
+        26,
+        ["them: + * * CUBE 0 t-listra CUBE 1 CUBE 2 CUBE 3"],
+    ),
+    (4, "CSG-TREE CUBE 0" + " + CUBE 0" * 9, 17, ["operators come before their operands, as in - CUBE 1"]),
     (
         4,
         "CSG-TREE (CUBE 0 - SPHERE 0)",
@@ -132,7 +145,6 @@ WRONG = [
         ["the tree stands in a remark", "- CUBE 1 SPHERE 2", "parentheses are remarks"],
     ),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, ["the tree stands in a remark"]),
-    (4, "CSG-TREE CUBE 0 - SPHERE 0", 17, ["operators come before their operands"]),
     (4, "CSG-TREE + (CUBE 0 - SPHERE 0) CUBE 0", 10, ["lacks an operand", "parentheses are remarks"]),
     # marks
     (1, "NAME: x (unclosed", 9, ["this remark is not closed"]),

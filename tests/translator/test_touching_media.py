@@ -4,10 +4,12 @@ import math
 import re
 
 import exact_csg
+import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
 from meshes import area, scene, skins, solids, volume
+from prosim_scene import translator
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf
 
@@ -55,7 +57,7 @@ def media_of_the_tree(text, origin, direction):
         ends.append((near[0], far[0]))
     times = np.unique([t for near, far in ends if near < far for t in (near, far)])
     result, now = [], None
-    media = dict.fromkeys(read.surfaces[leaf.index].eta for leaf in leaves)
+    media = dict.fromkeys(translator.medium(read, leaf) for leaf in leaves)
     for begin, end in zip(times, [*times[1:], np.inf]):
         if end - begin < 1e-6:
             continue
@@ -74,7 +76,7 @@ def exists(read, inside, medium):
     for node in reversed(read.csg):
         if isinstance(node, Leaf):
             number -= 1
-            own = read.surfaces[node.index].eta
+            own = translator.medium(read, node)
             stack.append({own} if inside[number] else set())
         else:
             first, second = stack.pop(), stack.pop()
@@ -153,7 +155,7 @@ def test_rays_through_water_in_glass_follow_snell(tree, surfaces):
             if not found:
                 break
             t, skin, entering, normal = found[0]
-            inside, outside = (side[0] if side else 1.0 for side in (skin.inside, skin.outside))
+            inside, outside = (side[0][0] if side else 1.0 for side in (skin.inside, skin.outside))
             eta = outside / inside if entering > 0 else inside / outside
             origin, direction = origin + t * direction, refracted(direction, normal * entering, eta)
         # In a sphere sin(angle) n r is the same everywhere along the ray: each face turns the ray by two angles.
@@ -208,3 +210,20 @@ def test_a_cut_through_several_media_leaves_no_film():
     assert volume(outer) == pytest.approx(math.pi / 2 * (4 * 4 - 1.7 * 1.8**2), rel=2e-3)
     flat = [area(mesh, np.abs(mesh.normals[:, :, 0]).min(axis=1) > 1 - 1e-9) for mesh in outer]
     assert sum(flat) == pytest.approx(4 * 4 - 2 * 1.7 * 1.8, rel=1e-3)  # of the cut
+
+
+def test_a_face_knows_what_absorbs_and_disperses_on_both_sides(variant_rgb, tmp_path):
+    # Bottle glass by its name, and red water in it.
+    red = WATER + " transmitancia = 0.9 0.2 0.2"
+    path = tmp_path / "s.scn"
+    path.write_text(scene("+ SPHERE 0 SPHERE 1", ["SCALE (.5 .5 .5)", ""], [red, "material dieletrico bk7"]))
+    loaded = prosim_scene.load(path)
+    water, glass = loaded["surface_0"], loaded["surface_1"]
+    assert water["bsdf"]["int_ior"] == pytest.approx(1.33) and water["bsdf"]["ext_material"] == "bk7"
+    assert glass["bsdf"] == {"type": "prosim_dielectric", "int_material": "bk7", "ext_ior": 1.0}
+    assert "interior" in water and "exterior" not in water and "interior" not in glass
+    path.write_text(path.read_text().replace("+ SPHERE 0 SPHERE 1", "+ - SPHERE 1 SPHERE 0 SPHERE 0"))
+    shape = next(x for x in prosim_scene.load(path).values() if isinstance(x, dict) and "exterior" in x)
+    assert shape["exterior"] == water["interior"] and "interior" not in shape
+    scene_of_xml = mi.load_file(str(prosim_scene.translate(path)))
+    assert [s.exterior_medium() is not None for s in scene_of_xml.shapes() if s.is_mesh()].count(True) == 1

@@ -14,7 +14,20 @@ from . import frames as film
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, defines, running, translation
+from .options import (
+    SCENE,
+    STOPS,
+    Crop,
+    Finite,
+    Helpers,
+    Share,
+    aims,
+    choose_variant,
+    defines,
+    helped,
+    running,
+    translation,
+)
 
 
 @click.command()
@@ -54,6 +67,9 @@ from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, de
     "--paths",
     is_flag=True,
     help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
+)
+@click.option(
+    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
 )
 @click.option(
     "--max-level",
@@ -122,6 +138,7 @@ from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, de
     help="Frames a second, by which $time goes. [default: 24]",
 )
 @click.option("--anew", is_flag=True, help="Render frames anew that are there already.")
+@helped
 @translation
 def render(
     scene: Path,
@@ -135,6 +152,7 @@ def render(
     seed: int,
     crop: tuple[int, int, int, int] | None,
     paths: bool,
+    caustics: bool,
     max_level: int | None,
     threshold: float | None,
     noise: float | None,
@@ -151,6 +169,7 @@ def render(
     anew: bool,
     resolution: tuple[int, int] | None,
     samples: int | None,
+    helpers: Helpers | None,
     **language: Any,
 ) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
@@ -193,19 +212,20 @@ def render(
         resolution=resolution,
         crop=crop,
         samples=samples,
-        integrator=parameters(paths, max_level) | asked,
+        integrator=parameters(paths, max_level, caustics) | asked,
         language=language,
         exposure=exposure,
     )
     if frames is not None:
         film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew)
     else:
-        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
+        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise, helpers=helpers)
 
 
-def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:
+def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:
     """Parameters of the ``prosim`` integrator that the options ask for; None takes one away."""
     result: dict[str, Any] = {"diffuse_bounces": -1, "max_level": -1, "ambient": None} if paths else {}
+    result |= {"caustics": True} if caustics else {}
     return result | ({} if max_level is None else {"max_level": max_level})
 
 

@@ -1,4 +1,4 @@
-"""Trees that are written with parentheses, as in other languages: here these are remarks."""
+"""Trees that are written as in other languages: with parentheses, which are remarks here, or infix."""
 
 import re
 import warnings
@@ -26,6 +26,31 @@ def judge(source: Source, pieces: list[Token], tree: Tree[Token]) -> None:
             warnings.warn(
                 source.warning(place(remark), f"this remark reads like a part of the tree: {EXPLAINED}"), stacklevel=2
             )
+
+
+def infix(source: Source, items: list[Tree[Token]]) -> str | None:
+    """A tree that is written infix, A - B * C, as the language writes it: - A * B C; None for any other.
+
+    ``items``: the operators and leaves of CSG-TREE. Products go first, as everywhere.
+    """
+    if len(items) < 3 or [item.data for item in items] != ["leaf", "operator"] * (len(items) // 2) + ["leaf"]:
+        return None
+    operators = [str(item.children[0]) for item in items[1::2]]
+    leaves = [" ".join(source.text[place(t).start : place(t).end] for t in _tokens(item)) for item in items[::2]]
+    for products in (True, False):
+        rest, others = leaves[:1], []
+        for operator, leaf in zip(operators, leaves[1:]):
+            if (operator == "*") == products:
+                rest[-1] = f"{operator} {rest[-1]} {leaf}"
+            else:
+                rest.append(leaf)
+                others.append(operator)
+        leaves, operators = rest, others
+    return leaves[0]
+
+
+def _tokens(item: Tree[Token]) -> list[Token]:
+    return [child for child in item.children if isinstance(child, Token)]
 
 
 def in_tree(pieces: list[Token]) -> list[Token]:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from ..language.names import INDICES
 from ..language.words import numbers
 from ..model import GREY, Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
@@ -46,10 +47,13 @@ def slots(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]
 
 def mean_index(context: Context, index: int, surface: Surface) -> float:
     """The index of refraction as one number; per-channel ones are averaged, and said so."""
+    if surface.glass:
+        return INDICES[surface.glass]
     assert surface.eta is not None
     if len(set(surface.eta)) > 1:
         context.approximate(
-            "the index of refraction differs from channel to channel: its mean is used, without dispersion",
+            "the index of refraction differs from channel to channel: its mean is used, without dispersion "
+            "(a dieletrico disperses by abbe, or a glass's name)",
             "surfaces",
             index,
         )
@@ -57,16 +61,26 @@ def mean_index(context: Context, index: int, surface: Surface) -> float:
 
 
 def indices(context: Context, sides: Sides) -> Node:
-    """The indices of refraction on both sides of a dielectric's face."""
-    inside, outside = context.scene.surfaces[sides.inside], context.scene.air_index
+    """The indices of refraction on both sides of a dielectric's face: numbers, or what depends on the wavelength."""
+    inside = _index(context, sides.inside, "int")
+    return inside | (
+        {"ext_ior": context.scene.air_index} if sides.outside is None else _index(context, sides.outside, "ext")
+    )
+
+
+def mean_indices(context: Context, sides: Sides) -> Node:
+    """The same as one number each."""
+    surfaces = context.scene.surfaces
+    inside, outside = mean_index(context, sides.inside, surfaces[sides.inside]), context.scene.air_index
     if sides.outside is not None:
-        outside = mean_index(context, sides.outside, context.scene.surfaces[sides.outside])
-    return {"int_ior": mean_index(context, sides.inside, inside), "ext_ior": outside}
+        outside = mean_index(context, sides.outside, surfaces[sides.outside])
+    return {"int_ior": inside, "ext_ior": outside}
 
 
 def invisible(indices: Node) -> bool:
     """Whether a face has the same index on both sides: then it is smooth, whatever it is made of."""
-    return bool(indices["int_ior"] == indices["ext_ior"])
+    inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
+    return inside == outside
 
 
 def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
@@ -105,6 +119,41 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
     if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
         node["ambient"] = textured(ka)
     return node
+
+
+def _index(context: Context, index: int, side: str) -> Node:
+    surface = context.scene.surfaces[index]
+    if surface.glass:
+        return {f"{side}_material": surface.glass}
+    dispersion = {} if surface.abbe is None else {f"{side}_abbe": float(surface.abbe)}
+    return {f"{side}_ior": mean_index(context, index, surface), **dispersion}
+
+
+def absorbs(surface: Surface) -> bool:
+    """Whether light is absorbed inside."""
+    return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
+
+
+def media(context: Context, sides: Sides) -> Node:
+    """What lies on the sides of a dielectric's face and absorbs, as parameters of its shape; nothing for others."""
+    result = {"interior": _medium(context.scene.surfaces[sides.inside])}
+    if sides.outside is not None:
+        result["exterior"] = _medium(context.scene.surfaces[sides.outside])
+    return {name: medium for name, medium in result.items() if medium}
+
+
+def _medium(surface: Surface) -> Node:
+    """A medium that absorbs; nothing for what is clear.
+
+    By Beer's law the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, hence the
+    scale.
+    """
+    if not absorbs(surface):
+        return {}
+    assert surface.transmittance is not None
+    sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
+    scale = max(sigma)
+    return {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(s / scale for s in sigma), "scale": scale}
 
 
 def phong_exponent(surface: Surface) -> float | None:

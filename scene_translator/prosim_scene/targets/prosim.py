@@ -41,5 +41,5 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -> Node:
-    """The BSDF of a leaf."""
-    return {"bsdf": materials.bsdf(context, number, leaf, sides)}
+    """The BSDF of a leaf, and what lies on its sides."""
+    return {"bsdf": materials.bsdf(context, number, leaf, sides), **materials.media(context, sides)}

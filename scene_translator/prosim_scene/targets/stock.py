@@ -19,13 +19,15 @@ SAMPLER = "multijitter"
 def settings(context: Context) -> Node:
     """Integrator and background."""
     scene = context.scene
+    used = {node.index for node in scene.csg if isinstance(node, Leaf)}
+    integrator = "volpath" if any(materials.absorbs(scene.surfaces[index]) for index in used) else "path"
     result: Node = {
         "comment": Comment(f"{scene.name}, for Mitsuba's built-in plugins: MAX-LEVEL, NSAMPLES, BACKGROUND"),
         # One camera ray, max_level reflections or refractions, and the light's ray.
-        "integrator": {"type": "path", "max_depth": Default("max_depth", scene.max_level + 2), "rr_depth": 1000},
+        "integrator": {"type": integrator, "max_depth": Default("max_depth", scene.max_level + 2), "rr_depth": 1000},
     }
     context.approximate(
-        "stock target: 'path' follows diffuse reflections too, and takes one sample of one light at a time; "
+        f"stock target: {integrator!r} follows diffuse reflections too, and takes one sample of one light at a time; "
         "N-rook patterns and adaptive sampling are left out",
         "ambient",
     )
@@ -113,7 +115,7 @@ def _along(position: Vector, direction: Vector) -> np.ndarray:
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -> Node:
-    """BSDF, and the emitter that stands for the ambient term."""
+    """BSDF, what lies on its sides, and the emitter that stands for the ambient term."""
     scene = context.scene
     surface = scene.surfaces[leaf.index]
     kd, ks, ka = materials.defaults(surface)
@@ -129,7 +131,10 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -
         elif slot.name is not None:
             context.approximate("stock target: patterns are replaced by their mean colour", *path)
             factor = factor * _mean(*textures.parameters(scene, slot.name, i == 1))
-    result = {"bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks)}
+    result = {
+        "bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks),
+        **materials.media(context, sides),
+    }
     ambient = [a * i for a, i in zip(factor * ka, lights.radiometric(scene.ambient), strict=True)]
     if any(ambient):
         result["emitter"] = {"type": "area", "radiance": rgb(ambient)}
@@ -161,7 +166,9 @@ def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides
             optics = {"eta": rgb([x / air for x in surface.eta]), "k": rgb([x / air for x in surface.k])}
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
-        indices = materials.indices(context, sides)
+        if surface.glass or surface.abbe:
+            context.approximate("stock target: glass has one index for all wavelengths", *path)
+        indices = materials.mean_indices(context, sides)
         if materials.invisible(indices):
             return {"type": "dielectric", **indices}
         return {"type": prefix + "dielectric", **indices, **rough}

@@ -127,7 +127,7 @@ class Prosim(WaveIntegrator):
 
     Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
     whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
-        followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
+    followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
     :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is
     shared by multiple importance sampling, so that the expected image is the same at any roughness.
 

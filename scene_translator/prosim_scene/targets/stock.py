@@ -114,8 +114,8 @@ def _along(position: Vector, direction: Vector) -> np.ndarray:
     return to_world
 
 
-def surface(context: Context, number: int, leaf: Leaf) -> Node:
-    """BSDF, what lies inside, and the emitter that stands for the ambient term."""
+def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -> Node:
+    """BSDF, what lies on its sides, and the emitter that stands for the ambient term."""
     scene = context.scene
     surface = scene.surfaces[leaf.index]
     kd, ks, ka = materials.defaults(surface)
@@ -132,8 +132,8 @@ def surface(context: Context, number: int, leaf: Leaf) -> Node:
             context.approximate("stock target: patterns are replaced by their mean colour", *path)
             factor = factor * _mean(*textures.parameters(scene, slot.name, i == 1))
     result = {
-        "bsdf": _bsdf(context, leaf.index, surface, image or rgb_clipped(factor * kd), ks),
-        **materials.interior(surface),
+        "bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks),
+        **materials.media(context, sides),
     }
     ambient = [a * i for a, i in zip(factor * ka, lights.radiometric(scene.ambient), strict=True)]
     if any(ambient):
@@ -153,7 +153,7 @@ def _mean(kind: str, values: dict[str, Any]) -> np.ndarray:
     return np.asarray(share * np.array(first) + (1 - share) * np.array(second))
 
 
-def _bsdf(context: Context, index: int, surface: Surface, diffuse: Node, ks: Vector) -> Node:
+def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides, diffuse: Node, ks: Vector) -> Node:
     path, air = ("surfaces", index), context.scene.air_index
     alpha = materials.beckmann_slope(surface)
     if alpha:
@@ -168,12 +168,10 @@ def _bsdf(context: Context, index: int, surface: Surface, diffuse: Node, ks: Vec
     if surface.material == "dielectric":
         if surface.glass or surface.abbe:
             context.approximate("stock target: glass has one index for all wavelengths", *path)
-        return {
-            "type": prefix + "dielectric",
-            "int_ior": materials.mean_index(context, index, surface),
-            "ext_ior": air,
-            **rough,
-        }
+        indices = materials.mean_indices(context, sides)
+        if materials.invisible(indices):
+            return {"type": "dielectric", **indices}
+        return {"type": prefix + "dielectric", **indices, **rough}
     if surface.material == "lambertian":
         return {"type": "diffuse", "reflectance": diffuse}
     if surface.material == "composite":

@@ -124,6 +124,19 @@ def test_missing_light_does_not_go_where_there_is_no_noise():
     np.testing.assert_allclose(found.image[:, :10], truth[:, :10], rtol=1e-4)
 
 
+def test_no_dark_rim_around_a_lamp():
+    rng = np.random.default_rng(12)
+    truth = np.full((48, 48, 3), 0.1)
+    truth[16:21, 14:31] = 13
+    first, second = (noisy(truth, 0.02 + 0.1 * truth, rng) for _ in range(2))
+    near = [0.95 * blur(image, 1, 0) for image in inputs(first, second)]
+    found = mix(first, second, *near)
+    raw = (first + second) / 2
+    least = np.minimum(np.minimum(raw, found.denoised), average(raw))
+    assert (found.image > least - 0.005).all()
+    assert found.image.mean() == pytest.approx(raw.mean(), rel=1e-4)
+
+
 def test_one_sample_does_not_brighten_the_whole():
     image = np.full((20, 30, 3), 0.5, np.float32)
     raw = image.copy()

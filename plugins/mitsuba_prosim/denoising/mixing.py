@@ -77,6 +77,8 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     slopes = halved(1 / light, len(scales[0]))
     parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, slopes)]
     image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
+    # Beside what is much brighter the scales may not cancel out: no darker than all that there is.
+    image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
     left = followed + whole([share * taken for share, taken in zip(parts, scales[2])])
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed

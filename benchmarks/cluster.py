@@ -7,7 +7,8 @@ Both render ``palito`` with ``adaptive = none``, in turn, each after a small ima
 time of the rounds counts, and beside it the time of the processors, which says more where a machine has other things to
 do. "portions" is the time that the workers were busy, over their number, against the time of one process. "start" is
 the time from the beginning of a new worker's process to its first finished portion, its kernels being on the disk.
-``--memory``: the most memory of the process that gathers an image of that side, without its state.
+``--memory``: the most memory of the process that gathers an image of that side, and its processor time, for each pixel
+and for each portion.
 ``--model`` prints the table alone, of constants that were measured.
 """
 
@@ -108,11 +109,15 @@ def new_worker() -> None:
 
 
 def memory(size: int, workers: int) -> None:
-    """The most memory of this process while it gathers, beyond what it had with its empty state."""
+    """The most memory of this process while it gathers, and its processor time."""
     import drjit as dr
     from mitsuba_prosim.cluster import Remote, local
     from mitsuba_prosim.cluster.parcel import Parcel
     from mitsuba_prosim.scene_files import writing
+
+    class Small(Remote):
+        def bound(self, most: int | None, left: int) -> int | None:
+            return 16
 
     def most() -> int:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
@@ -123,14 +128,25 @@ def memory(size: int, workers: int) -> None:
         scene = file.load()
         with Remote(client, Parcel.of(file)) as taker:
             scene.integrator().taker = taker
-            before = most()
+            before, start = most(), time.process_time()
             for snapshot in scene.integrator().waves(scene, seed=1):
-                gathered = most()
+                gathered, took = most(), time.process_time() - start
                 estimate = snapshot.state.estimate
                 values = 5 + len(estimate.sums)
             print(
                 f"{size} x {size}: {before} MB before, {gathered} MB at most while gathering, of which the state has "
-                f"{4 * values * size * size / 1e6:.0f} MB ({values} values a pixel); with the film {most()} MB"
+                f"{4 * values * size * size / 1e6:.0f} MB ({values} values a pixel); with the film {most()} MB; "
+                f"{took:.2f} s of the processors, {taker.portions} portions"
+            )
+        file = opened(64, 1, str(folder))
+        scene = file.load()
+        with Small(client, Parcel.of(file)) as taker:
+            scene.integrator().taker = taker
+            start = time.process_time()
+            scene.integrator().render(scene, seed=1)
+            took = time.process_time() - start
+            print(
+                f"{took / taker.portions * 1000:.1f} ms of the processors for each of {taker.portions} small portions"
             )
 
 
@@ -144,12 +160,12 @@ class Constants:
     #: Of a worker until it has the scene and its kernels, from a warm disk.
     start: float = 3.0
     #: Samples in a second of a worker, of one thread.
-    pace: float = 0.6e6
+    pace: float = 1.1e6
     #: Before each portion.
     before: float = 0.06
     #: Of the process that gathers: for each portion, and for each pixel that has 9 values (a box filter).
-    portion: float = 0.01
-    pixel: float = 1e-7
+    portion: float = 0.014
+    pixel: float = 3e-7
     #: From the end of a wave to the first portion of the next.
     wave: float = 0.1
 

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -188,3 +189,29 @@ def test_a_scheduler_that_goes_away(lamp, monkeypatch):
     assert prosim("resume", folder / "a.state.exr").exit_code == 0
     assert prosim("render", lamp, "-o", folder / "b", *aim).exit_code == 0
     assert alike(folder / "a", folder / "b")
+
+
+#: Runs the tasks of an array one after the other.
+SBATCH = """#!/bin/sh
+for id in $(seq $(sed -n 's/^#SBATCH --array=\\([0-9]*\\)-\\([0-9]*\\)$/\\1 \\2/p' "$1")); do
+    SLURM_ARRAY_TASK_ID=$id sh "$1" || exit 1
+done
+"""
+
+
+@pytest.mark.slow
+def test_the_array_of_the_documentation(lamp, monkeypatch):
+    """As its page has it, but for the scene and the number of parts; the second time each task goes on."""
+    folder = lamp.parent
+    page = (Path(__file__).parents[2] / "docs" / "anywhere.md").read_text("utf-8")
+    (script,) = re.findall(r"^cat > parts.sh <<'SCRIPT'\n.*?^sbatch parts.sh$", page, re.MULTILINE | re.DOTALL)
+    script = script.replace("palito.scn", lamp.name).replace("1-4", "1-2").replace("-of-4", "-of-2").replace("/4", "/2")
+    (folder / "sbatch").write_text(SBATCH)
+    (folder / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", os.pathsep.join([str(folder), str(Path(sys.executable).parent), os.environ["PATH"]]))
+    monkeypatch.chdir(folder)
+    said = subprocess.run(["sh", "-c", script], check=True, capture_output=True, text=True).stdout
+    assert re.findall(r"part (\d) of 2", said) == ["1", "2"]
+    assert prosim("merge", *(f"night.{k}-of-2.exr" for k in (1, 2)), "-o", "night").exit_code == 0
+    assert prosim("render", lamp, "-o", "whole").exit_code == 0
+    assert alike(folder / "night", folder / "whole")

@@ -203,9 +203,17 @@ def floor_alone(world, size):
     return np.all([around[j : j + size, i : i + size] for i in range(3) for j in range(3)], axis=0)
 
 
+def green():
+    """Glass that absorbs, most of red."""
+    absorbed = {"type": "rgb", "value": [1.0, 0.3, 0.75]}
+    medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": absorbed, "scale": 2.0}
+    return ball({"type": "prosim_dielectric", "int_ior": 1.5}) | {"interior": medium}
+
+
 #: name -> (object, lamp): such that paths find their light often enough to be compared with.
 CASES = {
     "glass": (lambda: ball({"type": "dielectric"}), lamp),
+    "green glass": (green, lamp),
     "rough glass": (lambda: ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}), lamp),
     "rough metal": (lambda: ball({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}), lamp),
     "sky": (lambda: ball({"type": "dielectric"}), lambda: {"type": "constant", "radiance": 1.0}),
@@ -218,7 +226,8 @@ def test_the_light_is_that_of_paths_region_by_region(variant_rgb, case):
     """On a floor so dark that it lights nothing itself, the tree and its photons know all of the light."""
     thing, source = (make() for make in CASES[case])
     world = scene(24, reflectance=3e-4, thing=thing, lamp=source)
-    paths = mi.load_dict({"type": "path", "max_depth": 20, "rr_depth": 50})
+    kind = "volpath" if case == "green glass" else "path"
+    paths = mi.load_dict({"type": kind, "max_depth": 20, "rr_depth": 50})
     z, ratio = compared(
         world,
         10,

@@ -13,7 +13,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")]
 
-LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 60")
+LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,9 @@ def page(browser, address):
 
 
 def is_(page, doing):
+    """Waits until it is, and the newest picture is there to be seen."""
     page.wait_for_selector(f"body[data-doing={doing}]", timeout=60000)
+    until(lambda: page.get_attribute("#own", "data-number") == page.get_attribute("body", "data-newest"))
 
 
 def shown(page, canvas="own"):
@@ -76,7 +78,6 @@ def save(page, scene, text, doing="done"):
 
 
 def test_a_picture_as_the_png_has_it(page, address):
-    until(lambda: page.get_attribute("#own", "data-number") not in (None, "1"))
     for stops in ("0", "-1"):
         page.fill("#exposure", stops)
         png = page.request.get(f"{address}save/png?exposure={stops}").body()

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from little import LITTLE
+from mitsuba_prosim import denoising
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.studio import Studio
@@ -32,12 +33,14 @@ class Seen(Board):
 
 
 @contextmanager
-def running(path, monkeypatch, tmp_path, **options):
+def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
+    """``opened`` is called when the scene has been read, and nobody knows it yet."""
     monkeypatch.setattr("mitsuba_prosim.watch.studio.Board", Seen)
 
     def opener():
         file = SceneFile(path, tmp_path / "scratch")
         scene = file.load()
+        opened()
         return file, scene, pick_sensor(scene, 0)
 
     studio = Studio(path, opener, **options)
@@ -118,6 +121,32 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
 
 
+def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
+    """Also where the view is another one; and a mistake takes no view away that was moved."""
+    studios = []
+
+    def opened():
+        if studios[0].board.state.saves == 0:
+            path.write_text(BLUE)
+            studios[0].saved()
+
+    def wait_for_studio():
+        until(lambda: studios)
+        opened()
+
+    with running(path, monkeypatch, tmp_path, wait_for_studio) as studio:
+        studios.append(studio)
+        until(lambda: studio.board.state.saves == 1 and is_done(studio)())
+        assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
+        studio.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: studio.board.state.view is not None and is_done(studio)())
+        view = studio.board.state.view
+        save(studio, path, BLUE.replace("kd", "kkd"))
+        save(studio, path, RED)
+        until(is_done(studio))
+        assert studio.board.state.view == view
+
+
 def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):
     path.write_text(LONG)
     with running(path, monkeypatch, tmp_path) as studio:
@@ -174,3 +203,17 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             until(lambda studio=studio: studio.board.state.view is not None and is_done(studio)())
             assert "<matrix" in studio.board.state.view
             assert not np.array_equal(final(studio), before)
+
+
+def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch):
+    """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image."""
+    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
+    with running(path, monkeypatch, tmp_path, denoise=True) as studio:
+        until(is_done(studio))
+        shown = [p["own"] for _, p in studio.board.said if "own" in p]
+        assert any(set(p.layers) == {"final", "error", "samples"} for p in shown)
+        layers = studio.board.pictures["own"].layers
+    expected = denoising.render(SceneFile(path, tmp_path / "again").load())
+    for name in ("final", "raw", "denoised"):
+        assert np.array_equal(layers[name], getattr(expected, name)), name
+    assert np.array_equal(layers["error"], expected.final_error)

@@ -12,6 +12,7 @@ from ..rendering.part import Part
 from ..rendering.policies import POLICIES
 from . import frames as film
 from . import output as files
+from . import tev
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
 from .options import (
@@ -137,6 +138,13 @@ from .options import (
     show_default=False,
     help="Frames a second, by which $time goes. [default: 24]",
 )
+@click.option(
+    "--view",
+    type=tev.Place(),
+    show_default=False,
+    help="tev: send the image to the viewer tev while it is rendered; tev=HOST:PORT where it does not listen at "
+    f"{tev.HOST}:{tev.PORT}.",
+)
 @click.option("--anew", is_flag=True, help="Render frames anew that are there already.")
 @helped
 @translation
@@ -164,6 +172,7 @@ def render(
     denoise: bool,
     keep: bool,
     part: Part | None,
+    view: tuple[str, int] | None,
     frames: range | None,
     fps: float | None,
     anew: bool,
@@ -192,10 +201,10 @@ def render(
         )
     if frames is None and (fps or anew):
         raise click.UsageError(f"{'--fps' if fps else '--anew'} is for films; say which --frames.")
-    if frames is not None and part:
+    if frames is not None and (part or view):
         raise click.UsageError(
-            "--part is for single images. A film is shared by giving each machine some of its --frames, such as 0:24 "
-            "here and 24:48 there."
+            f"{'--part' if part else '--view'} is for single images. A film is shared by giving each machine some of "
+            "its --frames, such as 0:24 here and 24:48 there."
         )
     asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)
@@ -219,7 +228,8 @@ def render(
     if frames is not None:
         film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew)
     else:
-        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise, helpers=helpers)
+        kept = keep or part is not None
+        make(job, stem, threads, verbose, keep=kept, part=part, denoise=denoise, helpers=helpers, view=view)
 
 
 def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import webbrowser
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ from typing import Any
 import click
 from prosim_scene import Kept
 
+from ..denoising import oidn
 from ..rendering.policies import POLICIES
 from ..scene_files import images, session, writing
 from .interrupts import interruptible
@@ -49,6 +52,9 @@ from .render import parameters, sampling
     help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
 )
 @click.option(
+    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
+)
+@click.option(
     "--max-level",
     type=click.IntRange(-1, 2**16),
     show_default=False,
@@ -75,6 +81,11 @@ from .render import parameters, sampling
     help="Which pixels get how many samples. [default: what the scene says; with --noise or --time: graded, which "
     "makes the most of them]",
 )
+@click.option(
+    "--denoise",
+    is_flag=True,
+    help="Denoise the image in the end, as far as two halves of its samples agree that this makes it better.",
+)
 @translation
 def watch(
     scene: Path,
@@ -88,6 +99,7 @@ def watch(
     spp: int | None,
     seed: int,
     paths: bool,
+    caustics: bool,
     max_level: int | None,
     threshold: float | None,
     noise: float | None,
@@ -95,6 +107,7 @@ def watch(
     time: float | None,
     max_samples: int | None,
     adaptive: str | None,
+    denoise: bool,
     resolution: tuple[int, int] | None,
     samples: int | None,
     **language: Any,
@@ -126,10 +139,15 @@ def watch(
         resolution=resolution,
         crop=None,
         samples=samples,
-        integrator=parameters(paths, max_level) | asked,
+        integrator=parameters(paths, max_level, caustics) | asked,
         language=language,
         exposure=0.0,
     )
+    if denoise:
+        try:
+            oidn.load()
+        except oidn.MissingError as error:
+            raise click.ClickException(f"--denoise: {error}") from None
     try:
         sock = server.bound(port)
     except OSError as error:
@@ -138,7 +156,7 @@ def watch(
         ) from None
     with writing.scratch() as folder:
         kept = Kept()
-        shown = studio.Studio(scene, lambda: job.open(folder, kept), job.spp, job.seed)
+        shown = studio.Studio(scene, lambda: job.open(folder, kept), job.spp, job.seed, denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
             state, bitmap, integrator = shown.result()
@@ -147,12 +165,19 @@ def watch(
 
         with server.served(shown, encode, sock) as address:
             click.echo(f"{scene} is shown at {address} (Ctrl-C ends it)")
-            if browser:
+            if browser and has_windows():
                 webbrowser.open(address)
             with (
                 log(verbose),
                 session.threads(threads),
-                changes.watched(scene.absolute().parent, shown.names, shown.saved),
+                changes.watched(scene, shown.names, shown.saved),
                 interruptible(shown.leave),
             ):
                 shown.run()
+
+
+def has_windows() -> bool:
+    """Whether a browser would open a window: one in the terminal, at the other end of a tunnel for example, is no good
+    for this page.
+    """
+    return sys.platform == "darwin" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

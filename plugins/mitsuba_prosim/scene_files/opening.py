@@ -69,7 +69,7 @@ class SceneFile:
             resolution = samples = None  # said in the translation
         #: What makes the same of the XML file alone.
         self.changes: dict[str, Any] = {
-            "definitions": self.definitions,
+            "definitions": self.definitions if self.xml is self.path else {},
             "resolution": resolution,
             "crop": crop,
             "samples": samples,

@@ -14,17 +14,18 @@ QUIET, LONGEST = 20, 200
 
 
 @contextmanager
-def watched(folder: Path, names: Callable[[], Collection[str]], tell: Callable[[], None]) -> Iterator[None]:
-    """Calls ``tell``, in a thread, whenever a file in ``folder`` is written, made, removed or renamed that has one of
-    these ``names`` then.
+def watched(path: Path, names: Callable[[], Collection[str]], tell: Callable[[], None]) -> Iterator[None]:
+    """Calls ``tell``, in a thread, whenever a file in the folder of ``path`` is written, made, removed or renamed that
+    has one of these ``names`` then; or in that of the file which ``path`` is a link to.
 
     The folder is watched, not the file: many editors save a new file and rename it.
     """
+    folders = {path.absolute().parent, path.resolve().parent}
     end = threading.Event()
 
     def follow() -> None:
         for found in watchfiles.watch(
-            folder,
+            *folders,
             watch_filter=None,
             debounce=LONGEST,
             step=QUIET,

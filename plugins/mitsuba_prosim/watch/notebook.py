@@ -151,8 +151,7 @@ class View:
 
         try:
             while self._take.step(between):
-                assert self._take.snapshot is not None
-                self._picture = Picture.of(0, self._take.snapshot)
+                self._picture = Picture(0, self._take.layers())
                 self._draw()
                 pause()
                 if self._stopped:

@@ -26,16 +26,6 @@ class Picture:
     number: int
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, number: int, snapshot: Snapshot) -> Picture:
-        """What can be seen of an image after a wave."""
-        layers = {
-            "final": colours(np.array(snapshot.image())),
-            "error": snapshot.error(),
-            "samples": snapshot.counts().astype(np.float32),
-        }
-        return cls(number, layers)
-
     @property
     def size(self) -> tuple[int, int]:
         """Width and height in pixels."""
@@ -70,6 +60,15 @@ class Picture:
             value = values[y, x]
             found[name] = [finite(v) for v in value] if np.ndim(value) else finite(value)
         return found
+
+
+def of_snapshot(snapshot: Snapshot) -> dict[str, np.ndarray]:
+    """The :data:`LAYERS` of an image after a wave."""
+    return {
+        "final": colours(np.array(snapshot.image())),
+        "error": snapshot.error(),
+        "samples": snapshot.counts().astype(np.float32),
+    }
 
 
 #: From nothing to much: dark blue, violet, red, orange, pale yellow, each lighter than the one before.

@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,8 @@ from ..scene_files import session
 from . import takes
 from .board import Board, State
 from .camera import Camera
-from .picture import LAYERS, Picture
+from .denoised import DenoisedTake
+from .picture import Picture, of_snapshot
 from .subject import Opener, Subject
 
 #: Seconds between two reports of the part that is done.
@@ -46,21 +46,24 @@ class Wish:
 
 class Studio:
     """Shows the scene at ``path``, which ``opener`` opens, on ``board``; its methods but :meth:`run` may be called by
-    any thread. ``spp``: samples per pixel, 0 for what the scene says.
+    any thread. ``spp``: samples per pixel, 0 for what the scene says; ``denoise``: whether the image is denoised in the
+    end.
     """
 
-    def __init__(self, path: Path, opener: Opener, spp: int = 0, seed: int = 0) -> None:
+    def __init__(self, path: Path, opener: Opener, spp: int = 0, seed: int = 0, denoise: bool = False) -> None:
         self.board = Board(State(path.name))
-        self._path, self._opener, self._sampled = path, opener, (spp, seed)
+        self._path, self._opener = path, opener
+        self._spp, self._seed, self._denoise = spp, seed, denoise
         self._changed = threading.Condition()
         self._wish, self._shown = Wish(), Wish(text=-1)
         self._errands: list[tuple[Callable[[], Any], Future[Any]]] = []
         self._left = False
         self._number, self._reported, self._begun = 0, 0.0, 0.0
         self._subject: Subject | None = None
-        self._names: frozenset[str] = frozenset({path.name})
+        self._names: frozenset[str] = frozenset({path.name, path.resolve().name})
         self._takes: dict[str, takes.Take] = {}
         self._integrator: Any = None
+        self._view: Camera | None = None  # the scene's own, when it was opened last
 
     # ---------------------------------------------------------------- wishes
 
@@ -127,7 +130,8 @@ class Studio:
                 pass
         finally:
             self._close()
-            self._subject = None
+            self._subject = self._integrator = None
+            gc.unfreeze()
             self.board.close()
 
     def _turn(self) -> bool:
@@ -188,19 +192,19 @@ class Studio:
         self._begun = time.perf_counter()
         self._close()
         self.board.say(doing="opening", saves=wish.text)
-        before = self._subject
-        home = before.home if before is not None else None
         # The kernels of an image have all materials in them that there are, those of another scene too.
-        self._subject = before = None
+        self._subject = None
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
             subject = Subject(self._path, self._opener)
         gc.collect()
         said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self._subject, self._names = subject, frozenset(subject.names())
-        if home is None or subject.home is None or (home.to_world != subject.home.to_world).any():
+        before, self._view = self._view, subject.home
+        if before is None or subject.home is None or (before.to_world != subject.home.to_world).any():
             with self._changed:  # the text says another view
-                self._wish = wish = replace(self._wish, camera=None)
+                self._wish = replace(self._wish, camera=None)
+            wish = replace(wish, camera=None)
         elif wish.camera is not None:
             subject.look(wish.camera)
         self.board.say(warnings=said, size=subject.size, movable=subject.home is not None)
@@ -217,7 +221,10 @@ class Studio:
     def _begin(self, wish: Wish) -> None:
         assert self._subject is not None
         self._shown = replace(wish, compared=False)
-        take = takes.own(self._subject, *self._sampled)
+        subject = self._subject
+        integrator, spp = takes.in_waves(subject.scene.integrator(), subject.sensor, self._spp)
+        kind = DenoisedTake if self._denoise else takes.Take
+        take = kind(integrator, subject.scene, subject.sensor, spp, self._seed)
         self._takes, self._integrator = {"own": take}, take.integrator
         self.board.say(
             doing="rendering",
@@ -232,7 +239,7 @@ class Studio:
         if self._subject.whole:
             with self._subject.coarse():
                 snapshot = take.first()
-                picture = Picture(self._next_number(), {"final": Picture.of(0, snapshot).layers["final"]})
+                picture = Picture(self._next_number(), {"final": of_snapshot(snapshot)["final"]})
             self.board.say({"own": picture}, layers=("final",), seconds=time.perf_counter() - self._begun)
 
     def _render(self, wish: Wish) -> None:
@@ -247,10 +254,14 @@ class Studio:
         for name, take in list(self._takes.items()):
             if take.done or not take.step(self._between):
                 continue
-            assert take.snapshot is not None
-            picture = Picture.of(self._next_number(), take.snapshot)
+            picture = Picture(self._next_number(), take.layers())
             pictures = {n: p for n, p in self.board.pictures.items() if n in self._takes} | {name: picture}
-            self.board.say(pictures, layers=LAYERS, seconds=time.perf_counter() - self._begun, **self._reached())
+            self.board.say(
+                pictures,
+                layers=tuple(pictures["own"].layers),
+                seconds=time.perf_counter() - self._begun,
+                **self._reached(),
+            )
         if self._all_done():
             self.board.say(doing="done", part=1.0, **self._reached())
         else:
@@ -260,13 +271,13 @@ class Studio:
         self._shown = replace(self._shown, compared=compared)
         self._takes = {"own": self._takes["own"]}
         if compared and takes.alone(self._takes["own"].integrator) is None:
-            self._takes["path"] = takes.rival(subject, self._takes["own"].integrator, *self._sampled)
+            self._takes["path"] = takes.rival(subject, self._takes["own"].integrator, self._spp, self._seed)
         pictures = {name: picture for name, picture in self.board.pictures.items() if name in self._takes}
         self.board.say(pictures, compared="path" in self._takes)
 
     def _reached(self) -> dict[str, Any]:
-        reached = self._takes["own"].integrator.reached
-        return {"samples": reached.samples, "noise": None if isnan(reached.noise) else reached.noise}
+        samples, noise = self._takes["own"].reached()
+        return {"samples": samples, "noise": noise}
 
     def _between(self, part: float) -> None:
         """Between two portions of a wave: errands, a stop, or something else to be seen."""

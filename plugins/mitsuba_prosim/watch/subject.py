@@ -40,7 +40,8 @@ class Subject:
 
     def names(self) -> set[str]:
         """Names of the files that are part of it."""
-        return {self.path.name} | {path.name for _, path in self.file.named_files()}
+        named = {path.name for _, path in self.file.named_files()}
+        return {self.path.name, self.path.resolve().name} | named
 
     # ---------------------------------------------------------------- looking from elsewhere
 

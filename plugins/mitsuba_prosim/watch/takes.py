@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from math import isnan
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
 from ..compare.scenes import seen_by
 from ..rendering.snapshot import Snapshot
 from ..scene_files import rendering
+from .picture import of_snapshot
 from .subject import Subject
 
 #: What an integrator is told of how it samples.
@@ -40,7 +43,7 @@ class Take:
         integrator.band = max(2**10, rendering.samples_of_a_step() // STEPS // per_pixel)
         self.snapshot: Snapshot | None = None
         self.done = False
-        self._scene, self._sensor, self._spp, self._seed = scene, sensor, spp, seed
+        self.scene, self.sensor, self.spp, self.seed = scene, sensor, spp, seed
         self._waves: Iterator[Snapshot] | None = None
 
     def step(self, between: Callable[[float], None]) -> bool:
@@ -49,7 +52,7 @@ class Take:
         """
         self.integrator.progress = between
         if self._waves is None:
-            self._waves = self.integrator.waves(self._scene, self._sensor, self._seed, self._spp)
+            self._waves = self.integrator.waves(self.scene, self.sensor, self.seed, self.spp)
         try:
             snapshot = next(self._waves, None)
         finally:
@@ -58,16 +61,20 @@ class Take:
         self.snapshot = snapshot or self.snapshot
         return not self.done
 
+    def layers(self) -> Mapping[str, np.ndarray]:
+        """What there is to see after the last wave, as :class:`.Picture` has it."""
+        assert self.snapshot is not None
+        return of_snapshot(self.snapshot)
+
+    def reached(self) -> tuple[float, float | None]:
+        """Samples of a pixel in the mean, and the noise where it is measured."""
+        reached = self.integrator.reached
+        return reached.samples, None if isnan(reached.noise) else reached.noise
+
     def first(self) -> Snapshot:
         """The image of one sample of each pixel, to be looked at while the film is as it is."""
-        waves: Iterator[Snapshot] = self.integrator.waves(self._scene, self._sensor, self._seed, 1)
+        waves: Iterator[Snapshot] = self.integrator.waves(self.scene, self.sensor, self.seed, 1)
         return next(waves)
-
-
-def own(subject: Subject, spp: int, seed: int) -> Take:
-    """The image of the scene's own integrator."""
-    integrator, spp = in_waves(subject.scene.integrator(), subject.sensor, spp)
-    return Take(integrator, subject.scene, subject.sensor, spp, seed)
 
 
 def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:

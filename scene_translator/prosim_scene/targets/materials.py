@@ -10,6 +10,8 @@ from . import textures
 from .context import Context
 
 BLACK = (0.0, 0.0, 0.0)
+#: The least absorption of a channel, as a share of the largest: ``volpath`` gives no number where there is none.
+LEAST = 1e-7
 
 
 def roughness(surface: Surface) -> Node:
@@ -117,9 +119,8 @@ def interior(surface: Surface) -> Node:
     assert surface.transmittance is not None
     sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
     scale = max(sigma)
-    return {
-        "interior": {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(s / scale for s in sigma), "scale": scale}
-    }
+    shares = rgb(max(s / scale, LEAST) for s in sigma)
+    return {"interior": {"type": "homogeneous", "albedo": 0.0, "sigma_t": shares, "scale": scale}}
 
 
 def phong_exponent(surface: Surface) -> float | None:

@@ -38,8 +38,11 @@ async function refresh() {
 async function fetchLayer(take) {
     const number = state.pictures[take], name = layer(), before = shown[take];
     if (number === undefined || (before && before.number === number && before.layer === name)) return;
+    // A coarse picture has no maps: that of before stays until there is another.
+    if (!state.layers.includes(name) && name !== "final") return;
+    const held = take === "own" || ["final", "error", "samples"].includes(name);
     let answer;
-    try { answer = await fetch(`layer/${take}/${state.layers.includes(name) ? name : "final"}`); } catch { return; }
+    try { answer = await fetch(`layer/${take}/${held ? name : "final"}`); } catch { return; }
     if (!answer.ok) return;
     const buffer = await answer.arrayBuffer(), fact = (what) => Number(answer.headers.get(`X-${what}`));
     const [width, height] = [fact("Width"), fact("Height")];
@@ -75,6 +78,7 @@ function told(news) {
     const text = parts.join(" · ");
     if (find("state").textContent !== text) find("state").textContent = text;
     document.body.dataset.doing = state.doing;
+    document.body.dataset.newest = state.pictures.own ?? "";
     find("part").value = state.part;
     find("error").hidden = !state.error;
     tellError(state.error ?? "");

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
-from mitsuba_prosim.denoising.mixing import inputs, mix
+from mitsuba_prosim.denoising.mixing import LIGHT, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, bands, blur, expand, reduce, whole
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import diffuse, penumbra, rgb
@@ -122,6 +122,27 @@ def test_missing_light_does_not_go_where_there_is_no_noise():
     found = mix(first, second, *(0.5 * np.minimum(image, 0.5) + 0.5 * truth for image in inputs(first, second)))
     assert found.image.mean() == pytest.approx((first + second).mean() / 2, rel=1e-4)
     np.testing.assert_allclose(found.image[:, :10], truth[:, :10], rtol=1e-4)
+
+
+def test_no_dark_rim_around_a_lamp():
+    rng = np.random.default_rng(12)
+    truth = np.full((48, 48, 3), 0.1)
+    truth[16:21, 14:31] = 13
+    first, second = (noisy(truth, 0.02 + 0.1 * truth, rng) for _ in range(2))
+    near = [0.95 * blur(image, 1, 0) for image in inputs(first, second)]
+    found = mix(first, second, *near)
+    raw = (first + second) / 2
+    least = np.minimum(np.minimum(raw, found.denoised), average(raw))
+    assert (found.image > least - 0.005).all()
+    assert found.image.mean() == pytest.approx(raw.mean(), rel=1e-4)
+
+
+def test_one_sample_does_not_brighten_the_whole():
+    image = np.full((20, 30, 3), 0.5, np.float32)
+    raw = image.copy()
+    raw[3, 4] = 1e6
+    found = with_light(image, raw, np.ones((20, 30), np.float32))
+    np.testing.assert_allclose(found, (1 + LIGHT) * image, rtol=1e-5)
 
 
 def test_errors_are_those_that_the_images_have():

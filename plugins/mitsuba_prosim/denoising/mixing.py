@@ -38,6 +38,9 @@ PIXELS = 4 * np.pi * 10
 #: A pixel is sure whose variance is much less than this part of the mean.
 SURE = 1 / 30
 
+#: The part of the light that is added at most: more is that of single samples, and would be seen everywhere.
+LIGHT = 0.02
+
 
 @dataclass(frozen=True)
 class Mixture:
@@ -74,6 +77,8 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     slopes = halved(1 / light, len(scales[0]))
     parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, slopes)]
     image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
+    # Beside what is much brighter the scales may not cancel out: no darker than all that there is.
+    image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
     left = followed + whole([share * taken for share, taken in zip(parts, scales[2])])
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
@@ -113,7 +118,8 @@ def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
 
 def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """``image`` with the light of ``raw``: what is missing is added to all pixels alike but those that are sure."""
-    missing = (raw - image).sum((0, 1), dtype=np.float64)
+    found = image.sum((0, 1), dtype=np.float64)
+    missing = np.clip(raw.sum((0, 1), dtype=np.float64) - found, -LIGHT * abs(found), LIGHT * abs(found))
     share = variance / np.maximum(variance + SURE * variance.mean(), np.float32(1e-30))
     return image + share[..., None] * (missing / max(share.sum(dtype=np.float64), 1e-30)).astype(np.float32)
 

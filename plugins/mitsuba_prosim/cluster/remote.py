@@ -236,7 +236,9 @@ class Remote:
         if self.joining.pop(address, None) is None:
             return  # it has gone
         if isinstance(greeting, Exception):
-            if not lost(greeting):
+            if lost(greeting):  # it is asked again, if it is there
+                self.fallen += 1
+            else:
                 self.refused[address] = f"{address}: {said(greeting)}"
                 self.say(f"a worker can't take part, {self.refused[address]}")
             return
@@ -263,8 +265,7 @@ class Remote:
         return asyncio.run_coroutine_threadsafe(coroutine, self.client.loop.asyncio_loop)  # type: ignore[attr-defined]
 
     async def _watch(self) -> None:
-        """Tells who is there, when that has changed, and when nobody knows any more."""
-        before: frozenset[str] | None = None
+        """Tells who is there, and when nobody knows any more."""
         while True:
             try:
                 if self.client.status != "running":
@@ -274,9 +275,7 @@ class Remote:
             except (OSError, ValueError, TypeError, AttributeError):  # whatever is left of a connection says
                 self.events.put((self._lost, f"the scheduler {self.address} has gone away"))
                 return
-            if present != before:
-                self.events.put((self._present, present))
-                before = present
+            self.events.put((self._present, present))
             await asyncio.sleep(LOOK)
 
     def _submit(

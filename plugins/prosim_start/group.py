@@ -17,6 +17,7 @@ COMMANDS = {
     "render": ("render:render", "Render a scene to an EXR and a PNG image."),
     "resume": ("resume:resume", "Go on with a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
+    "watch": ("watch:watch", "Show a scene's picture while the scene is written."),
 }
 
 

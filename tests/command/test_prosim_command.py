@@ -115,7 +115,7 @@ def test_a_command_that_there_is_not(palito):
     for word, hint in [
         ("rneder", "Did you mean render?"),
         ("FORMAT", "Did you mean format?"),
-        ("paint", "There are compare, doctor, format, language-server, link, merge, render, resume, translate."),
+        ("paint", "There are compare, doctor, format, language-server, link, merge, render, resume, translate, watch."),
         (palito, f"To render that file: prosim render {palito}"),
     ]:
         done = prosim(word, palito)

@@ -243,6 +243,16 @@ def test_white_light_stays_white(colours, integrator):
     assert deviation.max() < 0.02
 
 
+def test_a_ray_goes_on_with_what_it_carries(variant_rgb):
+    """Through two faces: each sample brings one of r, g and b, in turn over the pattern, so that their sum has next to
+    no noise; drawn anew at the second face, two samples in three would bring nothing.
+    """
+    scene = furnace(int_material="sf10")
+    scene["slab"]["to_world"] = mi.ScalarTransform4f().scale([3, 3, 0.3])
+    image = renderings(scene, 1, spp=16, type="prosim", adaptive="none", max_level=2)[0]
+    assert image.mean(2).std() < 0.01 < image[..., 0].std()
+
+
 @pytest.mark.slow
 def test_same_expectation_as_path(variant_spectral):
     """A lamp through a prism, by ``path`` and by a tree."""

@@ -136,6 +136,7 @@ def test_completion_knows_what_fits():
     assert labels(SCENE.replace("SURFACE 1", "SURFACE |"))[0] == "1"
     assert {"t-tijolo", "t-mine", "NULL"} <= set(labels(SCENE.replace("t-listra", "t-|")))
     assert {"ouro", "cobre", "cu_palik"} <= set(labels(SCENE.replace("ouro", "o|")))
+    assert {"vidro", "diamante"} & set(labels("SURFACE 0 material dieletrico |"))
     assert labels("SURFACE 0 material |")[:4] == ["condutor", "dieletrico", "lambertiano", "composto"]
     assert labels(SCENE.replace("ks 0", "k|"))[:3] == ["material", "metal", "ka"]
     assert labels("DO-SHADOW |")[:2] == ["TRUE", "FALSE"]
@@ -159,6 +160,7 @@ def test_hovering_says_what_is_meant():
     )
     assert "SURFACE 0 material condutor ouro" in said("0 t-l") and "TRANSFORM 0" in said("0 t-l")
     assert "Stripes" in said("t-listra") and "Au" in said("ouro") and "= 30" in said("$turn / 3")
+    assert "1.5168" in hover(Reading("SURFACE 0 material dieletrico BK7 END"), 30)[2]
     assert "union" in said("+ CUBE") and hover(reading, SCENE.index("remark")) is None
 
 

@@ -95,6 +95,8 @@ def test_names_stand_for_words_of_all_kinds():
     scene = prosim_scene.parse(text, define=define)
     assert (scene.shadows, scene.name, scene.background.image) == (False, "cone", "a b.png")
     assert scene.csg[0].textures[0].name == "t-listra" and scene.surfaces[0].material == "lambertian"
+    glass = prosim_scene.parse("SURFACE 0 material $m n-refr 1.5 END", define={"m": "dieletrico"})
+    assert glass.surfaces[0].material == "dielectric"
 
 
 # the first line of the minimal scene, column of the error, words of the message

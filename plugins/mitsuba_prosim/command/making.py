@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import mitsuba as mi
@@ -21,12 +21,16 @@ from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
 from ..scene_files import images, opening, rendering, session, writing
-from . import black, denoised, reached
+from . import black, denoised, reached, tev
 from . import output as files
+from .helping import helping, pack
 from .interrupts import interruptible
 from .job import Job
 from .log import log
-from .options import InputError, wrong_input
+from .options import Helpers, InputError, wrong_input
+
+if TYPE_CHECKING:
+    from ..cluster.remote import Remote
 
 #: What an image is written as, and its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
@@ -50,13 +54,16 @@ def make(
     keep: bool = False,
     part: Part | None = None,
     denoise: bool = False,
+    helpers: Helpers | None = None,
+    view: tuple[str, int] | None = None,
 ) -> None:
     """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
 
     ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
     write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
     which the state is all that is written; ``denoise``: whether the image is denoised, where none of these is asked
-    for. Raises InputError, where nothing has been written, and ClickException; ends the process where it was
+    for; ``helpers``: who takes the samples, if not this process; ``view``: where the viewer tev is, if it shows the
+    image. Raises InputError, where nothing has been written, and ClickException; ends the process where it was
     interrupted.
     """
     with log(verbose), session.threads(threads):
@@ -66,7 +73,12 @@ def make(
             if about:
                 refuse_to_keep(opened[1].integrator())
             refuse_another_scene(job, begin, about)
-        made = render(job, opened, stem, begin, about if keep else None, part, denoise)
+            if helpers is not None:
+                refuse_waves([str(helpers)], job.variant)
+            parcel = pack(helpers, opened[0], opened[1].integrator(), job.sensor)
+        by = partial(helping, helpers, parcel, threads, warn)
+        with tev.beside(progress_bar, view, job.scene, opened[2].film(), warn) as bar:
+            made = render(job, opened, stem, begin, about if keep else None, part, denoise, bar=bar, by=by)
     click.echo(made.said)
     if made.interrupted:
         if made.keeper is not None:
@@ -84,12 +96,13 @@ def render(
     denoise: bool = False,
     frame: Mapping[str, str] | None = None,
     bar: Callable[[mi.Integrator, str], AbstractContextManager[Callable[[float], None] | None]] | None = None,
+    by: Callable[[mi.Integrator], AbstractContextManager[Remote | None]] = lambda _: nullcontext(),
 ) -> Made:
     """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does.
 
     ``keep``: what the state says that it is about, where it is kept; ``frame``: further metadata of a frame of a film,
     whose image is written only if it is finished; ``bar``: what shows the progress, in the place of
-    :func:`progress_bar`.
+    :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while.
     """
     file, loaded, chosen = opened
     width, height = chosen.film().crop_size()
@@ -104,19 +117,21 @@ def render(
         keeper = Keeper(stem.with_name(stem.name + state), keep, warn)
     files.check(Path(job.scene), stem, suffixes, size)
 
-    start = perf_counter()
-    with interruptible(integrator.cancel) as signals:
+    with by(integrator) as taker, interruptible(integrator.cancel) as signals:
+        start = perf_counter()
         try:
             with (bar or progress_bar)(integrator, job.variant) as tell:
-                stopped = partial(bool, signals)
-                picture = take(loaded, chosen, job, denoise, tell, stopped, begin, keeper, part)
+                picture = take(
+                    loaded, chosen, job, denoise, tell, lambda: bool(signals or gone(taker)), begin, keeper, part
+                )
         except ValueError as error:
             raise InputError(str(error)) from None
         except (RuntimeError, MemoryError) as error:
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-        seconds, interrupted = perf_counter() - start, bool(signals)
+        lost = gone(taker)
+        seconds, interrupted = perf_counter() - start, bool(signals or lost)
         if interrupted and frame is None and reached.nothing(integrator):
-            raise click.ClickException("interrupted before the image had begun; nothing was written.")
+            raise click.ClickException(f"{lost or 'interrupted'} before the image had begun; nothing was written.")
         written = []
         if part is None and not (frame is not None and interrupted):
             facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts) | dict(frame or {})
@@ -134,7 +149,8 @@ def render(
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
         + (f", {reached.interrupted(integrator)}" if interrupted else ""),
-        None if part else reached.sentence(integrator, interrupted),
+        lost,
+        None if part else reached.sentence(integrator, interrupted, "the loss of the cluster" if lost else "a signal"),
         picture.said,
     ]
     return Made("\n".join(filter(None, said)), interrupted, keeper)
@@ -156,6 +172,11 @@ def take(
         return denoised.render(scene, sensor, job.seed, job.spp, tell, stopped)
     rendering.render(scene, sensor, job.seed, job.spp, tell, begin, keeper, part)
     return denoised.Picture(sensor.film().bitmap())
+
+
+def gone(taker: Remote | None) -> str | None:
+    """Why those who take the samples are there no more; None where they are, or where it is this process."""
+    return None if taker is None else taker.gone
 
 
 def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> int:

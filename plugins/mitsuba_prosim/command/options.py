@@ -5,6 +5,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,9 @@ MOST_THREADS = 1024
 
 #: More would have less than a tile each, of an image of usual size.
 MOST_PARTS = 4096
+
+#: More than one machine has use for.
+MOST_WORKERS = 256
 
 #: Beyond these factors of two, single precision ends.
 STOPS = 64
@@ -142,6 +146,17 @@ defines = click.option(
 )
 
 
+@dataclass(frozen=True)
+class Helpers:
+    """Who takes the samples: the workers of the cluster at this address, or so many processes of this machine."""
+
+    cluster: str | None
+    workers: int | None
+
+    def __str__(self) -> str:
+        return "--cluster" if self.cluster else "--workers"
+
+
 def running(command: Callable) -> Callable:
     """Decorator: the options of a process that renders."""
     threads = click.option(
@@ -152,6 +167,37 @@ def running(command: Callable) -> Callable:
         help="Number of threads. [default: all]",
     )
     return threads(click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")(command))
+
+
+def helped(command: Callable) -> Callable:
+    """Decorator: the options for other processes that take the samples; the command gets :class:`.Helpers`."""
+
+    @functools.wraps(command)
+    def helping(cluster: str | None, workers: int | None, **options: Any) -> Any:
+        if cluster and workers:
+            raise click.UsageError(
+                "--workers begins a cluster on this machine, and --cluster names one that is there; give one of them."
+            )
+        if (cluster or workers) and options.get("part"):
+            raise click.UsageError("--part is for processes that know nothing of each other; leave it to the cluster.")
+        if (cluster or workers) and options.get("frames"):
+            raise click.UsageError("a film is rendered by one process; leave --frames, --cluster or --workers out.")
+        return command(helpers=Helpers(cluster, workers) if cluster or workers else None, **options)
+
+    cluster = click.option(
+        "--cluster",
+        metavar="ADDRESS",
+        show_default=False,
+        help="Render by the workers of a Dask cluster, of which this is the scheduler's address, such as "
+        "tcp://machine:8786.",
+    )
+    workers = click.option(
+        "--workers",
+        type=click.IntRange(1, MOST_WORKERS),
+        show_default=False,
+        help="Render by so many processes of this machine.",
+    )
+    return cluster(workers(helping))
 
 
 def aims(*, noise: str, noise_99: str, time: str, max_samples: str) -> Callable[[Callable], Callable]:

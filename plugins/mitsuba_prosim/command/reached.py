@@ -12,9 +12,9 @@ from ..rendering.plan import UNLIMITED
 IN_TIME = 0.97
 
 
-def sentence(integrator: mi.Integrator, interrupted: bool) -> str | None:
+def sentence(integrator: mi.Integrator, interrupted: bool, by: str = "a signal") -> str | None:
     """Noise, samples and seconds of the last render of ``integrator``, and what ended it if that was not the noise;
-    None where neither noise nor time was asked for.
+    None where neither noise nor time was asked for. ``by``: what has ``interrupted`` it.
     """
     if not asked(integrator):
         return None
@@ -29,7 +29,7 @@ def sentence(integrator: mi.Integrator, interrupted: bool) -> str | None:
     if ended == "samples":
         parts.append(f"ended by the most samples that a pixel may have, {integrator.max_samples or UNLIMITED}")
     elif ended == "interrupted" or (ended == "time" and noises(integrator)):
-        parts.append("ended by " + ("a signal" if interrupted else "the time"))
+        parts.append("ended by " + (by if interrupted else "the time"))
     return ", ".join(parts)
 
 

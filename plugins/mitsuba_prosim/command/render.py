@@ -12,9 +12,23 @@ from ..rendering.part import Part
 from ..rendering.policies import POLICIES
 from . import frames as film
 from . import output as files
+from . import tev
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, defines, running, translation
+from .options import (
+    SCENE,
+    STOPS,
+    Crop,
+    Finite,
+    Helpers,
+    Share,
+    aims,
+    choose_variant,
+    defines,
+    helped,
+    running,
+    translation,
+)
 
 
 @click.command()
@@ -124,7 +138,15 @@ from .options import SCENE, STOPS, Crop, Finite, Share, aims, choose_variant, de
     show_default=False,
     help="Frames a second, by which $time goes. [default: 24]",
 )
+@click.option(
+    "--view",
+    type=tev.Place(),
+    show_default=False,
+    help="tev: send the image to the viewer tev while it is rendered; tev=HOST:PORT where it does not listen at "
+    f"{tev.HOST}:{tev.PORT}.",
+)
 @click.option("--anew", is_flag=True, help="Render frames anew that are there already.")
+@helped
 @translation
 def render(
     scene: Path,
@@ -150,11 +172,13 @@ def render(
     denoise: bool,
     keep: bool,
     part: Part | None,
+    view: tuple[str, int] | None,
     frames: range | None,
     fps: float | None,
     anew: bool,
     resolution: tuple[int, int] | None,
     samples: int | None,
+    helpers: Helpers | None,
     **language: Any,
 ) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
@@ -177,10 +201,10 @@ def render(
         )
     if frames is None and (fps or anew):
         raise click.UsageError(f"{'--fps' if fps else '--anew'} is for films; say which --frames.")
-    if frames is not None and part:
+    if frames is not None and (part or view):
         raise click.UsageError(
-            "--part is for single images. A film is shared by giving each machine some of its --frames, such as 0:24 "
-            "here and 24:48 there."
+            "--part and --view are for single images. A film is shared by giving each machine some of its --frames, "
+            "such as 0:24 here and 24:48 there."
         )
     asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)
@@ -204,7 +228,8 @@ def render(
     if frames is not None:
         film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew)
     else:
-        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise)
+        kept = keep or part is not None
+        make(job, stem, threads, verbose, keep=kept, part=part, denoise=denoise, helpers=helpers, view=view)
 
 
 def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:

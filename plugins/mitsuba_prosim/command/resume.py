@@ -17,7 +17,7 @@ from ..scene_files import session
 from . import output as files
 from .job import Job
 from .making import SUFFIXES, make
-from .options import SCENE, STOPS, Finite, InputError, aims, choose_variant, running
+from .options import SCENE, STOPS, Finite, Helpers, InputError, aims, choose_variant, helped, running
 
 #: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
 BY_FIRST = ("neighbours", "thesis")
@@ -57,6 +57,7 @@ exposing = click.option(
 )
 @moved
 @exposing
+@helped
 @running
 def resume(
     state: Path,
@@ -69,6 +70,7 @@ def resume(
     exposure: float | None,
     threads: int | None,
     verbose: int,
+    helpers: Helpers | None,
 ) -> None:
     """Go on with a render from STATE, which prosim render --keep has written, until it is what was asked for.
 
@@ -83,8 +85,10 @@ def resume(
             f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, "
             "--noise-99, --time and --max-samples are for the image that prosim merge --keep makes of them."
         )
+    if record.part and helpers:
+        raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})
-    make(job, stem, threads, verbose, record, keep=True, part=record.part)
+    make(job, stem, threads, verbose, record, keep=True, part=record.part, helpers=helpers)
 
 
 def opened(

@@ -18,19 +18,28 @@ from .policies import POLICIES
 from .record import Record
 from .snapshot import Reached, Snapshot, put
 from .state import State
+from .taking import Taker
 from .target import Target
 from .waves import waves
 
 
 class Growth:
     """The image of ``plan``, or a ``part`` of it, without samples at first. ``estimator`` takes them; ``own_aovs`` are
-    the names of what the image says of itself.
+    the names of what the image says of itself; ``taker``: of :class:`.State`.
     """
 
-    def __init__(self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], part: Part | None = None) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        estimator: Estimator,
+        own_aovs: Sequence[str],
+        part: Part | None = None,
+        taker: Taker | None = None,
+    ) -> None:
         policy: Any = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
         self.policy = policy
-        self.state = State(plan, estimator, own_aovs, policy.judgements * policy.reach, part)
+        self.state = State(plan, estimator, own_aovs, policy.judgements * policy.reach, part, taker)
+        self._paced = taker is None  # others have a pace of their own
         self.target = _target(plan, time.perf_counter())
         self._done = False
 
@@ -53,14 +62,16 @@ class Growth:
             yield self
             return
         state, estimator = self.state, self.state.estimator
-        pace = Pace(state)
-        if keep is not None:
+        pace = Pace(state) if keep is not None and self._paced else None
+        if pace is not None:
             state.portion = Pace.FIRST
 
         def pause() -> bool:
-            if keep is not None:
+            if pace is not None:
                 pace.look()
+            if keep is not None:
                 keep(lambda: self.record(False), False)
+            if pace is not None:
                 pace.go_on()
             return cancelled()
 

@@ -19,10 +19,12 @@ from .scalar import take_back_interrupts
 
 if TYPE_CHECKING:
     from .derivatives import Derivatives
+    from .estimate import Estimator
     from .growth import Growth
     from .part import Part
     from .record import Record
     from .snapshot import Reached, Snapshot
+    from .taking import Taker
 
 
 class WaveIntegrator(mi.SamplingIntegrator):
@@ -64,6 +66,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
         #: Called as often as ``progress``, and at the end, with what makes the record of the image then, and whether it
         #: is the end.
         self.keep: Callable[[Callable[[], Record], bool], None] | None = None
+        #: Who takes the samples, see :class:`.taking.Taker`; None: this process.
+        self.taker: Taker | None = None
         #: How far the last image came.
         self.reached: Reached | None = None
         self._growing: Growth | None = None  # what is being rendered, in JIT variants
@@ -174,7 +178,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
                 "without them, and let the image that is put together go on until it is good enough."
             )
-        if part is not None or begin is not None:
+        if part is not None or begin is not None or self.taker is not None:
             self._refuse_sampler()
         growth = self._growth(scene, sensor, seed, spp, self.own_aovs, part)
         if begin is not None:
@@ -213,9 +217,17 @@ class WaveIntegrator(mi.SamplingIntegrator):
     def _refuse_sampler(self) -> None:
         if self.sampler is not None:
             raise ValueError(
-                f"{self.name()}: an image can't be kept and gone on with where its samples are drawn from a sampler of "
-                "Mitsuba's, which does not say where it was; leave the sampler out."
+                f"{self.name()}: an image can't be kept and gone on with, nor shared out, where its samples are drawn "
+                "from a sampler of Mitsuba's, which does not say where it was; leave the sampler out."
             )
+
+    def estimator(self, plan: Plan, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
+        """What takes the samples of a ``plan``, through the scene to the film's values."""
+        from .estimate import Estimator
+
+        transport = self.transport(scene, sensor)
+        channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
+        return Estimator(plan, scene, sensor, transport, channels, self.sampler)
 
     def _growth(
         self,
@@ -228,7 +240,6 @@ class WaveIntegrator(mi.SamplingIntegrator):
     ) -> Growth:
         """An image without samples, or a part of one."""
         # With the first image: what makes images, and NumPy, would take longer to load than all plugins together.
-        from .estimate import Estimator
         from .growth import Growth
 
         self.cancelled = False  # before the work: what is cancelled during it stays so
@@ -249,9 +260,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
             seed,
             spp,
         )
-        transport = self.transport(scene, sensor)
-        channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
-        return Growth(plan, Estimator(plan, scene, sensor, transport, channels, self.sampler), own_aovs, part)
+        return Growth(plan, self.estimator(plan, scene, sensor), own_aovs, part, self.taker)
 
     # ---------------------------------------------------------------- derivatives
 

@@ -30,6 +30,9 @@ STATISTICS = ("total", "squares", "pass_squares", "in_pass")
 #: Names of what was decided of each pixel.
 DECIDED = ("need", "variance", "wanted")
 
+#: Bytes that the beginnings of arrays are multiples of.
+ALIGNED = 64
+
 
 @dataclass(frozen=True)
 class Record:
@@ -194,6 +197,14 @@ def estimate(arrays: Mapping[str, np.ndarray], state: State) -> Estimate:
     return Estimate(sums=sums, **statistics)
 
 
-def dr_array(values: np.ndarray) -> mi.Float | mi.UInt32:
-    """A Dr.Jit array of these values, row by row. It has memory of its own: else a state would grow into its record."""
-    return (mi.UInt32 if values.dtype == np.uint32 else mi.Float)(np.array(values).ravel())
+def dr_array(values: np.ndarray) -> mi.Float | mi.UInt32 | mi.Int32:
+    """A Dr.Jit array of these values, row by row. It has memory of its own, else a state would grow into its record;
+    and begins where Dr.Jit's own arrays do, else kernels that read it would be others.
+    """
+    values = np.asarray(values)
+    room = np.empty(values.nbytes + ALIGNED, dtype=np.uint8)
+    begin = -room.ctypes.data % ALIGNED
+    own = room[begin : begin + values.nbytes].view(values.dtype)
+    own[:] = values.ravel()
+    kinds = {np.dtype(np.uint32): mi.UInt32, np.dtype(np.int32): mi.Int32}
+    return kinds.get(values.dtype, mi.Float)(own)

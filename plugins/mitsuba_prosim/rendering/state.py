@@ -16,6 +16,7 @@ from .decisions import Decisions
 from .estimate import Estimate, Estimator
 from .part import Part
 from .plan import Plan, Rectangle, area, index_within, pixels, widened
+from .taking import Here, Portion, Round, Taker
 
 if TYPE_CHECKING:
     from .estimate import Quiet
@@ -35,12 +36,19 @@ class State:
 
     The first samples of a pixel, as many as it has, are the same whatever was taken when; so the image depends on the
     counts alone. ``margin``: how many pixels beyond its own the image must know, as its decisions look at them;
-    ``part``: the part of it whose samples are taken, None for all.
+    ``part``: the part of it whose samples are taken, None for all; ``taker``: who takes them, None for this process.
     """
 
     def __init__(
-        self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], margin: int = 0, part: Part | None = None
+        self,
+        plan: Plan,
+        estimator: Estimator,
+        own_aovs: Sequence[str],
+        margin: int = 0,
+        part: Part | None = None,
+        taker: Taker | None = None,
     ) -> None:
+        self.taker = taker or Here()
         self.plan, self.estimator, self.own_aovs, self.part = plan, estimator, own_aovs, part
         #: The pixels that are known, row by row.
         self.outer = widened(plan.region, margin, plan.domain)
@@ -83,56 +91,59 @@ class State:
         ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
         """
         if self.keeps:
-            portions = self._portions(wanted)
+            portions = self._portions(wanted, quiet)
         elif self.decisions.rows is not None or dr.any(wanted > self.estimate.count):
-            portions = self._bands(wanted)
+            portions = self._bands(wanted, quiet)
         else:
             return True
-        for done, portion in portions:
-            if cancelled():
-                return False
-            portion(quiet)
+        wave = Round(portions, self.taker, cancelled, in_order=not self.keeps)
+        for done in wave:
             if tell is not None or done < 1:
                 dr.eval(self.estimate)
                 dr.sync_thread()  # bounds the memory, and lets progress be true
             if tell is not None:
                 tell(done)
-        return True
+        return wave.whole
 
-    def _portions(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
-        """The pixels that lack samples, ``band`` at a time: ``(part done then, what takes them)``."""
-        for done, some in portions(self.estimate.count, wanted, self):
+    def _portions(self, wanted: mi.UInt32, quiet: Quiet | None) -> Iterator[Portion]:
+        """The pixels that lack samples, ``band`` at a time."""
+        for span, some, work in portions(self.estimate.count, wanted, self):
+            whole = dr.width(some) == dr.width(wanted)  # all: spares two copies of the state
 
-            def portion(quiet: Quiet | None, some: mi.UInt32 = some) -> None:
-                x, y = self._places(some)
-                if dr.width(some) == dr.width(wanted):  # all: spares two copies of the state
-                    self.estimate = self._take(x, y, self.estimate, wanted, quiet)
-                    return
-                more = self._take(x, y, self.estimate.at(some), dr.gather(mi.UInt32, wanted, some), quiet)
-                self.estimate.put(more, some)
+            def put(more: Estimate, some: mi.UInt32 = some, whole: bool = whole) -> None:
+                if whole:
+                    self.estimate = more
+                else:
+                    self.estimate.put(more, some)
 
-            yield done, portion
+            x, y = self._places(some)
+            start = self.estimate if whole else self.estimate.at(some)
+            end = wanted if whole else dr.gather(mi.UInt32, wanted, some)
+            dr.eval(x, y, start, end)
+            yield Portion(self.estimator, x, y, start, [(self.plan, end)], quiet, work, span, put)
 
-    def _bands(self, wanted: mi.UInt32) -> Iterator[tuple[float, Callable[[Quiet | None], None]]]:
+    def _bands(self, wanted: mi.UInt32, quiet: Quiet | None) -> Iterator[Portion]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
         _, top, _, bottom = self.outer
         image, begin = self.decisions.rows or (self.black(), top)
         above = dr.arange(mi.UInt32, dr.width(wanted)) < (begin - top) * (self.outer[2] - self.outer[0])
         if dr.any(above & (wanted > self.estimate.count)):
             image, begin = self.black(), top  # the rows above were made of fewer samples
+        most = max(int(dr.max(wanted)[0]), 1)
         while begin < bottom:
-            band = self._band(begin, wanted)
+            band = self._band(begin, most)
             begin = band[3]
 
-            def portion(quiet: Quiet | None, band: Rectangle = band) -> None:
-                x, y, *_ = pixels(band)
-                some = index_within(self.outer, x, y)
-                count, end = (dr.gather(mi.UInt32, counts, some) for counts in (self.estimate.count, wanted))
-                more = Estimate.nothing(self.estimator.values, area(band))
-                for plan, until in self.plan.stages():
-                    self.estimator.plan = plan
-                    stage = dr.minimum(dr.maximum(count, end), dr.opaque(mi.UInt32, until))
-                    more = self._take(x, y, more, stage, quiet)
+            x, y, *_ = pixels(band)
+            some = index_within(self.outer, x, y)
+            count, end = (dr.gather(mi.UInt32, counts, some) for counts in (self.estimate.count, wanted))
+            stages = [
+                (plan, dr.minimum(dr.maximum(count, end), dr.opaque(mi.UInt32, until)))
+                for plan, until in self.plan.stages()
+            ]
+            start = Estimate.nothing(self.estimator.values, area(band))
+
+            def put(more: Estimate, band: Rectangle = band, some: mi.UInt32 = some) -> None:
                 self.estimate.put(replace(more, sums=[]), some)
                 self._add(image, band, band, more)
                 image.wait()
@@ -140,14 +151,18 @@ class State:
                 if self.made is None or band[3] == bottom:
                     self.made = image
 
-            yield (band[3] - top) / (bottom - top), portion
+            dr.eval(x, y, start, stages)
+            span = ((band[1] - top) / (bottom - top), (band[3] - top) / (bottom - top))
+            yield Portion(self.estimator, x, y, start, stages, quiet, area(band) * most, span, put)
 
-    def _band(self, begin: int, wanted: mi.UInt32) -> Rectangle:
-        """The rows from that one on that are taken at a time, as their samples are bounded too."""
+    def _band(self, begin: int, most: int) -> Rectangle:
+        """The rows from that one on that are taken at a time, as their samples are bounded too; ``most``: samples of a
+        pixel.
+        """
         left, _, right, bottom = self.outer
-        size = self.plan.band
-        if self.portion is not None:
-            size = min(size, self.portion // max(int(dr.max(wanted)[0]), 1))
+        size, bound = self.plan.band, self.taker.bound(self.portion, (right - left) * (bottom - begin) * most)
+        if bound is not None:
+            size = min(size, bound // most)
         return left, begin, right, min(begin + max(1, size // (right - left)), bottom)
 
     def _places(self, index: mi.UInt32) -> tuple[mi.Int32, mi.Int32]:
@@ -155,12 +170,6 @@ class State:
         left, top, right, _ = (dr.opaque(mi.Int32, v) for v in self.outer)
         y = mi.Int32(index) // (right - left)
         return mi.Int32(index) - y * (right - left) + left, y + top
-
-    def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:
-        dr.eval(x, y, start, end)
-        more = self.estimator.take(x, y, start, end, quiet)
-        dr.eval(more)
-        return more
 
     # ---------------------------------------------------------------- what it shows
 
@@ -223,9 +232,9 @@ class State:
         return result
 
 
-def portions(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[float, mi.UInt32]]:
-    """Numbers of those that lack samples, so many at a time that the bounds of ``state`` are kept to: ``(part done
-    then, numbers)``.
+def portions(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[tuple[float, float], mi.UInt32, int]]:
+    """Numbers of those that lack samples, so many at a time that the bounds of ``state`` are kept to: ``((part done
+    before, then), numbers, samples)``.
     """
     plan = state.plan
     # A sampler that is given takes whole patterns only.
@@ -235,14 +244,15 @@ def portions(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tupl
         most = lanes = max(min(plan.band, FEWEST), plan.band * min(plan.n**2, each) // each)
         begin = end = 0
         while end < size:
-            if state.portion is not None:  # it may change on the way
-                lanes = max(1, min(most, state.portion // each))
+            bound = state.taker.bound(state.portion, work - finished)
+            if bound is not None:  # it may change on the way
+                lanes = max(1, min(most, bound // each))
             begin, end = end, min(end + lanes, size)
             some = where
             if end - begin < size:
                 some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
-            finished += (end - begin) * each
-            yield finished / work, some
+            before, finished = finished, finished + (end - begin) * each
+            yield (before / work, finished / work), some, finished - before
 
 
 def by_lack(count: mi.UInt32, wanted: mi.UInt32, ratio: float) -> list[tuple[mi.UInt32, int, int]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import drjit as dr
@@ -15,6 +15,7 @@ from .error import displayed
 from .estimate import Estimate
 from .plan import area, pixels
 from .state import State, portions
+from .taking import Portion, Round
 
 
 class Twin:
@@ -52,23 +53,27 @@ class Twin:
 
     def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
         """Takes as many samples as ``state`` has. Returns whether it got to its end."""
+        wave = Round(self._portions(state), state.taker, cancelled)
+        for _ in wave:
+            dr.eval(self.estimate)
+            dr.sync_thread()
+        return wave.whole
+
+    def _portions(self, state: State) -> Iterator[Portion]:
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
-        for _, some in portions(self.estimate.count, end, state):
-            if cancelled():
-                return False
+        for span, some, work in portions(self.estimate.count, end, state):
             x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
             start, seed = self.estimate.at(some), self.seed
             if self.copies > 1:
                 seed = dr.gather(mi.UInt32, seed, some)
             dr.eval(x, y, start, wanted, seed)
-            self.estimator.plan = replace(state.plan, seed=seed)
-            more = self.estimator.take(x, y, start, wanted)
-            dr.eval(more)
-            self.estimate.put(more, some)
-            dr.eval(self.estimate)
-            dr.sync_thread()
-        return True
+
+            def put(more: Estimate, some: mi.UInt32 = some) -> None:
+                self.estimate.put(more, some)
+
+            plan = replace(state.plan, seed=seed)
+            yield Portion(self.estimator, x, y, start, [(plan, wanted)], None, work, span, put)
 
     def noise(self, state: State) -> tuple[float, float]:
         """Root mean square of the error of the displayed pixels of ``state``, white being 1, and what 99 in 100 are

@@ -13,7 +13,7 @@ import prosim_scene
 
 from .. import registry
 from . import integrators, session
-from .digest import digest
+from .digest import digest, named_files
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -59,17 +59,22 @@ class SceneFile:
             check_size(*resolution)
         self.path = self.xml = Path(path)
         self.resolution, self.definitions = resolution, dict(definitions or {})
+        #: What the text says, and where; None for XML.
+        self.document = None
         if self.path.suffix.lower() != ".xml":
+            self.document = prosim_scene.document(self.path, self.definitions)
             self.xml = prosim_scene.translate(
-                self.path,
-                Path(folder),
-                resolution=resolution,
-                samples=samples,
-                define=self.definitions,
-                kept=kept,
-                **language,
+                self.document, Path(folder), resolution=resolution, samples=samples, kept=kept, **language
             )
             resolution = samples = None  # said in the translation
+        #: What makes the same of the XML file alone.
+        self.changes: dict[str, Any] = {
+            "definitions": self.definitions,
+            "resolution": resolution,
+            "crop": crop,
+            "samples": samples,
+            "integrator": dict(integrator or {}),
+        }
         with self._search_paths():
             self.state = parse(self.xml, self.definitions if self.xml is self.path else {})
         for node in self.state.nodes:
@@ -86,6 +91,11 @@ class SceneFile:
         """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
         with self._search_paths():
             return digest(self.state)
+
+    def named_files(self) -> list[tuple[str, Path]]:
+        """The files that the scene names, each as it is named; see :func:`.digest.named_files`."""
+        with self._search_paths():
+            return list(named_files(self.state))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

@@ -47,9 +47,10 @@ def render(
     """
     integrator = integrator or scene.integrator()
     told = tell is not None and tells_progress(integrator)
-    if told:
+    if told and integrator.taker is None:
         # At each step Ctrl-C is heard as well.
         integrator.band = min(integrator.band, max(2**10, samples_of_a_step() // (spp or int(integrator.samples) ** 2)))
+    if told:
         integrator.progress = tell
     try:
         if begin is not None or keep is not None:

@@ -8,9 +8,9 @@ from lark import Token, UnexpectedToken
 
 from ..language.definitions import FRAME, TIME
 from ..language.expressions import CONSTANTS, FUNCTIONS
-from ..language.names import BUILT_IN, METALS
+from ..language.names import BUILT_IN, GLASSES, INDICES, METALS
 from ..language.parser import ORDER, begin
-from ..language.words import ROLES, STATEMENTS, Numbers, Word, of_role, row
+from ..language.words import ROLES, STATEMENTS, Numbers, Word, fold, of_role, row
 from . import meanings, places
 from .reading import Reading
 
@@ -28,7 +28,7 @@ class Completion:
     """
 
     label: str
-    kind: str  # "statement", "keyword", "metal", "texture", "index", "name" or "function"
+    kind: str  # "statement", "keyword", "metal", "glass", "texture", "index", "name" or "function"
     start: int
     detail: str = ""
     documentation: str = ""
@@ -54,6 +54,8 @@ def completions(reading: Reading, offset: int) -> list[Completion]:
     result = list(_words(expected, start))
     if last is not None and last.type in ("METAL", "CONDUCTOR"):
         result += [Completion(name, "metal", start, table) for name, table in METALS.items()]
+    if last is not None and last.type == "DIELECTRIC":
+        result += [Completion(name, "glass", start) for name in GLASSES]
     if "TEXTURE_NAME" in expected:
         result += _textures(reading, start)
     if "VARIABLE" not in expected and {"NUMBER", "WORD"} & expected:
@@ -79,7 +81,10 @@ def hover(reading: Reading, offset: int) -> tuple[int, int, str] | None:
             if token.type in meanings.OPERATORS:
                 return start, end, meanings.OPERATORS[token.type]
             if token.type == "WORD" and last is not None and last.type in ("METAL", "CONDUCTOR"):
-                return start, end, f"The metal {METALS.get(token.lower(), 'that nobody knows')}"
+                return start, end, f"The metal {METALS.get(fold(token), 'that nobody knows')}"
+            if token.type == "WORD" and last is not None and last.type == "DIELECTRIC" and fold(token) in GLASSES:
+                name = GLASSES[fold(token)]
+                return start, end, f"The glass {name}: n-refr = {INDICES[name]} at 587.6 nm"
         if token.type != "REMARK":
             last = token
     return None

@@ -45,7 +45,7 @@ MEANINGS = {
     ("PRIMITIVE", "cone"): "x² + y² ≤ z², 0 ≤ z ≤ 1, its apex at the origin. Its index names SURFACE and TRANSFORM.",
     ("MATERIAL", "material"): "Its kind: condutor, dieletrico, lambertiano or composto; none is classic Phong.",
     ("CONDUCTOR", "conductor"): "A metal: n-refr and k-abs, or its name; smooth, or rough by n, rug or m.",
-    ("MATERIAL_KIND", "dielectric"): "Glass and the like: n-refr; smooth, or rough by n, rug or m.",
+    ("DIELECTRIC", "dielectric"): "Glass and the like: n-refr, or a glass's name; smooth, or rough by n, rug or m.",
     ("MATERIAL_KIND", "lambertian"): "A matt surface: kd.",
     (
         "MATERIAL_KIND",
@@ -57,6 +57,9 @@ MEANINGS = {
     ("OPTIC", "ks"): "Specular reflectance, 0 to 1. Default: 0 on a Phong surface, 1 - kd of a composto.",
     ("OPTIC", "eta"): "Index of refraction.",
     ("OPTIC", "k"): "Coefficient of absorption of a metal.",
+    ("OPTIC", "abbe"): "Abbe number of a dieletrico, whose n-refr is then that at 587.6 nm: how it disperses light.",
+    ("OPTIC", "transmittance"): "Share of the light that is left after a way of espessura through a dieletrico.",
+    ("OPTIC", "thickness"): "The way after which transmitancia is left. Default: 1.",
     ("OPTIC", "exponent"): "Roughness as a Phong exponent: larger is smoother. None: ideally smooth.",
     ("OPTIC", "slope"): "Roughness as the RMS slope of Beckmann's distribution: larger is rougher.",
     ("STEP", "scale"): "Factors along the axes; negative ones mirror.",

@@ -22,6 +22,7 @@ KINDS = {
     "statement": lsp.CompletionItemKind.Keyword,
     "keyword": lsp.CompletionItemKind.Property,
     "metal": lsp.CompletionItemKind.Color,
+    "glass": lsp.CompletionItemKind.Color,
     "texture": lsp.CompletionItemKind.Color,
     "index": lsp.CompletionItemKind.Value,
     "name": lsp.CompletionItemKind.Variable,

@@ -22,7 +22,9 @@ PIECE = re.compile(
 )
 PARENTHESIS = re.compile(r"[()]")
 #: What a name may stand for: a word that begins nothing.
-VALUES = frozenset(("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "KIND"))
+VALUES = frozenset(
+    ("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC", "KIND")
+)
 
 
 def lex(

@@ -1,0 +1,64 @@
+"""A cluster on this machine, and one that is elsewhere."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import distributed
+
+#: Seconds that a scheduler has to answer.
+ANSWER = 10
+
+
+def be_quiet() -> None:
+    """Dask tells of every worker that is lost, and of a scheduler that is; what matters is said here."""
+    for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+@contextmanager
+def workers(number: int, threads: int | None = None) -> Iterator[distributed.Client]:
+    """A client of so many processes of this machine, for a while. ``threads``: of all together; None for all that
+    there are. Their scheduler listens to this machine alone.
+    """
+    be_quiet()
+    each = max(1, (threads or os.cpu_count() or 1) // number)
+    with (
+        distributed.LocalCluster(
+            n_workers=number,
+            threads_per_worker=each,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=0,  # as much as one process may have
+            silence_logs=logging.CRITICAL,
+            preload=["mitsuba_prosim.cluster.preload"],
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def scheduler(address: str) -> Iterator[distributed.Client]:
+    """A client of the scheduler at an address such as ``tcp://machine:8786``, for a while.
+
+    Raises ClusterError where there is none.
+    """
+    from .remote import ClusterError
+
+    be_quiet()
+    try:
+        client = distributed.Client(address, set_as_default=False, timeout=ANSWER)
+    except (OSError, ValueError) as error:
+        raise ClusterError(
+            f"no scheduler answers at {address}; expected the address that `dask scheduler` says when it is started, "
+            f"such as tcp://machine:8786 ({error})"
+        ) from None
+    try:
+        yield client
+    finally:
+        client.close(timeout=2)

@@ -1,0 +1,312 @@
+"""Samples that the workers of a Dask cluster take."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import itertools
+import queue
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import Any
+
+import dask
+import distributed
+import mitsuba as mi
+from distributed.comm.core import CommClosedError
+
+from ..rendering.estimate import Estimate
+from ..rendering.taking import Portion
+from ..saved import origin
+from . import message, worker
+from .desk import Desk, Ticket
+from .fleet import DEPTH, Fleet, Worker
+from .parcel import Parcel
+
+#: Seconds from one look at who is there to the next; after which without any worker it is said that there is none; and
+#: that a worker has to answer directly, else the scheduler passes on what it says.
+LOOK, PATIENCE, DIRECT = 0.5, 10.0, 3.0
+
+#: A portion may go wrong so often, less one; and so many workers may be lost that are at it, or at loading the scene.
+ATTEMPTS, LOSSES = 3, 10
+
+#: Where portions are wanted in their order, so many for each worker may be out or wait for those before.
+AHEAD = 2 * DEPTH
+
+
+class ClusterError(RuntimeError):
+    """A cluster that can't render the image."""
+
+
+class Remote:
+    """Takes samples by the workers of ``client``; a :class:`~mitsuba_prosim.rendering.taking.Taker`.
+
+    Workers come and go, and take part as soon as they have the scene, the ``parcel``; what one takes with it is done by
+    others. ``say``: told of workers that can't take part. To be closed in the end.
+    """
+
+    def __init__(self, client: distributed.Client, parcel: Parcel, say: Callable[[str], None] = lambda _: None) -> None:
+        self.client, self.parcel, self.say = client, parcel, say
+        self.variant, self.ours = mi.variant() or "", origin.here()
+        self.fleet = Fleet()
+        #: Why the cluster is there no more; and what is called then.
+        self.gone: str | None = None
+        self.stop: Callable[[], None] = lambda: None
+        self.refused: dict[str, str] = {}
+        self.fallen = 0  # workers that were lost before they were ready
+        self.joining: dict[str, list[distributed.Future]] = {}  # what is asked of those that come
+        self.direct: bool | None = None
+        self.contents: dict[str, distributed.Future] = {}
+        self.events: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        self.asking: Worker | None = None
+        #: Portions that were answered, and seconds that the workers took for them, all together.
+        self.portions, self.busy = 0, 0.0
+        self.since = time.perf_counter()
+        self.warned: set[str] = set()
+        self.address = getattr(client.scheduler, "address", "of the cluster")
+        self.watch = self._begin(self._watch())
+
+    def close(self) -> None:
+        """Lets the workers go; they keep the scene for the next time."""
+        self.watch.cancel()
+        for ticket in self.fleet.out():
+            self.fleet.take_back(ticket)
+        for future in [*self.contents.values(), *itertools.chain(*self.joining.values())]:
+            future.release()
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ---------------------------------------------------------------- as a taker
+
+    def bound(self, most: int | None, left: int) -> int | None:
+        """Samples of a portion that the worker which is to get it does in seconds."""
+        return most if self.asking is None else self.fleet.bound(self.asking, most, left)
+
+    def __call__(
+        self, portions: Iterator[Portion], cancelled: Callable[[], bool], in_order: bool
+    ) -> Iterator[tuple[Portion, Estimate]]:
+        """Hands the portions out, and gives them back as they are answered.
+
+        Raises ClusterError where no worker can take part, or where a portion goes wrong again and again.
+        """
+        desk = Desk(portions, in_order)
+        try:
+            while not cancelled() and self.gone is None:
+                self._hand_out(desk)
+                if not desk.left and not self.fleet.out():
+                    return
+                for ticket, more in self._heard(desk):
+                    yield from desk.give(ticket, more)
+        finally:
+            for ticket in self.fleet.out():
+                self.fleet.take_back(ticket)
+
+    def _hand_out(self, desk: Desk) -> None:
+        """Gives every worker what it has time for."""
+        while (free := self.fleet.free()) is not None:
+            self.asking = free
+            ticket = desk.next(AHEAD * len(self.fleet.workers))
+            if ticket is None:
+                break
+            self._send(ticket, free)
+        if not desk.left:
+            for ticket, idle in self.fleet.repeats():
+                self._send(ticket, idle)
+
+    def _send(self, ticket: Ticket, to: Worker) -> None:
+        future = self._submit(to.address, worker.take, self.variant, self.parcel.key, ticket.asked)
+
+        async def collect() -> None:
+            self.events.put((self._answered, ticket, to.address, await self._outcome(future)))
+
+        # What is released ends the gathering as well.
+        self.fleet.give(ticket, to, future.release)
+        self._begin(collect())
+
+    def _heard(self, desk: Desk) -> Iterator[tuple[Ticket, Estimate]]:
+        """What is heard from the cluster in the next moment: the samples of tickets, each once."""
+        try:
+            events = [self.events.get(timeout=LOOK / 5)]
+            while not self.events.empty():
+                events.append(self.events.get())
+        except queue.Empty:
+            events = []
+        for act, *what in events:
+            if (answer := act(desk, *what)) is not None:
+                yield answer
+        if not self.fleet.workers and not self.joining:
+            if self.refused:
+                raise ClusterError("no worker of the cluster can take part: " + "; ".join(self.refused.values()))
+            if time.perf_counter() - self.since > PATIENCE:
+                self._warn_once("the cluster has no workers yet; the render begins when there are some")
+
+    def _answered(self, desk: Desk, ticket: Ticket, address: str, outcome: Any) -> tuple[Ticket, Estimate] | None:
+        if address not in ticket.copies:
+            return None  # another was first, or the worker has gone
+        if isinstance(outcome, worker.Taken):
+            self.fleet.workers[address].learn(ticket.portion.work, outcome.before, outcome.seconds)
+            self.portions, self.busy = self.portions + 1, self.busy + outcome.before + outcome.seconds
+            self.fleet.take_back(ticket)
+            return ticket, message.answered(outcome.counts, outcome.values)
+        self.fleet.take_back(ticket, address)
+        if outcome is None:  # other scenes have taken the place of this one
+            desk.again.extend(self.fleet.remove(address))
+            self._join(address)
+        elif not lost(outcome):
+            ticket.failures.append(f"{address}: {outcome}")
+            if len(ticket.failures) >= ATTEMPTS:
+                raise ClusterError("samples could not be taken, by the worker " + ticket.failures[-1]) from outcome
+        if not ticket.copies:
+            desk.again.append(ticket)
+        return None
+
+    # ---------------------------------------------------------------- who is there
+
+    def _present(self, desk: Desk, addresses: frozenset[str]) -> None:
+        """Looks at who has come, and who has gone."""
+        for address in set(self.fleet.workers) - addresses:
+            desk.again.extend(self.fleet.remove(address))
+            if any(ticket.lost >= LOSSES for ticket in desk.again):
+                raise ClusterError(
+                    f"{LOSSES} workers were lost that were at the same samples; have they enough memory?"
+                )
+        for address in set(self.joining) - addresses:
+            for future in self.joining.pop(address):
+                future.release()
+            self.fallen += 1
+            if self.fallen >= LOSSES and not self.fleet.workers:
+                raise ClusterError(
+                    f"{LOSSES} workers were lost when they were given the scene; have they enough memory, and does "
+                    "prosim doctor find nothing wrong there?"
+                )
+        for address in set(self.refused) - addresses:
+            del self.refused[address]
+        for address in addresses - set(self.fleet.workers) - set(self.joining) - set(self.refused):
+            self._join(address)
+
+    def _join(self, address: str) -> None:
+        async def greet() -> None:
+            try:
+                self.events.put((self._joined, address, await self._greeted(address)))
+            except Exception as error:  # noqa: BLE001 (whatever it is, the others go on)
+                self.events.put((self._joined, address, error))
+
+        self.joining[address] = []
+        self._begin(greet())
+
+    async def _greeted(self, address: str) -> worker.Greeting:
+        """The greeting of a worker that is of our kind, and has the scene."""
+        future = self._submit(address, worker.greet, self.variant, self.parcel.key)
+        self.joining[address].append(future)
+        greeting = await self._outcome(future, direct=False, release=False)
+        if isinstance(greeting, BaseException):
+            raise greeting
+        if self.direct is None:
+            try:
+                await asyncio.wait_for(self._outcome(future, direct=True), DIRECT)
+                self.direct = True
+            except asyncio.TimeoutError:
+                self.direct = False
+        if different := origin.differences(greeting.origin, self.ours, origin.EXACT):
+            raise ClusterError(f"it would not make the same samples ({different})")
+        if not greeting.loaded:
+            futures = [self._travelling(content) for content in self.parcel.contents.values()]
+            bare, names = replace(self.parcel, contents={}), list(self.parcel.contents)
+            loading = self._submit(address, worker.load, self.variant, bare, names, *futures)
+            if address in self.joining:
+                self.joining[address].append(loading)
+            if isinstance(error := await self._outcome(loading), BaseException):
+                raise error
+        return greeting
+
+    def _travelling(self, content: bytes) -> distributed.Future:
+        """A file's content, which the workers pass on to each other."""
+        key = f"prosim-{hashlib.sha256(content).hexdigest()}"
+        if key not in self.contents:
+            self.contents[key] = self._submit(None, bytes, content, key=key)
+        return self.contents[key]
+
+    def _joined(self, desk: Desk, address: str, greeting: worker.Greeting | Exception) -> None:
+        if self.joining.pop(address, None) is None:
+            return  # it has gone
+        if isinstance(greeting, Exception):
+            if not lost(greeting):
+                self.refused[address] = f"{address}: {said(greeting)}"
+                self.say(f"a worker can't take part, {self.refused[address]}")
+            return
+        self.fleet.workers[address] = Worker(address, greeting.threads)
+        if different := origin.differences(greeting.origin, self.ours, origin.CLOSE):
+            self._warn_once(
+                f"the worker {address} is of another kind ({different}): its samples are as good, but may differ in "
+                "their last bits"
+            )
+
+    def _warn_once(self, text: str) -> None:
+        if text not in self.warned:
+            self.warned.add(text)
+            self.say(text)
+
+    def _lost(self, desk: Desk, why: str) -> None:
+        self.gone = why
+        self.stop()
+
+    # ---------------------------------------------------------------- in the loop of the client
+
+    def _begin(self, coroutine: Coroutine[Any, Any, None]) -> Future:
+        assert self.client.loop is not None
+        return asyncio.run_coroutine_threadsafe(coroutine, self.client.loop.asyncio_loop)  # type: ignore[attr-defined]
+
+    async def _watch(self) -> None:
+        """Tells who is there, when that has changed, and when nobody knows any more."""
+        before: frozenset[str] | None = None
+        while True:
+            try:
+                if self.client.status != "running":
+                    raise OSError
+                scheduler: Any = self.client.scheduler
+                present = frozenset(await scheduler.ncores())
+            except (OSError, ValueError, TypeError, AttributeError):  # whatever is left of a connection says
+                self.events.put((self._lost, f"the scheduler {self.address} has gone away"))
+                return
+            if present != before:
+                self.events.put((self._present, present))
+                before = present
+            await asyncio.sleep(LOOK)
+
+    def _submit(
+        self, address: str | None, function: Callable[..., Any], *arguments: Any, key: str | None = None
+    ) -> distributed.Future:
+        """What a worker is to do, or any of them."""
+        with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
+            return self.client.submit(
+                function, *arguments, key=key, pure=False, workers=None if address is None else [address]
+            )
+
+    async def _outcome(self, future: distributed.Future, direct: bool | None = None, release: bool = True) -> Any:
+        """What came of it, or the error."""
+        try:
+            direct = self.direct if direct is None else direct
+            return await self.client.gather(future, direct=direct, asynchronous=True)
+        except (Exception, distributed.CancelledError) as error:  # noqa: BLE001
+            return error
+        finally:
+            if release:
+                future.release()
+
+
+def lost(error: BaseException) -> bool:
+    """Whether it was not the work that went wrong, but the worker that went."""
+    return isinstance(error, (distributed.KilledWorker, distributed.CancelledError, CommClosedError))
+
+
+def said(error: BaseException) -> str:
+    """Why a worker can't take part."""
+    if isinstance(error, (ImportError, AttributeError)):
+        return f"it has no mitsuba-prosim of this version, or not all that it needs ({error})"
+    return str(error) or type(error).__name__

@@ -1,0 +1,153 @@
+"""What a worker of a cluster does: scenes that stay loaded, and samples of them.
+
+All of it happens in one thread of the worker, whatever the number of its own: a portion has all the threads that Dr.Jit
+was given, and two renders take turns.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import distributed
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..rendering.camera import ray_sampler, uncropped
+from ..rendering.plan import Plan
+from ..rendering.policies import POLICIES
+from ..saved import origin
+from ..scene_files import session
+from . import message
+from .parcel import Parcel
+
+#: Scenes that stay loaded, with their kernels; and plans of each.
+SCENES, PLANS = 4, 8
+
+
+@dataclass(frozen=True)
+class Greeting:
+    """What a worker says of itself. ``threads``: that it works with; ``loaded``: whether it has the scene already."""
+
+    origin: Mapping[str, str]
+    threads: int
+    loaded: bool
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Samples, as :func:`.message.answer` has them. ``before``: seconds until they were begun with, whatever their
+    number (Dr.Jit follows the code anew, and compiles it the first time); ``seconds``: that they took.
+    """
+
+    counts: np.ndarray
+    values: np.ndarray
+    before: float
+    seconds: float
+
+
+class Loaded:
+    """A scene that is ready to be sampled."""
+
+    def __init__(self, parcel: Parcel) -> None:
+        self.scene, sensor = parcel.load()
+        integrator: Any = self.scene.integrator()
+        sensor.film().prepare(integrator.aov_names())
+        self.make = lambda plan: integrator.estimator(plan, self.scene, sensor)
+        self.stack = ExitStack()  # which is never left: crops are a matter of who asks
+        self.stack.enter_context(uncropped(sensor))
+        self.sensor = sensor
+        self.estimator: Any = None
+        self.plans: OrderedDict[Any, tuple[Plan, Any]] = OrderedDict()
+
+    def take(self, asked: Mapping[str, Any]) -> Taken:
+        """The samples of a :func:`.message.request`."""
+        times = [time.perf_counter()]
+        plan, policy = recent(self.plans, asked["plan"], lambda: planned(asked["plan"]), PLANS)
+        if self.estimator is None:
+            self.estimator = self.make(plan)
+            self.estimator.rays = ray_sampler(self.sensor)
+        more = message.portion(asked, plan, policy, self.estimator).take(lambda: times.append(time.perf_counter()))
+        counts, values = message.answer(more, asked["pixels"])
+        return Taken(counts, values, times[1] - times[0], time.perf_counter() - times[1])
+
+
+#: By their keys, that used last at the end; of one variant.
+scenes: OrderedDict[tuple[str, str], Loaded] = OrderedDict()
+
+
+def greet(variant: str, key: str) -> Greeting:
+    """Makes the worker ready for a variant, to work with as many threads as Dask has given to it.
+
+    Raises ImportError or RuntimeError where it has no such variant.
+    """
+    threads = distributed.get_worker().state.nthreads
+
+    def greeted() -> Greeting:
+        dr.set_thread_count(threads)
+        choose(variant)
+        return Greeting(origin.here(), dr.thread_count(), (variant, key) in scenes)
+
+    return hand().submit(greeted).result()
+
+
+def load(variant: str, parcel: Parcel, names: list[str], *contents: bytes) -> None:
+    """Loads a scene, of which the ``contents`` by ``names`` are not in the ``parcel`` itself."""
+
+    def loaded() -> Loaded:
+        choose(variant)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # who asks has seen them
+            whole = Parcel(parcel.key, parcel.main, dict(zip(names, contents)), parcel.changes, parcel.sensor)
+            return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
+
+    hand().submit(loaded).result()
+
+
+def take(variant: str, key: str, asked: Mapping[str, Any]) -> Taken | None:
+    """The samples of a :func:`.message.request`; None where that scene is not loaded any more."""
+
+    def taken() -> Taken | None:
+        choose(variant)
+        if (variant, key) not in scenes:
+            return None
+        scene: Loaded = recent(scenes, (variant, key), lambda: None, SCENES)
+        return scene.take(asked)
+
+    return hand().submit(taken).result()
+
+
+def choose(variant: str) -> None:
+    """Sets the variant, if it is another."""
+    if mi.variant() != variant:
+        session.set_variant(variant)
+
+
+def planned(said: tuple[Any, ...]) -> tuple[Plan, Any]:
+    """The plan of which this is said, and the policy that goes with it."""
+    plan = message.plan_of(said)
+    return plan, POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
+
+
+def recent(kept: OrderedDict, key: Any, make: Callable[[], Any], most: int) -> Any:
+    """What is ``kept`` under ``key``, or is made; the ones that were used longest ago make room."""
+    if key not in kept:
+        kept[key] = make()
+        while len(kept) > most:
+            kept.popitem(last=False)
+    kept.move_to_end(key)
+    return kept[key]
+
+
+@cache
+def hand() -> ThreadPoolExecutor:
+    """The thread that does it all."""
+    return ThreadPoolExecutor(1, "prosim")

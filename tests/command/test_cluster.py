@@ -1,0 +1,217 @@
+"""``prosim render --cluster`` and ``--workers``: the same bytes, whoever takes the samples, and whoever is lost."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim import cluster
+from mitsuba_prosim.cluster import local
+from mitsuba_prosim.cluster.parcel import Parcel
+from mitsuba_prosim.saved.keeper import Keeper
+from mitsuba_prosim.scene_files import opening
+from running import names, prosim
+from test_resume_and_merge import LAMP, alike
+
+LAMP = LAMP.replace('"32"', '"64"').replace('"24"', '"48"')
+NOISE = {"noise": 0.007, "max_samples": 400}
+
+
+@pytest.fixture(scope="module")
+def client():
+    with local.workers(2) as client:
+        yield client
+
+
+@pytest.fixture
+def lamp(scene, variant_rgb):
+    scene.write_text(LAMP)
+    return scene
+
+
+def here(path, **changes):
+    """The image by this process alone."""
+    scene = opening.SceneFile(path, path.parent, **changes).load()
+    return np.array(scene.integrator().render(scene, seed=2))
+
+
+def there(client, path, tell=None, say=lambda _: None, **changes):
+    """The image by a cluster; ``tell`` is called after each portion, with the part done."""
+    file = opening.SceneFile(path, path.parent, **changes)
+    scene = file.load()
+    integrator = scene.integrator()
+    integrator.progress = tell
+    with cluster.Remote(client, Parcel.of(file), say) as taker:
+        integrator.taker = taker
+        return np.array(integrator.render(scene, seed=2))
+
+
+# ------------------------------------------------------------------ what travels
+
+
+def test_a_scene_travels_with_what_it_names(lamp, tmp_path):
+    picture = '<shape type="rectangle"><bsdf type="diffuse"><texture name="reflectance" type="bitmap">'
+    picture += '<string name="filename" value="{}"/>'
+    picture += "</texture></bsdf></shape></scene>"
+    (tmp_path / "scene" / "skins").mkdir(parents=True)
+    path, skin = tmp_path / "scene" / "lamp.xml", tmp_path / "scene" / "skins" / "a.png"
+    mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).convert(
+        mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True
+    ).write(str(skin))
+    path.write_text(LAMP.replace("</scene>", picture.format("skins/a.png")))
+    file = opening.SceneFile(path, tmp_path)
+    parcel = Parcel.of(file)
+    assert set(parcel.contents) == {"lamp.xml", "skins/a.png"}
+    moved = path.parent.rename(tmp_path / "moved")
+    assert Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path)).key == parcel.key
+    assert Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path), sensor=1).key != parcel.key
+    scene, _ = parcel.load()
+    assert len(scene.shapes()) == 3
+    (moved / "skins" / "a.png").rename(tmp_path / "a.png")
+    for name, says in [
+        ("../a.png", "outside of the scene's folder"),
+        (str(tmp_path / "moved" / "b.png"), "by its place"),
+    ]:
+        (tmp_path / "moved" / "b.png").write_bytes((tmp_path / "a.png").read_bytes())
+        (moved / "lamp.xml").write_text(LAMP.replace("</scene>", picture.format(name)))
+        with pytest.raises(ValueError, match=says):
+            Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path))
+
+
+@pytest.mark.parametrize(
+    "options, says",
+    [
+        (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
+        (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
+        (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
+        (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
+    ],
+)
+def test_wrong_use(scene, options, says):
+    result = prosim("render", scene, *options)
+    assert result.exit_code == 2 and says in result.stderr and names(scene.parent) == ["scene.xml"]
+
+
+def test_no_scheduler(lamp, monkeypatch):
+    monkeypatch.setattr(local, "ANSWER", 0.2)
+    result = prosim("render", lamp, "--cluster", "tcp://127.0.0.1:1")
+    assert result.exit_code == 1 and "no scheduler answers at tcp://127.0.0.1:1" in result.stderr
+
+
+# ------------------------------------------------------------------ the same bytes
+
+
+@pytest.mark.slow
+def test_two_workers_make_the_same_image(client, lamp):
+    for changes in ({}, {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}):
+        expected = here(lamp, **changes)
+        assert np.array_equal(np.array(cluster.render(lamp, client=client, seed=2, **changes)), expected)
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
+    """Another takes the place of the one that was killed, as Dask's nanny begins it anew."""
+    forget = "from mitsuba_prosim.cluster import worker; worker.scenes.clear()"
+    acts = [
+        lambda: os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL),
+        lambda: client.run(exec, forget),
+    ]
+    told = []
+
+    def tell(done):
+        told.append(done)
+        if acts and len(told) % 2:
+            acts.pop()()
+
+    image = there(client, lamp, tell, integrator=NOISE)
+    assert not acts and len(told) > 4 and np.array_equal(image, here(lamp, integrator=NOISE))
+
+
+@pytest.mark.slow
+def test_workers_of_another_kind(client, lamp, monkeypatch):
+    ours = cluster.remote.origin.here()
+    said = []
+    monkeypatch.setattr(cluster.remote.origin, "here", lambda: ours | {"processor": "another"})
+    assert np.array_equal(there(client, lamp, say=said.append), here(lamp))
+    assert said and all(re.search("is of another kind .processor .* there, another here", text) for text in said)
+    monkeypatch.setattr(cluster.remote.origin, "here", lambda: ours | {"mitsuba": "3.0"})
+    with pytest.raises(
+        cluster.ClusterError, match=r"no worker of the cluster can take part: .*mitsuba 3\.9.* 3\.0 here"
+    ):
+        there(client, lamp)
+
+
+@pytest.mark.slow
+def test_two_renders_on_one_cluster(client, lamp):
+    command = [sys.executable, "-c", "from prosim_start import main; main()", "render", lamp, "--noise", "0.007"]
+    address = client.scheduler.address
+    with subprocess.Popen(
+        [*command, "--cluster", address, "--seed", "2", "-o", lamp.parent / "a", "--keep"]
+    ) as process:
+        images = [there(client, lamp, integrator=NOISE) for _ in range(2)]
+        assert process.wait(100) == 0
+    assert np.array_equal(*images) and np.array_equal(images[0], here(lamp, integrator=NOISE))
+    assert prosim("resume", lamp.parent / "a.state.exr", "-o", lamp.parent / "b").exit_code == 0
+    assert prosim("render", lamp, "--noise", 0.007, "--seed", 2, "-o", lamp.parent / "c").exit_code == 0
+    assert alike(*(lamp.parent / name for name in "abc"))
+
+
+#: A cluster in a process of its own, which says where it is.
+ANOTHER = (
+    "import time; from mitsuba_prosim.cluster import local\n"
+    "with local.workers(1, 1) as client: print(client.scheduler.address, flush=True); time.sleep(100)"
+)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away(lamp, monkeypatch):
+    """The image so far is written, and its state, which goes on to the same bytes."""
+    folder, keep = lamp.parent, Keeper.__call__
+    aim = ["--noise", 0.01]
+    with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
+
+        def killing(self, record, last):
+            if not last and record().pixels["count"].any():
+                process.kill()
+            keep(self, record, last)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Keeper, "__call__", killing)
+            address = process.stdout.readline().strip()
+            result = prosim("render", lamp, "--keep", "-o", folder / "a", "--cluster", address, *aim)
+    assert result.exit_code == 1 and re.search("the scheduler tcp://.* has gone away", result.output)
+    assert f"prosim resume {folder / 'a.state.exr'}" in result.output
+    assert prosim("resume", folder / "a.state.exr").exit_code == 0
+    assert prosim("render", lamp, "-o", folder / "b", *aim).exit_code == 0
+    assert alike(folder / "a", folder / "b")
+
+
+#: Runs the tasks of an array one after the other.
+SBATCH = """#!/bin/sh
+for id in $(seq $(sed -n 's/^#SBATCH --array=\\([0-9]*\\)-\\([0-9]*\\)$/\\1 \\2/p' "$1")); do
+    SLURM_ARRAY_TASK_ID=$id sh "$1" || exit 1
+done
+"""
+
+
+@pytest.mark.slow
+def test_the_array_of_the_documentation(lamp, monkeypatch):
+    """As its page has it, but for the scene and the number of parts; the second time each task goes on."""
+    folder = lamp.parent
+    page = (Path(__file__).parents[2] / "docs" / "anywhere.md").read_text("utf-8")
+    (script,) = re.findall(r"^cat > parts.sh <<'SCRIPT'\n.*?^sbatch parts.sh$", page, re.MULTILINE | re.DOTALL)
+    script = script.replace("palito.scn", lamp.name).replace("1-4", "1-2").replace("-of-4", "-of-2").replace("/4", "/2")
+    (folder / "sbatch").write_text(SBATCH)
+    (folder / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", os.pathsep.join([str(folder), str(Path(sys.executable).parent), os.environ["PATH"]]))
+    monkeypatch.chdir(folder)
+    said = subprocess.run(["sh", "-c", script], check=True, capture_output=True, text=True).stdout
+    assert re.findall(r"part (\d) of 2", said) == ["1", "2"]
+    assert prosim("merge", *(f"night.{k}-of-2.exr" for k in (1, 2)), "-o", "night").exit_code == 0
+    assert prosim("render", lamp, "-o", "whole").exit_code == 0
+    assert alike(folder / "night", folder / "whole")

@@ -1,0 +1,179 @@
+"""Whoever takes the samples, and in which portions and order they are given back, the image is the same."""
+
+import pickle
+import random
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.cluster import fleet, message, worker
+from mitsuba_prosim.cluster.desk import Desk, Ticket
+from mitsuba_prosim.rendering.camera import ray_sampler
+from scenes import penumbra
+from test_record import CROP, loaded
+
+
+class Elsewhere:
+    """Takes samples by what was sent, in another copy of the scene, a few portions at a time; the answers come in any
+    order.
+    """
+
+    def __init__(self, scene, most=3000, together=3, history=False):
+        self.estimator = None
+        self.scene, self.most, self.together, self.history = scene, most, together, history
+        self.chance = random.Random(1)
+        #: Kernels that were compiled, portion by portion.
+        self.compiled = []
+
+    def bound(self, most, left):
+        return self.chance.randint(1, self.most)
+
+    def __call__(self, portions, cancelled, in_order):
+        desk = Desk(portions, in_order)
+        while not cancelled():
+            tickets = [ticket for _ in range(self.together) if (ticket := desk.next(self.together))]
+            if not tickets:
+                assert not desk.left
+                return
+            self.chance.shuffle(tickets)
+            for ticket in tickets:
+                asked = pickle.loads(pickle.dumps(ticket.asked))
+                yield from desk.give(ticket, message.answered(*self.answer(asked)))
+
+    def answer(self, asked):
+        plan, policy = worker.planned(asked["plan"])
+        if self.estimator is None:
+            sensor = self.scene.sensors()[0]
+            self.estimator = self.scene.integrator().estimator(plan, self.scene, sensor)
+            self.estimator.rays = ray_sampler(sensor)
+        portion = message.portion(asked, plan, policy, self.estimator)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, self.history):
+            more = portion.take()
+            self.compiled.append(sum(not kernel.get("cache_hit", True) for kernel in dr.kernel_history()))
+        return message.answer(more, asked["pixels"])
+
+
+def image(scene, taker=None):
+    integrator = scene.integrator()
+    integrator.taker = taker
+    try:
+        result = np.array(integrator.render(scene, seed=3))
+    finally:
+        integrator.taker = None
+    return result, (integrator.reached.samples, str(integrator.reached.noise))
+
+
+def taken_alike(settings, **how):
+    here, there = loaded(**settings), loaded(**settings)
+    expected, reached = image(here)
+    found, as_far = image(here, Elsewhere(there, **how))
+    assert np.array_equal(found, expected) and as_far == reached
+
+
+def test_samples_that_were_taken_elsewhere(variant_rgb):
+    """With noise, larger patterns, a second image, and a filter that reaches other pixels."""
+    taken_alike({"size": 24, "noise": 0.004, "max_samples": 200}, most=20000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"adaptive": "none"},
+        {"adaptive": "neighbours"},
+        {"adaptive": "thesis"},
+        {"adaptive": "graded"},
+        {"adaptive": "graded", "kept": 0},
+        {"noise": 0.006, "kept": 0, "max_samples": 60},
+        {"size": 10, "noise": 0.01, "max_samples": 60},
+    ],
+    ids=str,
+)
+def test_samples_of_all_policies_and_filters(variant_rgb, monkeypatch, rfilter, settings):
+    settings = dict(settings)
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", settings.pop("kept", 1 << 30))
+    taken_alike({"size": 24, "rfilter": rfilter, **settings}, most=10000)
+
+
+def test_a_second_portion_compiles_nothing(variant_rgb):
+    """Whatever its pixels, their counts and sums, and where in memory the arrays are that it came in."""
+    scene = loaded(24, adaptive="graded", samples=3)
+    taker = Elsewhere(scene, history=True)
+    dr.kernel_history_clear()
+    image(loaded(24, adaptive="graded", samples=3), taker)
+    assert len(taker.compiled) > 5 and not any(taker.compiled[1:])
+
+
+@pytest.mark.slow
+def test_a_crop_is_a_matter_of_who_asks(variant_rgb):
+    film = {"film": CROP, "adaptive": "graded", "samples": 2}
+    here, there = loaded(**film), loaded(film={**CROP, "crop_offset_x": 0, "crop_width": 96})
+    sensor = there.sensors()[0]
+    params = mi.traverse(sensor)
+    params["film.crop_offset"], params["film.crop_size"] = mi.ScalarPoint2u(0), mi.ScalarVector2u(96, 90)
+    params.update()
+    there.integrator().samples = 7  # nor are these
+    assert np.array_equal(image(here)[0], image(here, Elsewhere(there))[0])
+
+
+def test_a_sampler_of_mitsubas_stays_where_it_is(variant_rgb):
+    settings = {"type": "prosim_adaptive", "nested": {"type": "direct"}, "sampler": {"type": "independent"}}
+    scene = mi.load_dict(penumbra(size=4, **settings))
+    with pytest.raises(ValueError, match="nor shared out"):
+        image(scene, Elsewhere(scene))
+
+
+# ------------------------------------------------------------------ who is given what
+
+
+class Portion:
+    def __init__(self, work):
+        self.work = work
+
+
+def working(paces):
+    """A fleet of workers of these paces, by names, and its clock, whose hand can be set."""
+    now = [0.0]
+    some = fleet.Fleet(lambda: now[0])
+    for name, pace in paces.items():
+        some.workers[name] = fleet.Worker(name, 1, pace, answers=2)
+    return some, now
+
+
+def give(some, name, number, work, taken_back=None):
+    ticket = Ticket(number, Portion(work), None)
+    some.give(ticket, some.workers[name], lambda: (taken_back if taken_back is not None else []).append(name))
+    return ticket
+
+
+def test_portions_are_as_large_as_a_worker_is_fast():
+    some, _ = working({"fast": 3e6, "slow": 1e6, "new": 0.0})
+    fast, slow, new = some.workers.values()
+    assert some.bound(fast, None, 10**9) == 3 * some.bound(slow, None, 10**9) == 3e6 * fleet.LONGEST
+    assert some.bound(new, None, 10**9) == fleet.FIRST
+    assert some.bound(slow, 2 * 10**6, 10**9) == 4 * 10**5  # of all together
+    assert some.bound(slow, 1, 10**9) == some.bound(slow, None, 1) == 1e6 * fleet.SHORTEST
+    slow.learn(2 * 10**6, 0.5, 1.0)
+    assert slow.pace == 1.5e6 and slow.seconds(3 * 10**6) == 2.25
+    assert some.bound(slow, None, 1) == fleet.TIMES * 0.25 * 1.5e6  # what goes before it is a small part
+    assert some.free() is fast
+    give(some, "fast", 0, 1)
+    assert some.free() is slow
+
+
+def test_what_is_late_is_done_once_more_by_who_has_nothing_to_do():
+    some, now = working({"a": 1e6, "b": 1e6})
+    first, second = (give(some, "a", i, 2 * 10**6) for i in range(2))
+    assert list(some.repeats()) == [(second, some.workers["b"])]  # it would begin with it after two seconds
+    taken_back = []
+    some.give(second, some.workers["b"], lambda: taken_back.append("b"))
+    assert list(some.repeats()) == []
+    some.take_back(second)  # one of them has answered
+    assert taken_back == ["b"] and some.out() == [first]
+    now[0] = 3.9
+    assert list(some.repeats()) == []
+    now[0] = 6.0  # two seconds' work that takes six: the worker may be stuck
+    assert list(some.repeats()) == [(first, some.workers["b"])]
+    assert some.remove("a") == [first] and some.out() == []

@@ -6,6 +6,7 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
 from mitsuba_prosim.caustics.targets import Targets, merged
+from mitsuba_prosim.command.render import parameters
 from mitsuba_prosim.rendering.record import Record
 
 
@@ -120,6 +121,11 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
         images = np.stack([render(world, seed, samples=n, caustic_photons=1 << 12)[7:10, 5:9] for seed in range(6)])
         errors.append(images.std(axis=0, ddof=1).mean())
     assert errors[1] < 0.7 * errors[0]
+
+
+def test_the_command_asks_for_them_in_a_word():
+    assert parameters(False, None, True) == {"caustics": True}
+    assert parameters(False, None) == {}
 
 
 # ---------------------------------------------------------------- what is refused

@@ -22,8 +22,8 @@ MAPS = 64
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
 
-#: Sets that are kept: that of an image, and that of its twin.
-KEPT = 2
+#: Photons that are kept, 40 bytes each, for the next wave and for the twin; at least two sets.
+KEPT = 1 << 22
 
 
 class Caustics:
@@ -59,7 +59,7 @@ class Caustics:
         """Makes the set ``number`` of ``maps`` maps under ``seed`` what samples gather from."""
         which = (seed, number, maps)
         if which not in self._sets:
-            while len(self._sets) >= KEPT:
+            while len(self._sets) >= max(KEPT // self.count, 2):
                 del self._sets[next(iter(self._sets))]
             self._sets[which] = self._photons(*which)
         self._drawn = self._sets[which]

@@ -173,8 +173,11 @@ class Estimator:
         lacking = start.count < end
         least, most = dr.min(dr.select(lacking, start.count, end)), dr.max(end)
         for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
+            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
+            if not dr.any((start.count < dr.minimum(end, after)) & (end > first)):
+                continue
             caustics.draw(seed, number, maps)
-            until = dr.minimum(end, dr.opaque(mi.UInt32, (number + 1) * maps))
+            until = dr.minimum(end, after)
             start = self._take(x, y, start, dr.maximum(start.count, until), quiet)
             dr.eval(start)
         return start

@@ -87,7 +87,7 @@ def exists(read, inside, medium):
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("kind", ["blocks", "turned blocks", "general", "same_quadric", "nested"])
+@pytest.mark.parametrize("kind", ["blocks", "turned blocks", "chains", "general", "same_quadric", "nested"])
 def test_every_face_leads_from_one_medium_to_the_next(kind):
     compared = {False: 0, True: 0}
     for seed in range(3):
@@ -97,7 +97,7 @@ def test_every_face_leads_from_one_medium_to_the_next(kind):
         else:
             text = exact_csg.KINDS[kind](rng)
         text = re.sub(r"lambertiano kd \S+", "dieletrico n-refr {}", text).format(*rng.choice([1.2, 1.3, 1.5], 20))
-        meshes = skins(text)
+        meshes = skins(text, 0.2)
         for _ in range(15):
             origin = 9.0 * rng.choice([-1, 1], 3)
             direction = rng.uniform(-2, 2, 3) - origin

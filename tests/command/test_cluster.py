@@ -153,9 +153,9 @@ def test_two_renders_on_one_cluster(client, lamp):
     with subprocess.Popen([*command, "--cluster", address, "--seed", "2", "-o", lamp.parent / "a"]) as process:
         images = []
         while process.poll() is None:
-            images.append(there(client, lamp, integrator=NOISE))
+            images.append(there(client, lamp, integrator={"noise": 0.012}))
         assert process.returncode == 0
-    expected = here(lamp, integrator=NOISE)
+    expected = here(lamp, integrator={"noise": 0.012})
     assert images and all(np.array_equal(image, expected) for image in images)
     assert prosim("render", lamp, "--noise", 0.012, "--seed", 2, "-o", lamp.parent / "b").exit_code == 0
     assert alike(lamp.parent / "a", lamp.parent / "b")

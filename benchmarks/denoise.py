@@ -13,13 +13,16 @@ that:
 ``plain``
     the final image over that of Open Image Denoise with the albedo and the normals of Mitsuba's ``aov`` integrator;
 ``said``
-    RMSE and noise as the maps of errors have them over the true ones, of the final image.
+    RMSE and noise as the maps of errors have them over the true ones, of the final image;
+``seconds``
+    of the processor, on each thread: rendering, features included, and denoising.
 """
 
 from __future__ import annotations
 
 import time
 
+import drjit as dr
 import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
@@ -119,11 +122,11 @@ def row(subject: Subject, reference: Reference, n: int, rounds: int) -> str:
     integrator = subject.integrator(adaptive="none", samples=n)
     sensor, found, seconds = subject.scene.sensors()[0], [], []
     for k in range(rounds):
-        begun = time.perf_counter()
+        begun = time.process_time()
         both = halves.halves(subject.scene, sensor, integrator, seed=2 * k)
-        rendered = time.perf_counter()
+        rendered = time.process_time()
         result = both.denoised()
-        seconds.append((rendered - begun, time.perf_counter() - rendered))
+        seconds.append((rendered - begun, time.process_time() - rendered))
         samples = integrator.reached.samples
         one = subject.render(integrator, seed=1000 + k)[..., :3]
         final, raw = errors(result.final, reference), errors(result.raw, reference)
@@ -142,7 +145,7 @@ def row(subject: Subject, reference: Reference, n: int, rounds: int) -> str:
     mean = np.mean(found, axis=0)
     mean[6] = np.max(np.abs(found), axis=0)[6]
     cells = [f"{v:.2f}" for v in mean]
-    rendering, denoising = np.min(seconds, axis=0)
+    rendering, denoising = np.min(seconds, axis=0) / dr.thread_count()
     return (
         f"| {subject.name} | {samples:.0f} | {' / '.join(cells[:3])} | {' / '.join(cells[3:6])} | {cells[6]} | "
         f"{' / '.join(cells[7:10])} | {' / '.join(cells[10:])} | {rendering:.1f} + {denoising:.1f} |"

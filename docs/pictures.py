@@ -184,6 +184,11 @@ def main(only):
     if not only or "volta" in only:
         bitmap = mi.Bitmap(turntable()).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
         bitmap.write(str(DOCS / "pictures" / "volta.jpg"), quality=92)
+    if not only or "copo" in only:
+        image = mi.render(mi.load_dict(prosim_scene.load(DOCS.parent / "examples" / "copo.scn")))
+        mi.Bitmap(image).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(
+            str(DOCS / "pictures" / "copo.jpg"), quality=90
+        )
     for folder, scene_of in FOLDERS.items():
         for name, docstring in plugins(folder):
             if not only or name in only:

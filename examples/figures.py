@@ -56,7 +56,10 @@ RENDERED = {
     "5.15-samples": partial(scenes.render_counts, "poste", samples=5),
     "5.16-esfera-metalica": partial(scenes.render, "esfera-metalica"),
     "5.18-caustica": partial(scenes.render, "caustica"),
+    "5.18-fotons": partial(scenes.render, "caustica", caustics=True),
     "5.18-path": partial(scenes.render_path, "caustica", spp=1024),
+    "6-absorcao": partial(scenes.render, "garrafas"),
+    "6-dispersao": partial(scenes.render, "prisma"),
     "palito": partial(scenes.render, "palito"),
 }
 

@@ -43,7 +43,7 @@ def test_wheel_without_a_compiler(tmp_path):
         path.relative_to(folder).as_posix()
         for folder in (ROOT / "plugins", ROOT / "scene_translator")
         for path in folder.rglob("*.*")
-        if path.suffix in (".py", ".c", ".html", ".lark")
+        if path.suffix in (".py", ".c", ".html", ".css", ".js", ".lark")
     }
     assert sources <= names
 

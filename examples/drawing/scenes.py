@@ -20,9 +20,9 @@ def load(name, factor=1, samples=None, **integrator):
     return description
 
 
-def render(name, factor, samples=None):
+def render(name, factor, samples=None, **integrator):
     """The image of a scene, (height, width, 3), linear, its highlights as ``prosim render`` shows them."""
-    return compress(np.array(mi.render(mi.load_dict(load(name, factor, samples)))))
+    return compress(np.array(mi.render(mi.load_dict(load(name, factor, samples, **integrator)))))
 
 
 def render_counts(name, factor, samples=None):

@@ -16,17 +16,21 @@ import mitsuba as mi
 
 from .registry import register_plugins
 
-__all__ = ["denoise", "register_plugins"]
+__all__ = ["denoise", "register_plugins", "show"]
 
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """``denoise``, which few need, is imported when it is asked for."""
+    """``denoise`` and ``show``, which few need, are imported when they are asked for."""
     if name == "denoise":
         from .denoising import denoise
 
         return denoise
+    if name == "show":
+        from .watch.notebook import show
+
+        return show
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -11,11 +11,13 @@ COMMANDS = {
     "compare": ("compare:compare", "Compare two integrators or samplers on a scene."),
     "doctor": ("doctor:doctor", "Print what was found on this machine."),
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
+    "language-server": ("prosim_scene.editor.command:language_server", "Help an editor with scenes."),
     "link": ("link:link", "Let the mitsuba command run plugins in Python."),
     "merge": ("merge:merge", "Make the image of parts that were rendered one by one."),
     "render": ("render:render", "Render a scene to an EXR and a PNG image."),
     "resume": ("resume:resume", "Go on with a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
+    "watch": ("watch:watch", "Show a scene's picture while the scene is written."),
 }
 
 
@@ -31,7 +33,8 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module, _, name = COMMANDS[cmd_name][0].partition(":")
-        command: click.Command = getattr(importlib.import_module(f"mitsuba_prosim.command.{module}"), name)
+        module = module if "." in module else f"mitsuba_prosim.command.{module}"
+        command: click.Command = getattr(importlib.import_module(module), name)
         return command
 
     def resolve_command(

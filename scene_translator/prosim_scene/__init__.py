@@ -7,12 +7,12 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 
+from .kept import Kept
 from .language import parse
 from .language.files import read, rewrite
 from .language.formatter import format
 from .language.messages import SceneError, SceneWarning
 from .model import Scene
-from .solids import Kept
 from .translator import check, document, load, translate
 
 __all__ = [

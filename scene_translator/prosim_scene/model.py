@@ -73,11 +73,15 @@ class Surface:
 
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
     metal: str | None = None  # one of Mitsuba's tables
+    glass: str | None = None  # one of prosim_dielectric's materials
     ka: Vector | None = None
     kd: Vector | None = None
     ks: Vector | None = None
     eta: Vector | None = None
     k: Vector | None = None
+    abbe: float | None = None  # Abbe number, beside eta
+    transmittance: Vector | None = None  # of what lies inside, over ``thickness``
+    thickness: float = 1.0
     exponent: float | None = None  # roughness as a Phong exponent ...
     slope: float | None = None  # ... or as the RMS slope of Beckmann's distribution; neither: ideally smooth
 

@@ -6,7 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,18 +14,19 @@ from typing import Any
 import numpy as np
 
 from . import view
+from .kept import Kept
 from .language import document_of
 from .language.document import Document
 from .language.files import read
 from .language.messages import SceneError
 from .language.words import PIXELS, Numbers, numbers
-from .model import Leaf, Scene, Vector
+from .model import Leaf, Scene
 from .nodes import Comment, Default, Node
-from .solids import TOLERANCE, Kept, tessellate
+from .solids import TOLERANCE, Skin, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
+from .targets.materials import Sides
 from .write import output, xml
-from .write.ply import ply
 
 AnyPath = str | os.PathLike[str]
 
@@ -64,10 +65,12 @@ def _whole(value: int, takes: Numbers) -> bool:
     return int(value) == value and takes.low <= value <= takes.high
 
 
-def medium(scene: Scene, leaf: Leaf) -> Vector | None:
-    """The medium inside a dielectric; None, the opaque one, inside anything else."""
+def medium(scene: Scene, leaf: Leaf) -> Hashable:
+    """The medium inside a dielectric, by what it refracts and absorbs; None, the opaque one, inside anything else."""
     surface = scene.surfaces[leaf.index]
-    return surface.eta if surface.material == "dielectric" else None
+    if surface.material != "dielectric":
+        return None
+    return surface.eta, surface.glass, surface.abbe, surface.transmittance, surface.thickness
 
 
 def look(scene: Scene, leaf: Leaf) -> Hashable:
@@ -88,10 +91,10 @@ def assemble(
     """A scene's dictionary.
 
     ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept`` is what
-    earlier translations left.
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
+    earlier translation has left, and this one leaves.
     """
-    scene, target = document.scene, TARGETS[options.target]
+    scene, target, kept = document.scene, TARGETS[options.target], kept or Kept()
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
@@ -103,7 +106,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
-        kept,
+        kept.faces,
     )
 
     def comment(text: str, *path: str | int) -> Comment:
@@ -117,43 +120,54 @@ def assemble(
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment"] = comment(light.kind.upper(), "lights", i)
         result[f"light_{i}"] = single.check(document, target.light(context, i, light), "lights", i)
+    skins: dict[Hashable, list[Skin]] = {}
+    for skin in triangles:
+        skins.setdefault(skin.material, []).append(skin)
+    media: dict[Hashable, int] = {
+        medium(scene, leaf): leaf.index for leaves in reversed(_alike(scene)) for _, leaf in leaves[:1]
+    }
     for leaves in _alike(scene):
         number, leaf = leaves[0]
-        key = look(scene, leaf)
-        if key not in triangles:
-            continue
-        name = f"surface_{leaf.index}"
-        while name in result:
-            name += "_"
-        if not np.abs(triangles[key].positions).max() <= single.LARGEST:
-            raise document.error("this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index)
-        content = ply(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
-        bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
-            ", ..." if len(leaves) > 3 else ""
-        )
-        if content is None:
-            document.warn(
-                f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
-                "transforms",
-                leaf.index,
+        for skin in skins.get(look(scene, leaf), []):
+            name = f"surface_{leaf.index}"
+            while name in result:
+                name += "_"
+            if not np.abs(triangles[skin].positions).max() <= single.LARGEST:
+                raise document.error(
+                    "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
+                )
+            content = kept.file(triangles[skin], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+            bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
+                ", ..." if len(leaves) > 3 else ""
             )
-            continue
-        result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}", "surfaces", leaf.index)
-        result[name] = {
-            "type": "ply",
-            "filename": store(name, content),
-            **single.check(document, target.surface(context, number, leaf), "surfaces", leaf.index),
-        }
+            if content is None:
+                document.warn(
+                    f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
+                    "transforms",
+                    leaf.index,
+                )
+                continue
+            sides = Sides(
+                leaf.index if skin.inside == medium(scene, leaf) else media[skin.inside],
+                None if skin.outside is None else media[skin.outside],
+            )
+            met = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
+            result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}{met}", "surfaces", leaf.index)
+            result[name] = {
+                "type": "ply",
+                "filename": store(name, content),
+                **single.check(document, target.surface(context, number, leaf, sides), "surfaces", leaf.index),
+            }
     return result
 
 
-def _alike(scene: Scene) -> Iterable[list[tuple[int, Leaf]]]:
+def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:
     """The leaves that look alike, with their numbers in the tree."""
     alike: dict[Hashable, list[tuple[int, Leaf]]] = {}
     for number, leaf in enumerate(scene.csg):
         if isinstance(leaf, Leaf):
             alike.setdefault(look(scene, leaf), []).append((number, leaf))
-    return alike.values()
+    return list(alike.values())
 
 
 def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[np.ndarray]) -> Node:
@@ -225,7 +239,7 @@ def translate(
     ``define``
         Values, numbers or words, of the ``$names`` in the scene.
     ``kept``
-        What earlier translations left, see :class:`Kept`; for one scene that is translated again and again.
+        What an earlier translation has left, and this one leaves: meshes of the same solids are not made anew.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
@@ -307,14 +321,12 @@ def load(
     return xml.plain(tree, transform or (lambda matrix: matrix))
 
 
-def check(
-    source: AnyPath | Document, *, define: Mapping[str, object] | None = None, kept: Kept | None = None, **options: Any
-) -> Scene:
+def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
     """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
 
     Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
     """
     checked = Options(**options)
     opened, path = _opened(source, define)
-    assemble(opened, path.parent, checked, lambda name, _: name, str, kept)
+    assemble(opened, path.parent, checked, lambda name, _: name, str)
     return opened.scene

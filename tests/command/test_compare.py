@@ -2,6 +2,7 @@
 
 import csv
 import html.parser
+import importlib.util
 import json
 import re
 import shutil
@@ -15,6 +16,9 @@ from mitsuba_prosim.compare import measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
 from mitsuba_prosim.scene_files.opening import SceneFile
 from prosim_start.group import prosim
+
+#: Whether the package that denoises is there: the page has its rows then.
+DENOISES = importlib.util.find_spec("mitsuba_oidn") is not None
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
@@ -65,6 +69,7 @@ def report(tmp_path_factory):
             "2,3",
             "--exposure",
             "-1",
+            *(["--denoise"] if DENOISES else []),
             "--reference-seconds",
             "0",
             "--cache",
@@ -219,7 +224,12 @@ def test_page_holds_what_it_must(report):
     same, own = facts["sections"]
     assert same["transport"] == "paths"
     assert own["transport"] == "scene"
-    assert [row["role"] for row in same["rows"]] == ["a", "b at equal samples", "b at equal time"]
+    roles = ["a", "b at equal samples", "b at equal time"]
+    assert [row["role"] for row in same["rows"]] == roles + DENOISES * [f"{role} denoised" for role in roles]
+    if DENOISES:
+        halves = [row["samples"] for row in same["rows"][3:]]
+        assert 0 < halves[0] <= 8 and halves[1] == pytest.approx(same["rows"][1]["samples"], abs=4)  # samplers round
+        assert "equal samples, denoised" in page
     assert same["rows"][1]["samples"] == pytest.approx(same["rows"][0]["samples"], abs=2)
     for heading in (
         "RMSE",
@@ -234,7 +244,11 @@ def test_page_holds_what_it_must(report):
         "slope",
     ):
         assert heading in page
-    assert page.count("<figure") == page.count("data:image/png") == (1 + 3 * 4) + (1 + 4) + 5
+    assert (
+        page.count("<figure")
+        == page.count("data:image/png")
+        == (1 + 3 * 4 * (1 + DENOISES)) + (1 + 4 * (1 + DENOISES)) + 5
+    )
     assert facts["difference"]["effects"] == {
         "interreflection": True,
         "caustics": True,

@@ -63,7 +63,7 @@ def test_each_frame_is_the_image_of_the_scene_alone(film):
     assert mi.Bitmap(str(film.with_name("film.0004.exr"))).metadata()["prosim.seed"] == "9"
 
 
-def test_a_frame_is_rendered_once_and_anew_where_anything_has_changed(film):
+def test_a_frame_is_rendered_once_and_anew_where_the_scene_has_changed(film):
     options = "--frames", "0:2"
     assert rendered(film, *options) == (2, 0)
     before = kept(film.parent)
@@ -72,7 +72,14 @@ def test_a_frame_is_rendered_once_and_anew_where_anything_has_changed(film):
     film.with_name("film.0001.exr").unlink()
     assert rendered(film, *options) == (1, 1)
     film.with_name("film.0000.exr").write_bytes(b"none")
-    assert rendered(film, *options) == (1, 1)
+    film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
+    assert rendered(film, *options) == (2, 0)
+
+
+@pytest.mark.slow
+def test_a_frame_is_rendered_anew_where_an_option_has_changed(film):
+    options = "--frames", "0:2"
+    assert rendered(film, *options) == (2, 0)
     for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--anew"]:
         assert rendered(film, *options, *other) == (2, 0), other
     assert rendered(film, *options, "--fps", 30) == (1, 1)  # the first is at the time 0
@@ -155,6 +162,8 @@ def test_a_wrong_frame_is_named_and_those_before_it_are_kept(film):
         (["--frames", "0:3:1:1"], "not of the form"),
         (["--frames", "0:3", "-D", "frame=3"], "-D frame=... and --frames both say what $frame stands for"),
         (["--frames", "0:3", "--part", "1/2"], "--part is for single images"),
+        (["--frames", "0:3", "-o", "turn.%04d.exr"], "frames number themselves, such as name.0007.exr"),
+        (["--frames", "0:3", "--workers", "2"], "a film is rendered by one process"),
         (["--fps", "3"], "--fps is for films"),
         (["--anew"], "--anew is for films"),
         (["-D", "turn=3"], "nothing in the scene says $turn"),

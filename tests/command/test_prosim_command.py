@@ -115,7 +115,7 @@ def test_a_command_that_there_is_not(palito):
     for word, hint in [
         ("rneder", "Did you mean render?"),
         ("FORMAT", "Did you mean format?"),
-        ("paint", "There are compare, doctor, format, link, merge, render, resume, translate."),
+        ("paint", "There are compare, doctor, format, language-server, link, merge, render, resume, translate, watch."),
         (palito, f"To render that file: prosim render {palito}"),
     ]:
         done = prosim(word, palito)
@@ -214,8 +214,12 @@ def own(tmp_path, monkeypatch):
 
 def test_record_lists_a_file_once(own):
     """What pip removes on uninstalling."""
+    files = own / "mitsuba" / "plugins" / "a.so", own.parent / "elsewhere.so"
+    files[0].parent.mkdir(parents=True)
+    for file in files:
+        file.touch()  # what is not there is not listed, where importlib_metadata has been imported
     for _ in range(2):
-        link.record([own / "mitsuba" / "plugins" / "a.so", own.parent / "elsewhere.so"])
+        link.record(files)
     lines = (own / "own-1.dist-info" / "RECORD").read_text().splitlines()
     assert lines[1:] == ["mitsuba/plugins/a.so,,", "../elsewhere.so,,"]
 

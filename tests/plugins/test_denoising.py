@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
-from mitsuba_prosim.denoising.mixing import mix
-from mitsuba_prosim.denoising.pyramid import average, expand, reduce
+from mitsuba_prosim.denoising.mixing import LIGHT, inputs, mix, with_light
+from mitsuba_prosim.denoising.pyramid import average, bands, blur, expand, reduce, whole
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import diffuse, penumbra, rgb
 
@@ -44,9 +44,33 @@ def test_pyramid_keeps_what_is_smooth(size):
     ones = np.full((*size, 3), 2.5, np.float32)
     smaller = reduce(ones)
     assert smaller.shape == ((size[0] + 1) // 2, (size[1] + 1) // 2, 3)
-    for image in (average(ones, 3), expand(smaller, *size)):
+    for image in (average(ones, 3), expand(smaller, *size), blur(ones, 2, 1), whole(bands(ones, 3, 2))):
         assert image.shape == ones.shape and image.dtype == np.float32
         np.testing.assert_allclose(image, 2.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_bands_are_the_image(size):
+    image = np.random.default_rng(7).random((*size, 3), dtype=np.float32)
+    parts = bands(image, 4, 8)
+    assert len(parts) == (1 if min(size) < 8 else 4)
+    np.testing.assert_allclose(whole(parts), image, atol=1e-6)
+
+
+def test_blur_is_as_wide_as_it_says():
+    spot = np.zeros((129, 129), np.float32)
+    spot[64, 64] = 1
+    found = blur(spot, 2, 3)
+    offsets = np.arange(129) - 64
+    assert found.sum() == pytest.approx(1, rel=0.02)
+    assert found.sum(0) @ offsets**2 == pytest.approx(2 * (4**2 - 1) / 3 + 4**2 * 3, rel=0.1)
+
+
+def test_inputs_have_the_mean_and_half_the_difference():
+    first, second = np.random.default_rng(8).random((2, 5, 6, 3), dtype=np.float32)
+    a, b = inputs(first, second)
+    np.testing.assert_allclose(a + b, first + second, rtol=1e-6)
+    np.testing.assert_allclose(a - b, (first - second) / 2, atol=1e-6)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -67,6 +91,18 @@ def test_a_denoiser_that_is_right_is_followed():
     assert rms(found.image - truth) < 0.15 * rms((first + second) / 2 - truth)
 
 
+def test_rare_bright_samples_are_not_given_back():
+    """Noise of which a hundredth of the pixels has nearly all."""
+    rng = np.random.default_rng(10)
+    truth = picture(rng).astype(np.float32)
+    left = []
+    for _ in range(5):
+        bright = 10 * rng.exponential(size=(2, *truth.shape[:2], 1)) * (rng.random((2, *truth.shape[:2], 1)) < 0.01)
+        first, second = (noisy(truth + own - 0.1, 0.02, rng) for own in bright)
+        left.append(rms(mix(first, second, truth, truth).image - truth) / rms((first + second) / 2 - truth))
+    assert np.median(left) < 0.03, left
+
+
 def test_light_that_the_denoiser_lost_comes_back():
     """A spot that it wipes out, and a hundredth of the light everywhere: what it took is no noise."""
     rng = np.random.default_rng(3)
@@ -76,20 +112,49 @@ def test_light_that_the_denoiser_lost_comes_back():
     found = mix(first, second, *(noisy(wrong, 0.01, rng) for _ in range(2)))
     raw = (first + second) / 2
     assert rms(found.image - truth) < 0.5 * rms(raw - truth) < rms(wrong - truth)
-    assert found.image.mean() == pytest.approx(raw.mean(), rel=0.002) and wrong.mean() < 0.98 * raw.mean()
+    assert found.image.mean() == pytest.approx(raw.mean(), rel=1e-4) and wrong.mean() < 0.98 * raw.mean()
+
+
+def test_missing_light_does_not_go_where_there_is_no_noise():
+    rng = np.random.default_rng(11)
+    truth = picture(rng).astype(np.float32)
+    first, second = truth + rng.exponential(size=(2, *truth.shape)).astype(np.float32) * (truth > 0.6)
+    found = mix(first, second, *(0.5 * np.minimum(image, 0.5) + 0.5 * truth for image in inputs(first, second)))
+    assert found.image.mean() == pytest.approx((first + second).mean() / 2, rel=1e-4)
+    np.testing.assert_allclose(found.image[:, :10], truth[:, :10], rtol=1e-4)
+
+
+def test_no_dark_rim_around_a_lamp():
+    rng = np.random.default_rng(12)
+    truth = np.full((48, 48, 3), 0.1)
+    truth[16:21, 14:31] = 13
+    first, second = (noisy(truth, 0.02 + 0.1 * truth, rng) for _ in range(2))
+    near = [0.95 * blur(image, 1, 0) for image in inputs(first, second)]
+    found = mix(first, second, *near)
+    raw = (first + second) / 2
+    least = np.minimum(np.minimum(raw, found.denoised), average(raw))
+    assert (found.image > least - 0.005).all()
+    assert found.image.mean() == pytest.approx(raw.mean(), rel=1e-4)
+
+
+def test_one_sample_does_not_brighten_the_whole():
+    image = np.full((20, 30, 3), 0.5, np.float32)
+    raw = image.copy()
+    raw[3, 4] = 1e6
+    found = with_light(image, raw, np.ones((20, 30), np.float32))
+    np.testing.assert_allclose(found, (1 + LIGHT) * image, rtol=1e-5)
 
 
 def test_errors_are_those_that_the_images_have():
-    """Of the raw image, of a denoiser with bias and noise of its own, and of the mixture."""
+    """Of the raw image, of a denoiser that blurs and makes brighter and loses what is very bright, of the mixture."""
     rng = np.random.default_rng(4)
     truth = picture(rng)
-    wrong = 1.1 * np.minimum(truth, 1)
     true, said = np.zeros(3), np.zeros(3)
     for _ in range(10):
         first, second = (noisy(truth, 0.2, rng) for _ in range(2))
-        a, b = (noisy(wrong, 0.05, rng) for _ in range(2))
-        found = mix(first, second, a, b)
-        images = found.image, (first + second) / 2, (a + b) / 2
+        near = [1.1 * blur(np.minimum(image, 2), 1, 0) for image in inputs(first, second)]
+        found = mix(first, second, *near)
+        images = found.image, (first + second) / 2, found.denoised
         true += [rms(image - truth) ** 2 for image in images]
         said += [error.mean(dtype=np.float64) for error in (found.error, found.raw_error, found.denoised_error)]
     np.testing.assert_allclose(np.sqrt(said / true), 1, atol=0.25)
@@ -109,6 +174,8 @@ def test_denoise_is_the_same_twice_and_finite():
     for name, value in vars(found).items():
         assert value.tobytes() == getattr(again, name).tobytes() and np.isfinite(value).all(), name
     np.testing.assert_array_equal(found.raw, (first + second) / 2)
+    fast = mitsuba_prosim.denoise(first, second, albedo, np.zeros_like(truth), fast=True)
+    assert not np.array_equal(fast.final, found.final) and rms(fast.final - truth) < 0.5 * rms(fast.raw - truth)
     assert rms(found.final - truth) < 0.5 * rms(found.raw - truth)
     assert 0 < found.noise(found.final_error) < found.noise(found.raw_error)
 

@@ -274,7 +274,7 @@ def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
     assert np.all(image[..., -2] == 1)
 
 
-@pytest.mark.parametrize("noise", [0.0025, 0.001])
+@pytest.mark.parametrize("noise", [0.0025, pytest.param(0.001, marks=pytest.mark.slow)])
 def test_larger_patterns_are_the_same_whether_sums_are_kept_or_not(variant_rgb, monkeypatch, noise):
     """What is taken anew begins with the first samples, which are of the smaller patterns."""
     images = []

@@ -17,22 +17,33 @@ def scene(tree, transforms, surfaces=()):
     return "\n".join([*lines, "END"])
 
 
-def solids(text, tolerance=0.05):
-    """{index of the first leaf with that look: Triangles} of a scene."""
+def skins(text, tolerance=0.05):
+    """{Skin: Triangles} of a scene."""
     document = document_of(text, "test.scn")
     scene = document.scene
-    found = tessellate(
+    return tessellate(
         document,
         view.camera(document),
         tolerance,
         lambda leaf: translator.medium(scene, leaf),
         lambda leaf: translator.look(scene, leaf),
     )
-    keys = {}
+
+
+def solids(text, tolerance=0.05):
+    """{index of the first leaf with that look: Triangles} of a scene; of interfaces between dielectrics the key is
+    that index and that of the first leaf of the medium outside.
+    """
+    looks, media = {}, {}
+    scene = document_of(text, "test.scn").scene
     for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
-            keys.setdefault(translator.look(scene, leaf), leaf.index)
-    return {keys[key]: triangles for key, triangles in found.items()}
+            looks.setdefault(translator.look(scene, leaf), leaf.index)
+            media.setdefault(translator.medium(scene, leaf), leaf.index)
+    return {
+        looks[skin.material] if skin.outside is None else (looks[skin.material], media[skin.outside]): triangles
+        for skin, triangles in skins(text, tolerance).items()
+    }
 
 
 def volume(meshes):

@@ -95,6 +95,10 @@ WRONG = [
     (4, "CSG-TREE CUBE 0 NULL NULL NULL", 27, ["a third texture"]),
     # materials
     (5, "SURFACE 0 material dieletrico", 1, ["lacks its index", "n-refr"]),
+    (5, "SURFACE 0 material dieletrico quarzo", 31, ["unknown glass 'quarzo'", "did you mean 'quartzo'"]),
+    (5, "SURFACE 0 material dieletrico bk7 n-refr = 1.5", 31, ["expected one of the two"]),
+    (5, "SURFACE 0 material dieletrico n-refr = 1.5 transmitancia = 0", 60, ["1e-06 or more"]),
+    (5, "SURFACE 0 material dieletrico n-refr = 1.5 abbe = .5", 51, ["1 or more"]),
     (5, "SURFACE 0 material condutor n-refr = 1 1 1", 1, ["lacks its optics", "k-abs"]),
     (5, "SURFACE 0 material condutor ouro k-abs = 1", 29, ["expected one of the two"]),
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, ["kd + ks is above 1"]),

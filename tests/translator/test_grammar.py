@@ -79,6 +79,9 @@ surface = st.one_of(
     st.tuples(word("MATERIAL"), word("lambertiano")).map(list),
     st.tuples(word("MATERIAL"), word("condutor"), st.sampled_from(["ouro", "Cu", "silver"])).map(list),
     st.tuples(word("MATERIAL"), word("dieletrico"), words("n-refr", positive)).map(lambda t: [*t[:2], *t[2]]),
+    st.tuples(
+        word("MATERIAL"), word("dieletrico"), st.sampled_from(["bk7", "Água"]), words("transmitância", st.just(".25"))
+    ).map(lambda t: [*t[:3], *t[3]]),
     some(words("KA", three(unit)), words("KD", three(unit)), words("KS", unit), words("RUG", positive)),
     some(words("KD", unit), words("m", st.floats(1e-3, 1).map(repr))),
 )

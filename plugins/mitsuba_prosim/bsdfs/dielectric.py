@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, fresnel, half_vectors, visible
+from ..optics import attenuation, dispersion, dispersive, fresnel, half_vectors, visible
 from ..optics.half_vectors import GRAZING
-from ..optics.reading import ambient, index, reflectance, roughness
+from ..optics.reading import ambient, reflectance, roughness
 from ..parameters import describe, expose, reject
 from ..registry import plugin
 
@@ -28,7 +30,32 @@ class Dielectric(mi.BSDF):
 
      * - eta
        - |float|
-       - Their quotient, inside over outside: not a parameter, but what is exposed of the two.
+       - Their quotient, inside over outside: not a parameter, but what is exposed of the two, if they are numbers.
+       - |exposed|, |differentiable|
+
+     * - int_material, ext_material
+       - |string|
+       - In the place of an index, what depends on the wavelength: ``bk7``, ``f2``, ``sf10``, ``sf11``, ``lasf9``,
+         ``silica``, ``diamond``, ``zirconia`` or ``water``. (Default: none)
+
+     * - int_abbe, ext_abbe
+       - |float|
+       - Abbe number :math:`V_d` of a material of which ``int_ior`` or ``ext_ior`` is the index at 587.6 nm, for
+         Cauchy's formula. (Default: none)
+
+     * - int_cauchy, ext_cauchy
+       - |string|
+       - In the place of an index, A and B (and C) of Cauchy's formula :math:`n = A + B/\lambda^2 + C/\lambda^4`,
+         wavelengths in µm. (Default: none)
+
+     * - int_sellmeier, ext_sellmeier
+       - |string|
+       - In the place of an index, :math:`B_1, C_1, B_2, C_2, ...` of Sellmeier's formula
+         :math:`n^2 = 1 + \sum_i B_i \lambda^2 / (\lambda^2 - C_i)`, wavelengths in µm. (Default: none)
+
+     * - int_A, int_B, ..., int_B1, int_C1, ..., ext_A, ...
+       - |float|
+       - The coefficients of what depends on the wavelength, as they are exposed.
        - |exposed|, |differentiable|
 
      * - distribution
@@ -63,6 +90,12 @@ class Dielectric(mi.BSDF):
     the V-cavities' :math:`G_1` of both directions. Ideally smooth, it equals Mitsuba's
     :ref:`dielectric <bsdf-dielectric>`. Components: reflected, transmitted.
 
+    Where an index depends on the wavelength, glass disperses (Thomas 1986). What an ideally smooth surface refracts
+    goes on with one of the wavelengths of a ray, or with one of r, g and b in RGB variants, for which 635, 544 and
+    437 nm stand; it weighs as much more. What it reflects keeps all. Rough surfaces evaluate each wavelength for
+    itself. :ref:`prosim <integrator-prosim>` knows which wavelengths a ray has lost, and goes on with the others;
+    Mitsuba's integrators draw anew at each surface, which is right in the mean, and noisier.
+
     .. tabs::
         .. code-tab:: xml
 
@@ -80,8 +113,10 @@ class Dielectric(mi.BSDF):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        int_ior, ext_ior = index(props, "int_ior", "bk7"), index(props, "ext_ior", "air")
-        self.eta = mi.Float(int_ior / ext_ior)
+        self.indices = dispersion.Indices.read(props)
+        #: Whether they depend on the wavelength; ``eta`` is then none.
+        self.disperses = self.indices.disperse
+        self.eta = self.indices.quotient()
         dr.make_opaque(self.eta)
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.specular_transmittance = reflectance(props, "specular_transmittance")
@@ -90,8 +125,8 @@ class Dielectric(mi.BSDF):
         flags = mi.BSDFFlags
         if self.roughness is None:
             self.types = flags.DeltaReflection, flags.DeltaTransmission
-        elif int_ior == ext_ior:
-            raise reject(props, "int_ior", int_ior, "another index than ext_ior, for a rough surface")
+        elif self.indices.inside == self.indices.outside:
+            raise reject(props, "int_ior", self.indices.inside, "another index than ext_ior, for a rough surface")
         else:
             self.types = flags.GlossyReflection, flags.GlossyTransmission
         sides = flags.FrontSide | flags.BackSide
@@ -106,6 +141,7 @@ class Dielectric(mi.BSDF):
             specular_transmittance=self.specular_transmittance,
             ambient=self.ambient,
             **{self.distribution.parameter: self.roughness},
+            **self.indices.coefficients(),
         )
 
     def enabled(self, ctx: mi.BSDFContext) -> tuple[bool, bool]:
@@ -128,7 +164,7 @@ class Dielectric(mi.BSDF):
         """Share of the light that a facet reflects or transmits, as a spectrum.
 
         ``eta`` is the index on wo's side over that on wi's: radiance that crosses is divided by its square, for it
-        fills another solid angle; importance is not.
+        fills another solid angle; importance is not. It and Fresnel's reflectance ``f`` may be spectra.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
@@ -146,16 +182,14 @@ class Dielectric(mi.BSDF):
         sample2: mi.Point2f,
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        if self.disperses:
+            return dispersive.sample(self, ctx, si, sample1, sample2, active)
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
         active &= dr.abs(si.wi.z) > GRAZING
         if active is False or not (reflection or transmission):
             return bs, mi.Spectrum(0)
-        if self.roughness is None:
-            m = mi.Normal3f(0, 0, 1)
-        else:
-            width = self.roughness.eval_1(si, active)
-            m = mi.Normal3f(visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width))
+        m, width = self.facet(si, sample2, active)
         i_m = dr.dot(si.wi, m)
         f, cos_t, eta_it, eta_ti = fresnel.interface(i_m, self.eta)
         reflected = sample1 <= f if reflection and transmission else mi.Mask(reflection)
@@ -169,13 +203,37 @@ class Dielectric(mi.BSDF):
             pdf = share
         else:
             o_m = dr.select(reflected, i_m, cos_t)
-            lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width)
+            lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width, self.eta)
             pdf = density * share
             active &= (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
             value *= lit / dr.select(density > 0, density, 1)
         active &= pdf > 0
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, share, 1)) & active
+
+    def facet(
+        self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.Normal3f, mi.Float | None]:
+        """``(m, width)``: a facet by the area that is visible from ``wi``, and the roughness, None if there is none."""
+        if self.roughness is None:
+            return mi.Normal3f(0, 0, 1), None
+        width = self.roughness.eval_1(si, active)
+        m = visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width)
+        return mi.Normal3f(m), width
+
+    def sample_carried(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        weights: Sequence[mi.Float] | None,
+        active: mi.Bool,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """The same as `sample` where glass disperses, for who knows what a ray carries: probabilities ``weights`` of
+        the wavelengths that a smooth surface chooses from; or None: all go the way of the middle one.
+        """
+        return dispersive.sample(self, ctx, si, sample1, sample2, active, weights, together=weights is None)
 
     def facets(
         self,
@@ -186,19 +244,21 @@ class Dielectric(mi.BSDF):
         o_m: mi.Float,
         reflected: mi.Bool,
         width: mi.Float,
+        eta: mi.Float,
     ) -> tuple[mi.Float, mi.Float]:
         """``(value, pdf)`` of the facets ``m`` that send light from ``wo`` to ``wi``, without Fresnel's share.
 
         Both are D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations 14 and
         17), the one times G, the other times G1 of wi. ``i_m`` and ``o_m`` are the facet's cosines; by Snell's law
-        (i_m + eta o_m) (i_m - eta o_m) is 1 - eta², eta the index on wo's side over that on wi's.
+        (i_m + eta o_m) (i_m - eta o_m) is 1 - eta², eta the index on wo's side over that on wi's. ``eta``: the index
+        inside over that outside.
         """
         cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
         a, b = dr.abs(i_m), dr.maximum(dr.abs(o_m), 1e-30)
         seen = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
-        eta = dr.select(si.wi.z > 0, self.eta, dr.rcp(self.eta))
-        spread = (a + eta * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, self.eta)), 1e-7)
-        jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta * spread) * b)
+        eta_it = dr.select(si.wi.z > 0, eta, dr.rcp(eta))
+        spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, eta)), 1e-7)
+        jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * spread) * b)
         density = self.distribution.D(m, width) * jacobian
         lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * attenuation.g1(cos_o, m.z, b))
         return density * lit, density * seen
@@ -216,6 +276,8 @@ class Dielectric(mi.BSDF):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
+        if self.disperses:
+            return dispersive.eval_pdf(self, ctx, si, wo, active)
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)
         active &= (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
@@ -226,7 +288,7 @@ class Dielectric(mi.BSDF):
         active &= (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
         if active is False:
             return mi.Spectrum(0), mi.Float(0)
-        lit, density = self.facets(si, wo, m, i_m, o_m, reflected, self.roughness.eval_1(si, active))
+        lit, density = self.facets(si, wo, m, i_m, o_m, reflected, self.roughness.eval_1(si, active), self.eta)
         f, _, eta_it, _ = fresnel.interface(i_m, self.eta)
         value = self.energy(ctx, si, reflected, f, eta_it, active) * lit
         return mi.depolarizer(value) & active, dr.select(active, density * self.share(ctx, reflected, f), 0)
@@ -235,6 +297,7 @@ class Dielectric(mi.BSDF):
         return describe(
             self,
             eta=self.eta,
+            indices=self.indices.shown(),
             specular_reflectance=self.specular_reflectance,
             specular_transmittance=self.specular_transmittance,
             ambient=self.ambient,

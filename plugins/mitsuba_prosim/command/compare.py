@@ -10,6 +10,7 @@ import mitsuba as mi
 from tqdm.auto import tqdm
 
 from ..scene_files import opening, writing
+from . import denoised
 from . import output as files
 from .log import log
 from .options import SCENE, STOPS, Finite, InputError, choose_variant, defines, translation, wrong_input
@@ -69,6 +70,11 @@ def missing_packages() -> list[str]:
     help="Let prosim render until the error of the displayed pixels, its root mean square, is so small, white being "
     "1; what it then takes is what others get. [default: what the scene says]",
 )
+@click.option(
+    "--denoise",
+    is_flag=True,
+    help="Show each contestant's image denoised as well, as prosim render --denoise does it, and count its time.",
+)
 @click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
 @click.option(
@@ -99,6 +105,7 @@ def compare(
     mode: str | None,
     definitions: tuple[tuple[str, str], ...],
     noise: float | None,
+    denoise: bool,
     rounds: int,
     levels: tuple[int, ...],
     reference_seconds: float,
@@ -142,6 +149,8 @@ def compare(
                     scene, folder, definitions=dict(definitions), resolution=resolution, samples=samples, **language
                 )
             )
+            if denoise:
+                denoised.check(opened.scene().sensors()[0].film())
             for spec in specs:  # whatever is wrong with them shows before the long work
                 opened.contestant(spec, spec.transport or "scene", spp=4)
         width, height = opened.scene().sensors()[0].film().crop_size()
@@ -160,7 +169,7 @@ def compare(
                 bar.set_description_str(text)
                 bar.update(100 * done - bar.n)
 
-            effort = Effort(levels, rounds, reference_seconds, cache, tell)
+            effort = Effort(levels, rounds, reference_seconds, cache, denoise, tell)
             facts, images = study(opened, scene.name, *specs, effort, exposure)
     texts = page.html(facts, images), page.json_text(facts), page.csv_text(facts)
     written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))

@@ -209,6 +209,10 @@ def render(
     """
     if given := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(given)}=... and --frames both say what ${min(given)} stands for; give one.")
+    if "%" in stem.name:
+        raise click.BadParameter(
+            f"{stem.name!r}: frames number themselves, such as name.0007.exr; give the name alone.", param_hint="-o"
+        )
     with warnings.catch_warnings():
         warnings.simplefilter("once", prosim_scene.SceneWarning)  # not for every frame
         film = Film(job, stem, frames, fps or FPS, keep, denoise, anew)

@@ -66,8 +66,8 @@ class Job:
             **self.language,
         )
 
-    def open(self, folder: Path) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
+    def open(self, folder: Path, kept: Kept | None = None) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
         """The scene file, its scene and its sensor. Raises what their makers raise."""
-        file = self.file(folder)
+        file = self.file(folder, kept)
         scene = file.load()
         return file, scene, opening.pick_sensor(scene, self.sensor)

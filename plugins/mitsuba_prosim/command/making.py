@@ -21,7 +21,7 @@ from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
 from ..scene_files import images, opening, rendering, session, writing
-from . import black, denoised, reached
+from . import black, denoised, reached, tev
 from . import output as files
 from .helping import helping, pack
 from .interrupts import interruptible
@@ -55,14 +55,16 @@ def make(
     part: Part | None = None,
     denoise: bool = False,
     helpers: Helpers | None = None,
+    view: tuple[str, int] | None = None,
 ) -> None:
     """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
 
     ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
     write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
     which the state is all that is written; ``denoise``: whether the image is denoised, where none of these is asked
-    for; ``helpers``: who takes the samples, if not this process. Raises InputError, where nothing has been written, and
-    ClickException; ends the process where it was interrupted.
+    for; ``helpers``: who takes the samples, if not this process; ``view``: where the viewer tev is, if it shows the
+    image. Raises InputError, where nothing has been written, and ClickException; ends the process where it was
+    interrupted.
     """
     with log(verbose), session.threads(threads):
         with writing.scratch() as folder, wrong_input():
@@ -75,7 +77,8 @@ def make(
                 refuse_waves([str(helpers)], job.variant)
             parcel = pack(helpers, opened[0], opened[1].integrator(), job.sensor)
         by = partial(helping, helpers, parcel, threads, warn)
-        made = render(job, opened, stem, begin, about if keep else None, part, denoise, by=by)
+        with tev.beside(progress_bar, view, job.scene, opened[2].film(), warn) as bar:
+            made = render(job, opened, stem, begin, about if keep else None, part, denoise, bar=bar, by=by)
     click.echo(made.said)
     if made.interrupted:
         if made.keeper is not None:

@@ -12,6 +12,7 @@ from ..rendering.part import Part
 from ..rendering.policies import POLICIES
 from . import frames as film
 from . import output as files
+from . import tev
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
 from .options import (
@@ -67,6 +68,9 @@ from .options import (
     "--paths",
     is_flag=True,
     help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
+)
+@click.option(
+    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
 )
 @click.option(
     "--max-level",
@@ -134,6 +138,13 @@ from .options import (
     show_default=False,
     help="Frames a second, by which $time goes. [default: 24]",
 )
+@click.option(
+    "--view",
+    type=tev.Place(),
+    show_default=False,
+    help="tev: send the image to the viewer tev while it is rendered; tev=HOST:PORT where it does not listen at "
+    f"{tev.HOST}:{tev.PORT}.",
+)
 @click.option("--anew", is_flag=True, help="Render frames anew that are there already.")
 @helped
 @translation
@@ -149,6 +160,7 @@ def render(
     seed: int,
     crop: tuple[int, int, int, int] | None,
     paths: bool,
+    caustics: bool,
     max_level: int | None,
     threshold: float | None,
     noise: float | None,
@@ -160,6 +172,7 @@ def render(
     denoise: bool,
     keep: bool,
     part: Part | None,
+    view: tuple[str, int] | None,
     frames: range | None,
     fps: float | None,
     anew: bool,
@@ -188,10 +201,10 @@ def render(
         )
     if frames is None and (fps or anew):
         raise click.UsageError(f"{'--fps' if fps else '--anew'} is for films; say which --frames.")
-    if frames is not None and part:
+    if frames is not None and (part or view):
         raise click.UsageError(
-            "--part is for single images. A film is shared by giving each machine some of its --frames, such as 0:24 "
-            "here and 24:48 there."
+            f"{'--part' if part else '--view'} is for single images. A film is shared by giving each machine some of "
+            "its --frames, such as 0:24 here and 24:48 there."
         )
     asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)
@@ -208,19 +221,21 @@ def render(
         resolution=resolution,
         crop=crop,
         samples=samples,
-        integrator=parameters(paths, max_level) | asked,
+        integrator=parameters(paths, max_level, caustics) | asked,
         language=language,
         exposure=exposure,
     )
     if frames is not None:
         film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew)
     else:
-        make(job, stem, threads, verbose, keep=keep or part is not None, part=part, denoise=denoise, helpers=helpers)
+        kept = keep or part is not None
+        make(job, stem, threads, verbose, keep=kept, part=part, denoise=denoise, helpers=helpers, view=view)
 
 
-def parameters(paths: bool, max_level: int | None) -> dict[str, Any]:
+def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:
     """Parameters of the ``prosim`` integrator that the options ask for; None takes one away."""
     result: dict[str, Any] = {"diffuse_bounces": -1, "max_level": -1, "ambient": None} if paths else {}
+    result |= {"caustics": True} if caustics else {}
     return result | ({} if max_level is None else {"max_level": max_level})
 
 

@@ -39,11 +39,20 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.globals.update(number=number, picture=picture, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS)
+    environment.globals.update(
+        number=number, picture=picture, described=described, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS
+    )
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
     return template.render(
         facts=facts, pictures=encode(facts, images), charts=[chart(section) for section in facts["sections"]]
     )
+
+
+def described(role: str) -> str:
+    """What a row of the table is, beside its name."""
+    kind = {"a": "as the scene has it", "b": "as the scene has it", "b at equal samples": "equal samples"}
+    plain = role.removesuffix(" denoised")
+    return kind.get(plain, "equal time") + (", denoised" if plain != role else "")
 
 
 def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
@@ -126,7 +135,7 @@ def chart(section: Facts) -> str:
                     label=curve["name"],
                 )
             for entry in section["rows"]:
-                colour = "#c2410c" if entry["role"] == "a" else "#1d4ed8"
+                colour = "#c2410c" if entry["role"][0] == "a" else "#1d4ed8"
                 x = entry[cost] if cost == "samples" else entry[cost]["median"]
                 axis.loglog(
                     [x], [max(entry[measure]["median"], 1e-7)], "D", color=colour, markersize=9, markerfacecolor="none"

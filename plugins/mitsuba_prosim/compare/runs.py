@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..denoising import halves
 from ..scene_files import writing
 
 #: Name -> function of an image and its reference.
@@ -45,6 +46,8 @@ class Contestant:
     #: The :class:`Reference` that its images are measured against, and what both are multiplied by first.
     reference: Reference | None = None
     scale: float = 1.0
+    #: Whether its samples are parted in halves, and the image is denoised.
+    denoised: bool = False
 
     def measure(self, image: np.ndarray, measures: Measures) -> dict[str, float]:
         """Value of each of the ``measures`` (name -> function) for an image."""
@@ -55,7 +58,11 @@ class Contestant:
     def render(self, seed: int) -> tuple[np.ndarray, tuple[float, float]]:
         """Image (height, width, 3) and the seconds that it took, by the clock and of processor time per thread."""
         start, start_cpu = time.perf_counter(), time.process_time()
-        image = self.integrator.render(self.scene, self.scene.sensors()[0], seed=seed, spp=self.spp)
+        sensor = self.scene.sensors()[0]
+        if self.denoised:
+            image = halves.render(self.scene, sensor, self.integrator, seed, self.spp).final
+        else:
+            image = self.integrator.render(self.scene, sensor, seed=seed, spp=self.spp)
         dr.eval(image)
         dr.sync_thread()
         seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
@@ -63,14 +70,16 @@ class Contestant:
 
     def counts(self, seed: int = 0) -> np.ndarray:
         """Samples that each pixel really gets, shape (height, width); samplers round what they are asked for."""
-        film = self.scene.sensors()[0].film()
+        sensor = self.scene.sensors()[0]
         if self.counting is not None:
-            image = self.counting.render(self.scene, self.scene.sensors()[0], seed=seed, spp=self.spp)
+            if self.denoised:
+                return halves.halves(self.scene, sensor, self.counting, seed, self.spp).others()["samples"]
+            image = self.counting.render(self.scene, sensor, seed=seed, spp=self.spp)
             return np.array(image)[..., -1]
-        sampler = self.scene.sensors()[0].sampler().clone()
-        sampler.set_sample_count(self.spp)
-        width, height = film.crop_size()
-        return np.full((height, width), float(sampler.sample_count()))
+        sampler = sensor.sampler().clone()
+        sampler.set_sample_count((self.spp + 1) // 2 if self.denoised else self.spp)
+        width, height = sensor.film().crop_size()
+        return np.full((height, width), float(sampler.sample_count() * (1 + self.denoised)))
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The comparison itself: which runs, by turns."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,15 @@ from .scenes import Scene, Spec
 @dataclass(frozen=True)
 class Effort:
     """How much is rendered: square roots of the sample counts of the curves, rounds by turns, seconds for the reference
-    of each transport, the folder that references are kept in (None: the user's), and whom to tell what is going on and
-    the part of it that is done.
+    of each transport, the folder that references are kept in (None: the user's), whether what is compared is denoised
+    as well, and whom to tell what is going on and the part of it that is done.
     """
 
     levels: tuple[int, ...] = (2, 3, 4, 6, 9)
     rounds: int = 5
     seconds: float = 60
     cache: Path | None = None
+    denoise: bool = False
     tell: Callable[[str, float], None] = field(default=lambda text, done: None)
 
 
@@ -58,6 +59,7 @@ def study(
         "b": b.text,
         "rounds": effort.rounds,
         "exposure": exposure,
+        "denoise": effort.denoise,
         "machine": runs.machine(),
         "width": int(width),
         "height": int(height),
@@ -91,6 +93,8 @@ def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effor
         # Further, if need be, than A: it is asked what B takes for A's error.
         levels["b"] = (*effort.levels, round(1.6 * effort.levels[-1]), round(2.5 * effort.levels[-1]))
         rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
+    if effort.denoise:
+        rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in rows.items()}
     part = runs.Part(
         transport,
         reference,

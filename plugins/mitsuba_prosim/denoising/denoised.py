@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rendering.estimate import BRIGHTEST
-from .mixing import WINDOW, mix
+from .mixing import displayed, inputs, mix
 from .oidn import Denoiser
-from .pyramid import average
 
 
 @dataclass(frozen=True)
@@ -28,15 +27,19 @@ class Denoised:
     def noise(self, error: np.ndarray) -> float:
         """Root mean square over the pixels of the error of the displayed value, white being 1, by one of the maps.
 
-        About what :class:`~mitsuba_prosim.rendering.target.Target` means by noise, as far as an error is the same for
-        all pixels of a window.
+        About what :class:`~mitsuba_prosim.rendering.target.Target` means by noise, and more where the
+        errors of a window are those of a few pixels.
         """
-        light = average(np.maximum(self.final.mean(2), 0), WINDOW) + np.float32(0.01)
+        light = displayed(self.final)
         return float(np.sqrt(np.mean((np.sqrt(light + error) - np.sqrt(light)) ** 2, dtype=np.float64)))
 
 
 def denoise(
-    first: np.ndarray, second: np.ndarray, albedo: np.ndarray | None = None, normal: np.ndarray | None = None
+    first: np.ndarray,
+    second: np.ndarray,
+    albedo: np.ndarray | None = None,
+    normal: np.ndarray | None = None,
+    fast: bool = False,
 ) -> Denoised:
     """The image that two halves of its samples give: denoised as far as it gets nearer to the truth by that.
 
@@ -46,6 +49,8 @@ def denoise(
         the other; what is in neither is black.
     ``albedo``, ``normal``
         What :ref:`integrator-prosim_features` renders, from samples of their own: shape (height, width, 3), or None.
+    ``fast``
+        With smaller networks, several times as fast, for a first look.
 
     Returns a :class:`Denoised`. Raises ValueError where the shapes do not fit, and :class:`.oidn.MissingError` where
     the package mitsuba-oidn is not installed.
@@ -66,8 +71,7 @@ def denoise(
     first, second = (
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )
-    denoiser = Denoiser(albedo, normal)
-    a, b = denoiser(first), denoiser(second)
-    mixture = mix(first, second, a, b)
+    denoiser = Denoiser(albedo, normal, fast)
+    mixture = mix(first, second, *(denoiser(image) for image in inputs(first, second)))
     errors = (np.sqrt(e) for e in (mixture.raw_error, mixture.denoised_error, mixture.error))
-    return Denoised((first + second) / 2, (a + b) / 2, mixture.image, *errors)
+    return Denoised((first + second) / 2, mixture.denoised, mixture.image, *errors)

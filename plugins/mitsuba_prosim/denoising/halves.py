@@ -39,11 +39,11 @@ class Halves:
         """How many channels are colours."""
         return 1 if self.names[0] == "Y" else 3
 
-    def denoised(self) -> Denoised:
+    def denoised(self, fast: bool = False) -> Denoised:
         """What :func:`.denoise` makes of them."""
         assert self.second is not None
         first, second = (half[..., : self.colours] for half in (self.first, self.second))
-        return denoise(first, second, self.albedo, self.normal)
+        return denoise(first, second, self.albedo, self.normal, fast)
 
     def others(self) -> dict[str, np.ndarray]:
         """Alpha and the integrator's own channels, of both halves together, by name."""
@@ -56,17 +56,24 @@ class Halves:
 
 
 def render(
-    scene: mi.Scene, sensor: int | mi.Sensor = 0, integrator: mi.Integrator | None = None, seed: int = 0, spp: int = 0
+    scene: mi.Scene,
+    sensor: int | mi.Sensor = 0,
+    integrator: mi.Integrator | None = None,
+    seed: int = 0,
+    spp: int = 0,
+    fast: bool = False,
 ) -> Denoised:
     """Renders ``scene`` by its integrator, or another, and denoises the image.
 
     The samples, those that the integrator says or ``spp``, are parted in two halves of other seeds. The sensor's film
-    is used for that, and does not hold the result. Raises ValueError for films that store no colours, and
-    :class:`.oidn.MissingError` where the package mitsuba-oidn is not installed.
+    is used for that, and does not hold the result. ``fast``: see :func:`.denoise`.
+
+    Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` where the package mitsuba-oidn is
+    not installed.
     """
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
-    return halves(scene, sensor, integrator or scene.integrator(), seed, spp).denoised()
+    return halves(scene, sensor, integrator or scene.integrator(), seed, spp).denoised(fast)
 
 
 def halves(

@@ -27,28 +27,36 @@ class Denoiser:
     """Open Image Denoise with the features of one view: albedo in [0, 1] and normals in [-1, 1], arrays of shape
     (height, width, 3), or None.
 
-    On the processor, whatever the variant. The same bits for the same number of threads.
+    On the processor, whatever the variant. The same bits for the same number of threads. ``fast``: with smaller
+    networks, and the features as they are.
     """
 
-    def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None) -> None:
+    def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:
         self.oidn = load()
         self.device = self.oidn.Device(self.oidn.DeviceType.CPU)
+        quality = self.oidn.Quality
         # Features that are denoised themselves, and said to be, leave more of a texture than those with their noise.
         # The best of its networks pays for the albedo, and for the image; for normals the fastest does as well.
-        quality = self.oidn.Quality
-        self.albedo = None if albedo is None else self._denoised_feature("albedo", albedo, quality.High)
-        self.normal = None if normal is None else self._denoised_feature("normal", normal, quality.Fast)
+        self.clean = albedo is not None and not fast
+        self.albedo = self._feature("albedo", albedo, None if fast else quality.High)
+        self.normal = self._feature("normal", normal, None if fast else quality.Fast)
+        self.quality = quality.Fast if fast else quality.High
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
         """The denoised ``image``, linear and of any range; shape (height, width, 1 or 3)."""
         colours = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
         result = self.oidn.denoise(
-            colours, self.albedo, self.normal, hdr=True, clean_aux=self.albedo is not None, device=self.device
+            colours, self.albedo, self.normal, hdr=True, clean_aux=self.clean, quality=self.quality, device=self.device
         )
         return np.array(result).mean(2, keepdims=True) if image.shape[2] == 1 else np.array(result)
 
-    def _denoised_feature(self, kind: str, feature: np.ndarray, quality: Any) -> np.ndarray:
+    def _feature(self, kind: str, feature: np.ndarray | None, quality: Any) -> np.ndarray | None:
+        """As it is told: denoised, where a ``quality`` is named."""
+        if feature is None:
+            return None
         feature = np.ascontiguousarray(feature, dtype=np.float32)
+        if quality is None:
+            return feature
         result = np.empty_like(feature)
         work = self.device.new_filter("RT")
         work.quality = quality

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import drjit as dr
 import mitsuba as mi
 
 from ..light.emission import read_emission
@@ -13,6 +16,10 @@ from ..rendering.integrator import WaveIntegrator
 from ..sampling.nrook import SamplerPoints
 from ..transport.settings import DEEPEST_TREE, Settings
 from ..transport.transport import Transport
+
+if TYPE_CHECKING:
+    from ..caustics.caustics import Caustics
+    from ..rendering.derivatives import Derivatives
 
 
 @plugin("integrator", "prosim")
@@ -78,6 +85,15 @@ class Prosim(WaveIntegrator):
        - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing
          (Default: 0)
 
+     * - caustics
+       - |bool|
+       - Light that comes to diffuse surfaces by way of specular ones, from photons (Default: |false|)
+
+     * - caustic_photons
+       - |int|
+       - Photons that leave the sources for each :math:`N^2` samples of a pixel, or each 64 where that is less: of the
+         order of the image's pixels, some times as many for a quiet image. They take 40 bytes each. (Default: 1048576)
+
      * - cutoff
        - |float|
        - A branch whose throughput is not above this ends (Default: 0)
@@ -112,12 +128,19 @@ class Prosim(WaveIntegrator):
     Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
     whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
     followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
-    :monosp:`diffuse_bounces` says otherwise. What the lobes and the sources can both sample is shared by multiple
-    importance sampling, so that the expected image is the same at any roughness.
+    :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is
+    shared by multiple importance sampling, so that the expected image is the same at any roughness.
 
     Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
     find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
     sampled by their own methods.
+
+    With :monosp:`caustics`, photons go from every source (but surfaces that emit in one direction) towards all that is
+    specular, through it by at most :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse
+    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their
+    noise falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken
+    whole (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested
+    in another integrator, and without derivatives.
 
     Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
     sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
@@ -130,6 +153,11 @@ class Prosim(WaveIntegrator):
     separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
     others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
     they are smooth.
+
+    What lies inside a shape absorbs light by Beer's law along a ray's way through it (Hall), if the shape's
+    :monosp:`interior` is a :monosp:`homogeneous` medium whose :monosp:`albedo` is 0; shapes within it say so by their
+    :monosp:`exterior`, a camera by its :monosp:`medium`. :monosp:`volpath` renders the same. Nothing is scattered:
+    other media are taken for empty, with a warning.
 
     Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
     within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
@@ -179,6 +207,15 @@ class Prosim(WaveIntegrator):
         self.background = read_emission(props, "background")
         self.cutoff = number(props, "cutoff", 0.0, 0)
         self.rr_depth = whole(props, "rr_depth", 5, 0)
+        self.caustics = props.get("caustics", False)
+        self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
+        if self.caustics and (mi.is_spectral or not dr.is_jit_v(mi.Float)):
+            raise reject(
+                props,
+                "caustics",
+                True,
+                f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like",
+            )
         self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
@@ -197,6 +234,8 @@ class Prosim(WaveIntegrator):
             "diffuse_bounces",
             "cutoff",
             "rr_depth",
+            "caustics",
+            "caustic_photons",
         ]
         return super().parameter_names() + names
 
@@ -209,7 +248,12 @@ class Prosim(WaveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        transport = self._scalar or Transport(self._settings(), scene)
+        if self.caustics:
+            raise RuntimeError(
+                "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of "
+                "a prosim within another integrator."
+            )
+        transport = self._scalar or Transport(self._settings(), scene, around=medium)
         L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
@@ -227,4 +271,20 @@ class Prosim(WaveIntegrator):
         )
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
-        return Transport(self._settings(), scene, attached)
+        caustics = self._caustics(scene, sensor) if self.caustics else None
+        return Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
+
+    def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
+        if self.caustics:
+            raise RuntimeError(
+                "prosim: where photons lie has no derivatives here; leave caustics out where derivatives are wanted."
+            )
+        return super()._derivatives(scene, sensor, seed, spp)
+
+    def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
+        """The photons; None where nothing is specular, or nothing shines."""
+        from ..caustics.caustics import Caustics  # with the first image, as all that makes images
+
+        # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
+        deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
+        return Caustics.of(scene, sensor, self.caustic_photons, deepest)

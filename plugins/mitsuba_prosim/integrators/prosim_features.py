@@ -58,7 +58,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        albedo, normal, hit = features.features(scene, sampler, mi.Ray3f(ray), active, self.hide_emitters)
+        albedo, normal, hit = features.features(scene, sampler, mi.Ray3f(ray), active, self.hide_emitters, medium)
         return albedo, hit, [*features.colour(albedo, ray.wavelengths), *normal]
 
     def to_string(self) -> str:

@@ -165,6 +165,24 @@ class Estimator:
         """Goes on from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or are ``quiet`` after
         a pass. All arguments are evaluated arrays, so that one kernel serves every wave.
         """
+        caustics = self.transport.caustics
+        if caustics is None:
+            return self._take(x, y, start, end, quiet)
+        # Each set of photons is for so many samples of all pixels.
+        seed, maps = int(self.plan.seed[0]), caustics.maps(self.plan.first.n)
+        lacking = start.count < end
+        least, most = dr.min(dr.select(lacking, start.count, end)), dr.max(end)
+        for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
+            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
+            if not dr.any((start.count < dr.minimum(end, after)) & (end > first)):
+                continue
+            caustics.draw(seed, number, maps)
+            until = dr.minimum(end, after)
+            start = self._take(x, y, start, dr.maximum(start.count, until), quiet)
+            dr.eval(start)
+        return start
+
+    def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:
         n = self.plan.permutations.n
         sampler = self.sampler and self._forked(self.sampler, dr.width(x), int(dr.max(end - start.count)[0]))
 

@@ -104,6 +104,11 @@ class Plan:
         )
 
     @property
+    def first(self) -> Plan:
+        """The plan of the first samples of every pixel."""
+        return self.before or self
+
+    @property
     def region(self) -> Rectangle:
         """The pixels whose samples reach the window."""
         return widened(self.window, self.reach, self.domain)
@@ -114,10 +119,13 @@ class Plan:
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         key = pixel_key(self.seed, pixel)
         if self.before is None and self.most <= self.n**2:
-            return NRook.in_first_epoch(self.permutations, key, t, self.jitter)
-        if self.before is None:
-            return NRook.at(self.permutations, key, t, self.jitter)
-        return NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)
+            points = NRook.in_first_epoch(self.permutations, key, t, self.jitter)
+        elif self.before is None:
+            points = NRook.at(self.permutations, key, t, self.jitter)
+        else:
+            points = NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)
+        points.t = t
+        return points
 
     def continued(self, n: int, begin: int) -> Plan:
         """The plan by which all samples after the first ``begin`` are patterns of ``n``²."""

@@ -155,11 +155,12 @@ class Record:
 
 def identity(state: State) -> dict[str, Any]:
     """What says which samples an image takes, and what is kept of them, in words for people."""
-    first = state.plan.before or state.plan
+    first, caustics = state.plan.first, state.estimator.transport.caustics
     return {
         "samples of a pass": first.n,
         "samples that every pixel gets": first.least,
         "jitter": first.jitter,
+        "photons of a set": None if caustics is None else caustics.count,
         "seed": int(first.seed[0]),
         "window": first.window,
         "pixels that have samples": first.domain,

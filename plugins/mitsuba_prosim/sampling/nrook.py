@@ -114,6 +114,8 @@ class NRook:
         jitter: str = "multi",
     ) -> None:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
+        #: Number of the sample among all of its pixel, where that is known.
+        self.t: int | mi.UInt32 = 0
 
     @classmethod
     def at(

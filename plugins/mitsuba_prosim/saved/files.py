@@ -18,7 +18,7 @@ from ..scene_files import writing
 from . import origin
 
 #: Name of the attribute that holds all that is no pixels; and the number of this way to write it.
-ATTRIBUTE, FORMAT = "prosim.state", 1
+ATTRIBUTE, FORMAT = "prosim.state", 2
 
 #: What there is one of for each of some pixels is folded into rows of so many.
 FOLD = 1024

@@ -59,20 +59,17 @@ class SceneFile:
             check_size(*resolution)
         self.path = self.xml = Path(path)
         self.resolution, self.definitions = resolution, dict(definitions or {})
+        #: What the text says, and where; None for XML.
+        self.document = None
         if self.path.suffix.lower() != ".xml":
+            self.document = prosim_scene.document(self.path, self.definitions)
             self.xml = prosim_scene.translate(
-                self.path,
-                Path(folder),
-                resolution=resolution,
-                samples=samples,
-                define=self.definitions,
-                kept=kept,
-                **language,
+                self.document, Path(folder), resolution=resolution, samples=samples, kept=kept, **language
             )
             resolution = samples = None  # said in the translation
         #: What makes the same of the XML file alone.
         self.changes: dict[str, Any] = {
-            "definitions": self.definitions,
+            "definitions": self.definitions if self.xml is self.path else {},
             "resolution": resolution,
             "crop": crop,
             "samples": samples,

@@ -9,6 +9,7 @@ from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
+from .absorption import beyond, transmittance
 from .indivisible import is_whole
 from .moving import carried_sample
 from .ray import Ray, mis, viewer_side
@@ -22,8 +23,12 @@ def direct_light(
     bsdf: mi.BSDF | mi.BSDFPtr,
     points: NRook | SamplerPoints,
     active: mi.Bool,
+    scattered: mi.Bool | bool = False,
 ) -> mi.Spectrum:
-    """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1)."""
+    """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1).
+
+    ``scattered``: the lanes that are lit through the diffuse lobes alone.
+    """
     lights, alone = stage.facts.lights, stage.facts.alone
     flags = bsdf.flags()
     active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
@@ -39,12 +44,16 @@ def direct_light(
         lit = active & (sample.pdf > 0)
         wo = si.to_local(sample.d)
         f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
+        glossy = lit
+        if scattered is not False:
+            f = dr.select(scattered, bsdf.eval(lobes.diffuse(), si, wo, lit & scattered), f)
+            glossy = but_not(lit, scattered)
         for lobe in stage.facts.partners:
-            f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, lit)
+            f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, glossy)
             f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-        return L + unless_in_shadow(stage, si, sample.p, f * sample.weight, lit)
+        return L + unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
 
     L = lights.for_each(light, mi.Spectrum(0), active, attached=stage.attached)
     if lights.sky is not None and alone is not None:
@@ -57,15 +66,18 @@ def direct_light(
         f = bsdf.eval(alone, si, wo, lit)
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-        L += unless_in_shadow(stage, si, sample.p, f * sample.weight, lit)
+        L += unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
     return L
 
 
 def unless_in_shadow(
-    stage: Stage, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
+    stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
 ) -> mi.Spectrum:
-    """``L`` where nothing is between ``si`` and the point ``p``, else 0."""
+    """``L``, less what is absorbed, where nothing is between ``si``, met by ``ray``, and the point ``p``; else 0."""
     if stage.settings.shadows:
         active &= dr.max(dr.abs(L)) > 0
         active = but_not(active, stage.scene.ray_test(si.spawn_ray_to(p), active))
+    if stage.facts.absorbs:
+        d = p - si.p
+        L *= transmittance(beyond(si, ray.medium, d, active), si.wavelengths, dr.norm(d), active)
     return dr.select(active, L, 0)

@@ -9,7 +9,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
-from . import lobes
+from . import dispersion, lobes
+from .absorption import ENDLESS, before, beyond, media_of, transmittance
 
 #: Names of the values that :func:`features` gives, channel by channel.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
@@ -30,48 +31,65 @@ class State:
     hit: mi.Bool
     level: mi.UInt32
     sampler: mi.Sampler
+    #: What the ray goes through, where the scene has media.
+    medium: mi.MediumPtr | None = None
 
 
 def features(
-    scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, hide_emitters: bool = False
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    active: mi.Bool,
+    hide_emitters: bool = False,
+    around: mi.Medium | None = None,
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
     """``(albedo, normal, hit)`` of the camera ray ``ray``: albedo in [0, 1], and the shading normal of what it meets
     first, on the viewer's side, 0 where that is nothing.
 
     The albedo is that of the diffuse lobes, by one sample, and what is seen in the specular ones, weighted by what they
     reflect or let through. Sources and the sky are as bright as they are, at most 1; with ``hide_emitters`` the camera
-    looks past them.
+    looks past them. ``around``: the medium that it is in.
     """
+    media = around is not None or any(True for _ in media_of(scene))
+    disperses = dispersion.disperses(scene)
     diffuse, specular = lobes.diffuse(), lobes.specular()
 
     def step(state: State) -> State:
         ray, active = state.ray, state.active
         si = scene.ray_intersect(ray, active)
-        albedo = state.albedo
+        albedo, throughput, medium = state.albedo, state.throughput, state.medium
+        if media:
+            medium = before(si, medium, ray.d, active & si.is_valid() & (state.level == 0))
+            t = dr.select(si.is_valid(), si.t, ENDLESS)
+            throughput = throughput * transmittance(medium, ray.wavelengths, t, active)
         emitter = si.emitter(scene)
         seen = active & (state.level > 0) if hide_emitters else active
         if not idle(seen) and emitter is not None:
-            albedo = albedo + dr.select(seen, state.throughput * dr.clip(emitter.eval(si, seen), 0, 1), 0)
+            albedo = albedo + dr.select(seen, throughput * dr.clip(emitter.eval(si, seen), 0, 1), 0)
         surface = active & si.is_valid()
         if idle(surface):
-            return State(ray, albedo, state.throughput, state.normal, surface, state.hit, state.level, state.sampler)
+            return State(ray, albedo, throughput, state.normal, surface, state.hit, state.level, state.sampler, medium)
         first = surface & (state.level == 0)
         hidden = first & si.shape.is_emitter() if hide_emitters else mi.Bool(False)
         surface, first = but_not(surface, hidden), but_not(first, hidden)
         facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
-        scattered, _ = draw(si, diffuse, state.sampler, surface)
-        weight, d = draw(si, specular, state.sampler, surface)
-        throughput = dr.select(hidden, state.throughput, state.throughput * weight)
+        scattered, _ = draw(si, diffuse, state.sampler, surface, disperses)
+        weight, d = draw(si, specular, state.sampler, surface, disperses)
+        albedo = albedo + dr.select(surface, throughput * scattered, 0)
+        throughput = dr.select(hidden, throughput, throughput * weight)
+        if media:
+            medium = beyond(si, medium, d, surface)
         going = surface & (state.level < DEEPEST) & (dr.max(throughput) > LEAST)
         return State(
             si.spawn_ray(dr.select(hidden, ray.d, d)),
-            albedo + dr.select(surface, state.throughput * scattered, 0),
+            albedo,
             throughput,
             dr.select(first, facing, state.normal),
             going | hidden,
             state.hit | first,
             dr.select(hidden, 0, state.level + 1),
             state.sampler,
+            medium,
         )
 
     state = State(
@@ -83,6 +101,7 @@ def features(
         mi.Bool(False),
         mi.UInt32(0),
         sampler,
+        mi.MediumPtr(around) if media and dr.is_jit_v(mi.Float) else around,
     )
     (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
     albedo = dr.select(dr.all(dr.isfinite(state.albedo)), dr.clip(state.albedo, 0, 1), 0)
@@ -97,12 +116,17 @@ def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
 
 
 def draw(
-    si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool
+    si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, disperses: bool
 ) -> tuple[Any, mi.Vector3f]:
     """``(weight, direction)`` of a sample of the ``lobe`` of what was met; weight 0 where it has none.
 
-    Some BSDFs sample other lobes than they are asked for: such a sample counts for the turn of its own lobe.
+    Some BSDFs sample other lobes than they are asked for: such a sample counts for the turn of its own lobe. Glass that
+    ``disperses`` lets all wavelengths go one way, for what is clipped is no mean.
     """
-    bs, weight = si.bsdf().sample(lobe, si, sampler.next_1d(active), sampler.next_2d(active), active)
+    choice, point = sampler.next_1d(active), sampler.next_2d(active)
+    if disperses:
+        bs, weight = dispersion.sample(lobe, si, si.bsdf(), choice, point, None, active)
+    else:
+        bs, weight = si.bsdf().sample(lobe, si, choice, point, active)
     belongs = active & (bs.pdf > 0) & ((bs.sampled_type & lobe.type_mask) != 0)
     return dr.select(belongs, mi.unpolarized_spectrum(weight), 0), si.to_world(bs.wo)

@@ -10,7 +10,8 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from ..sampling.nrook import NRook, SamplerPoints
-from . import lobes
+from . import dispersion, lobes
+from .absorption import beyond
 from .indivisible import belongs_to, is_whole
 from .moving import carried_ray
 from .ray import Node, Ray, viewer_side
@@ -29,12 +30,13 @@ def follow(
         return ray, active, mi.Float(1)
     settings, lights, si, bsdf = stage.settings, stage.facts.lights, node.si, node.bsdf
     space = stage.space(ray.node, CHOICE)
-    # Only whole BSDFs choose among lobes often enough for strata to pay.
-    choice = points(space, active).x if lobes.is_everything(lobe) else points.choice(space)
+    # Only whole BSDFs choose among lobes often enough for strata to pay, and glass that disperses.
+    stratified = lobes.is_everything(lobe) or stage.facts.disperses
+    choice = points(space, active).x if stratified else points.choice(space)
     sample = points(stage.space(ray.node, k), active)
     counts = mi.Bool(True)
     with dr.suspend_grad(when=stage.attached):
-        bs, weight = bsdf.sample(lobe, si, choice, sample, active)
+        bs, weight = sample_lobe(stage, lobe, ray, si, bsdf, choice, sample, active)
         # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their
         # own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
@@ -54,7 +56,7 @@ def follow(
             f, pdf = dr.select(whole, f_whole, f), dr.select(whole, pdf_whole, pdf)
         weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
         if stage.facts.ideal:
-            forced, ideal_weight = bsdf.sample(lobe, si, choice, sample, active & ideal)
+            forced, ideal_weight = sample_lobe(stage, lobe, ray, si, bsdf, choice, sample, active & ideal)
             if stage.facts.indivisible:
                 forced, ideal_weight, _ = sample_whole(
                     lobe, si, bsdf, choice, sample, whole & ideal, (forced, ideal_weight, belongs)
@@ -79,9 +81,28 @@ def follow(
         counts=counts,
         n=viewer_side(si),
     )
+    if stage.facts.absorbs:
+        following.medium = beyond(si, ray.medium, dr.detach(d), active)
+        following.gap = dr.dot(o - si.p, d)
     if stage.facts.both_sides:
         following.both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES)
     return following, active, bs.eta
+
+
+def sample_lobe(
+    stage: Stage,
+    lobe: mi.BSDFContext,
+    ray: Ray,
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDF | mi.BSDFPtr,
+    choice: mi.Float,
+    sample: mi.Point2f,
+    active: mi.Bool,
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """A sample of ``lobe``, in glass that disperses of a wavelength that ``ray`` still carries."""
+    if stage.facts.disperses:
+        return dispersion.sample(lobe, si, bsdf, choice, sample, ray.throughput, active)
+    return bsdf.sample(lobe, si, choice, sample, active)
 
 
 def sample_whole(

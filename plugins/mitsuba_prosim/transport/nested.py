@@ -17,6 +17,9 @@ class Nested:
     Stands in the place of :class:`.Transport`.
     """
 
+    #: That integrator's own business.
+    caustics = None
+
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
         self.integrator, self.scene, self.medium = integrator, scene, medium
         #: Names of the values that come third.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
 from ..optics import ambient
 from ..sampling.nrook import NRook, SamplerPoints
+from .absorption import ENDLESS, before, transmittance
 from .direct import direct_light
 from .ray import Node, Ray, mis
 from .stage import Stage
@@ -15,15 +18,24 @@ from .surroundings import background_radiance
 
 
 def shade(
-    stage: Stage, ray: Ray, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool
+    stage: Stage,
+    ray: Ray,
+    camera: mi.Ray3f,
+    points: NRook | SamplerPoints,
+    active: mi.Bool,
+    scattered: mi.Bool | bool = False,
 ) -> tuple[mi.Spectrum, Node]:
     """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
-    direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths.
+    direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths;
+    ``scattered``: whether there was a diffuse reflection before that has gathered what comes to it by way of specular
+    surfaces.
     """
     settings, lights = stage.settings, stage.facts.lights
     ray3, si = meet(stage, ray, camera, active)
     if settings.hide_emitters and not lights.only_points:
         si = past_emitters(stage, ray3, si, active & (ray.level == 0))
+    if stage.facts.absorbs:
+        ray = arriving(ray, ray3, si, active)
     surface = active & si.is_valid()
     inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = mi.Spectrum(0)
@@ -34,12 +46,15 @@ def shade(
         L += dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
     surface_inside = surface & inside
     if idle(surface_inside):
-        return ray.throughput * L, Node(si, None, False)
+        return ray.throughput * L, Node(ray, si, None, False)
     bsdf = si.bsdf()
     if settings.ambient is not None:
         L += ambient_term(stage, si, bsdf, surface_inside)
-    L += direct_light(stage, ray, si, bsdf, points, surface_inside)
-    return ray.throughput * L, Node(si, bsdf, surface)
+    L += direct_light(stage, ray, si, bsdf, points, surface_inside, scattered)
+    if stage.caustics is not None:
+        assert isinstance(points, NRook)
+        L += stage.caustics(si, bsdf, points.t, surface_inside)
+    return ray.throughput * L, Node(ray, si, bsdf, surface)
 
 
 def meet(stage: Stage, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
@@ -47,6 +62,15 @@ def meet(stage: Stage, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> tuple[mi.
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
     return ray3, stage.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
+
+
+def arriving(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
+    """The ray where it meets ``si``: less what the medium has absorbed that it came through (Beer's law)."""
+    met = active & si.is_valid()
+    medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
+    t = ray.gap + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last source that was passed by
+    left = transmittance(medium, ray3.wavelengths, dr.select(met, t, ENDLESS), active)
+    return replace(ray, throughput=ray.throughput * left, medium=medium)
 
 
 def past_emitters(stage: Stage, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
@@ -84,7 +108,9 @@ def past_emitters(stage: Stage, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, acti
 
 def end(stage: Stage, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> mi.Spectrum:
     """What a ray adds that can only end in a source."""
-    _, si = meet(stage, ray, camera, active)
+    ray3, si = meet(stage, ray, camera, active)
+    if stage.facts.absorbs:
+        ray = arriving(ray, ray3, si, active)
     return ray.throughput * emission(stage, ray, si, active)
 
 

@@ -38,8 +38,9 @@ def radiance(
     settings = stage.settings
 
     def step(state: State) -> State:
-        ray = state.ray
-        L, node = shade(stage, ray, camera, points, state.active)
+        scattered = state.bounces > 0 if stage.caustics is not None else False
+        L, node = shade(stage, state.ray, camera, points, state.active, scattered)
+        ray = node.ray
         hit = state.hit | (ray.level == 0) & node.surface
         surface, bounces = node.surface, state.bounces
         if settings.max_level >= 0:
@@ -49,13 +50,16 @@ def radiance(
         else:
             following, going, passed, bounces = one_of_two(stage, ray, node, points, surface, bounces)
         following.node = ray.node + 1
+        if stage.caustics is not None:
+            # What a ray meets after a diffuse reflection was gathered there.
+            following.counts &= bounces == 0
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
         eta = state.eta * passed
         following, going = roulette(stage, following, going, eta, points.choice(stage.space(ray.node, ROULETTE)))
         return State(state.L + L, hit, following, going, bounces, eta, state.sampler)
 
     state = State(
-        mi.Spectrum(0), mi.Bool(False), Ray.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler
+        mi.Spectrum(0), mi.Bool(False), stage.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler
     )
     return walk(stage, step, state, camera)
 

@@ -31,6 +31,10 @@ class Ray:
     n: mi.Normal3f
     #: Whether light from both of the sides of that surface was sampled.
     both_sides: mi.Bool
+    #: Where anything in the scene absorbs: what the ray goes through (``mi.Medium`` in scalar variants) ...
+    medium: mi.MediumPtr | None = None
+    #: ... and how far along it ``o`` is from the surface that it leaves.
+    gap: mi.Float | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:
@@ -53,6 +57,8 @@ class Ray:
 class Node:
     """What a ray has met, for the rays that go on from there."""
 
+    #: The ray as it arrives, less what was absorbed on its way.
+    ray: Ray
     si: mi.SurfaceInteraction3f
     bsdf: mi.BSDFPtr
     #: The lanes that met a surface.

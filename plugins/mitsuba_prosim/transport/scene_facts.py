@@ -8,6 +8,8 @@ import mitsuba as mi
 
 from ..light.table import Lights
 from . import lobes
+from .absorption import absorbs_any
+from .dispersion import disperses
 from .indivisible import is_indivisible
 from .settings import Settings
 
@@ -26,6 +28,10 @@ class SceneFacts:
     both_sides: bool
     #: Whether any BSDF is taken whole, see :mod:`.indivisible`.
     indivisible: bool
+    #: Whether anything absorbs light on its way, see :mod:`.absorption`.
+    absorbs: bool
+    #: Whether any surface disperses, see :mod:`.dispersion`.
+    disperses: bool
     #: ``mi.BSDFContext`` of the lobes that the sources are sampled for alone, as no ray is drawn from them that may
     #: meet a source; or None.
     alone: mi.BSDFContext | None
@@ -33,8 +39,8 @@ class SceneFacts:
     partners: tuple[mi.BSDFContext, ...]
 
     @classmethod
-    def of(cls, scene: mi.Scene, settings: Settings) -> SceneFacts:
-        """The facts of ``scene`` that matter under ``settings``."""
+    def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
+        """The facts of ``scene`` that matter under ``settings``; ``around``: the medium that the camera is in."""
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         lights, flags = Lights(scene), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
@@ -56,6 +62,8 @@ class SceneFacts:
             lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
             lobes.has_any(flags, *lobes.BOTH_SIDES),
             settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)),
+            absorbs_any(scene, around),
+            disperses(scene),
             alone,
             partners,
         )

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import drjit as dr
 import mitsuba as mi
 
+from .ray import Ray
 from .scene_facts import SceneFacts
 from .settings import Settings
+
+if TYPE_CHECKING:
+    from ..caustics.caustics import Caustics
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
 PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
@@ -21,13 +27,25 @@ class Stage:
     """``scene`` under ``settings``, and the ``facts`` about it.
 
     ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
-    (:mod:`.moving`), and their weights evaluated anew.
+    (:mod:`.moving`), and their weights evaluated anew. ``caustics``: the light that comes to diffuse surfaces by way
+    of specular ones, where it is gathered from photons; None where it is left to the rays.
     """
 
     scene: mi.Scene
     settings: Settings
     facts: SceneFacts
     attached: bool = False
+    #: The medium that the camera is in, or None.
+    around: mi.Medium | None = None
+    caustics: Caustics | None = None
+
+    def first(self, camera: mi.Ray3f) -> Ray:
+        """The ray that begins with the ``mi.Ray3f`` of the camera."""
+        ray = Ray.first(camera)
+        if self.facts.absorbs:
+            ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
+            ray.gap = mi.Float(0)
+        return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Number of the ``k``-th space of a node."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import mitsuba as mi
 
 from ..sampling.nrook import NRook, SamplerPoints
@@ -10,16 +13,35 @@ from .scene_facts import SceneFacts
 from .settings import Settings
 from .stage import Stage
 
+if TYPE_CHECKING:
+    from ..caustics.caustics import Caustics
+
+#: Diffuse reflections of paths without end.
+ANY = (1 << 31) - 1
+
 
 class Transport:
     """Estimates radiance in ``scene`` under ``settings``; made once a render.
 
     ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
-    (:mod:`.moving`), and their weights evaluated anew.
+    (:mod:`.moving`), and their weights evaluated anew. ``around``: the medium that the camera is in; ``caustics``: what
+    gathers light that comes to diffuse surfaces by way of specular ones, in the place of the rays.
     """
 
-    def __init__(self, settings: Settings, scene: mi.Scene, attached: bool = False) -> None:
-        self._stage = Stage(scene, settings, SceneFacts.of(scene, settings), attached)
+    def __init__(
+        self,
+        settings: Settings,
+        scene: mi.Scene,
+        attached: bool = False,
+        around: mi.Medium | None = None,
+        caustics: Caustics | None = None,
+    ) -> None:
+        if caustics is not None and settings.diffuse_bounces < 0:
+            # A path must know its diffuse reflections from the others, which a ray drawn from the whole BRDF does not.
+            settings = replace(settings, diffuse_bounces=ANY)
+        #: The photons that must have been drawn before samples are taken.
+        self.caustics = caustics
+        self._stage = Stage(scene, settings, SceneFacts.of(scene, settings, around), attached, around, caustics)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(

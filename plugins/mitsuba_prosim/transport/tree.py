@@ -62,12 +62,12 @@ def radiance(
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
     facts, max_level = stage.facts, stage.settings.max_level
-    first = Ray.first(camera)
+    first = stage.first(camera)
     waiting = Waiting([first] * ((max_level + 1) if facts.reflects and facts.refracts else 0), mi.UInt32(0))
 
     def step(state: State) -> State:
-        ray = state.ray
-        L, node = shade(stage, ray, camera, points, state.active)
+        L, node = shade(stage, state.ray, camera, points, state.active)
+        ray = node.ray
         hit = state.hit | (ray.level == 0) & node.surface
         inside = node.surface & (ray.level <= max_level)
         reflected, reflects = ray, mi.Bool(False)

@@ -1,7 +1,7 @@
 """lark's tree -> document: each statement's values by the table of words, and their places."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, MutableMapping
 from pathlib import PurePath
 from typing import Any
 
@@ -13,7 +13,7 @@ from .document import Document, Path
 from .hints import hint, nearest
 from .lexer import place
 from .messages import CLIP, Place, SceneError, Source, listing, quote
-from .names import ALIASES, BUILT_IN, METALS
+from .names import ALIASES, BUILT_IN, GLASSES, METALS
 from .parentheses import EXPLAINED
 from .values import read_value, span
 from .words import PIXELS, Word, fold, of_role, row
@@ -26,13 +26,21 @@ class Builder:
 
     def __init__(self, source: Source, uses: frozenset[str] = frozenset()) -> None:
         self.source, self.uses = source, uses
-        self.places: dict[Path, Place] = {}
+        self.places: MutableMapping[Path, Place] = {}
 
     def document(self, tree: Node) -> Document:
         """The document of a whole scene; raises SceneError, emits SceneWarning."""
         fields: dict[str, Any] = {"surfaces": {}, "transforms": {}, "patterns": {}}
+        self.statements(fields, tree)
+        return self.whole(fields)
+
+    def statements(self, fields: dict[str, Any], tree: Node) -> None:
+        """Puts the values of a tree's statements into ``fields``; raises SceneError."""
         for statement in _trees(tree.children):
             getattr(self, statement.data)(fields, statement.children)
+
+    def whole(self, fields: dict[str, Any]) -> Document:
+        """The document of a scene with these values; raises SceneError, emits SceneWarning."""
         for node in fields.get("csg", ()):
             for texture in node.textures if isinstance(node, model.Leaf) else ():
                 if texture and texture.name in BUILT_IN:
@@ -210,13 +218,15 @@ class Builder:
         fields["surfaces"][index] = model.Surface(**values)
 
     def material(self, values: dict[str, Any], tokens: list[Token], index: int) -> None:
-        """``material``, and ``metal`` or the metal's name after condutor."""
+        """``material``, and ``metal`` or the metal's name after condutor, the glass's after dieletrico."""
         keyword, kind = tokens[:2]
         if keyword.type == "MATERIAL":
             self.once(keyword, "the material", "surfaces", index, "material")
             values["material"] = row(kind).name
         name = kind if keyword.type == "METAL" else tokens[2] if len(tokens) > 2 else None
-        if name is not None:
+        if name is not None and kind.type == "DIELECTRIC":
+            self.glass(values, name, index)
+        elif name is not None:
             self.once(name if keyword.type == "MATERIAL" else keyword, "the metal", "surfaces", index, "metal")
             values["metal"] = METALS.get(fold(name))
             if values["metal"] is None:
@@ -230,6 +240,18 @@ class Builder:
                     f"Ag, Al, Au, Cr, Cu, Hg, Ni, W, ... or its name{hint(name) or nearest(name, words)}",
                 )
             values.setdefault("material", "conductor")
+
+    def glass(self, values: dict[str, Any], name: Token, index: int) -> None:
+        """The glass's name after dieletrico."""
+        self.once(name, "the glass", "surfaces", index, "glass")
+        values["glass"] = GLASSES.get(fold(name))
+        if values["glass"] is None:
+            optics = [s for word in of_role("OPTIC") if "dielectric" in word.of or not word.of for s in word.spellings]
+            raise self.error(
+                name,
+                f"unknown glass {quote(name)}; expected {listing(list(dict.fromkeys(GLASSES.values())))}, or n-refr"
+                f"{nearest(name, [*GLASSES, *optics])}",
+            )
 
     def transform(self, fields: dict[str, Any], children: list[Any]) -> None:
         """TRANSFORM."""

@@ -56,12 +56,26 @@ def _surface(document: Document, index: int, surface: Surface) -> None:
             )
         if not surface.metal and not (surface.eta and surface.k):
             raise document.error("a condutor lacks its optics; expected n-refr and k-abs, or a metal's name", *path)
-    elif kind in ("dielectric", "composite") and not surface.eta:
-        raise document.error(f"a {canonical('MATERIAL_KIND', kind)} lacks its index; expected n-refr", *path)
+    elif kind == "dielectric":
+        _glass(document, index, surface)
+    elif kind == "composite" and not surface.eta:
+        raise document.error("a composto lacks its index; expected n-refr", *path)
     elif kind == "composite" and surface.ks and max(map(sum, zip(surface.kd or GREY, surface.ks))) > 1 + 1e-6:
         raise document.error("kd + ks is above 1 in a composto; expected s + d = 1 at most", *path)
-    called = {"conductor": "condutor", None: "surface without a material"}
+    called = {"conductor": "condutor", "dielectric": "dieletrico", None: "surface without a material"}
     _effects(document, kind or "phong", called.get(kind) or canonical("MATERIAL_KIND", str(kind)), "OPTIC", *path)
+
+
+def _glass(document: Document, index: int, surface: Surface) -> None:
+    path = "surfaces", index
+    if surface.glass and (surface.eta or surface.abbe):
+        raise document.error("a glass's name and n-refr or abbe are given; expected one of the two", *path, "glass")
+    if not surface.glass and not surface.eta:
+        raise document.error("a dieletrico lacks its index; expected n-refr, or a glass's name after dieletrico", *path)
+    if document.given(*path, "thickness") and not surface.transmittance:
+        document.warn(
+            "has no effect without transmitancia, which is what the thickness lets through", *path, "thickness"
+        )
 
 
 def _leaves(document: Document) -> None:

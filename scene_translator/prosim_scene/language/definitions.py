@@ -59,7 +59,7 @@ class Definitions:
             f"nothing above says what ${name} stands for; expected DEFAULT ${name} = 1 before its use, or a value from "
             f"without: -D {name}=1, define={{{name!r}: 1}} in Python{nearest('$' + name, known)}",
         )
-        raise UndefinedError(str(error), error.filename, error.line, error.column, error.reason)
+        raise UndefinedError(str(error), error.filename, error.line, error.column, error.reason, place)
 
     def number(self, name: str, place: Place) -> float:
         """The number that a name stands for; SceneError where it stands for something else, or for nothing."""

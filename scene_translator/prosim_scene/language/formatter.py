@@ -26,6 +26,7 @@ VALUES = {
     "BOOL",
     "NULL",
     "CONDUCTOR",
+    "DIELECTRIC",
     "MATERIAL_KIND",
     "LPAR",
     "RPAR",

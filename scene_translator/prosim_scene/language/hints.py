@@ -7,7 +7,7 @@ from .words import WORDS, fold
 
 #: How the language says what other languages, and newcomers, say with other words.
 SAID = (
-    ("for glass: material dieletrico n-refr = 1.5",
+    ("for glass: material dieletrico n-refr = 1.5, or its name, as in material dieletrico bk7",
      "glass vidro water agua diamond diamante crystal cristal transparent"),
     ("for a metal: material condutor and its name, such as ouro, prata, cobre, aluminio or cromo",
      "mirror espelho steel aco iron ferro brass latao chrome cromado bronze metallic platinum platina"),

@@ -22,26 +22,32 @@ PIECE = re.compile(
 )
 PARENTHESIS = re.compile(r"[()]")
 #: What a name may stand for: a word that begins nothing.
-VALUES = frozenset(("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "KIND"))
+VALUES = frozenset(
+    ("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC", "KIND")
+)
 
 
-def lex(source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions) -> Iterator[Token]:
-    """Tokens and remarks of a text in order, up to END and what follows it.
+def lex(
+    source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions, start: int = 0
+) -> Iterator[Token]:
+    """Tokens and remarks of a text in order, from ``start``, where a statement begins, up to END and what follows it.
 
     Tokens have the terminals of the grammar as types, remarks have REMARK, and what else follows END is one REST.
     ``accepted()`` says which terminals have a place where the parser stands: each token has to be given to it before
     the next one is asked for. Names, and what stands in braces, are tokens of what they come to by ``definitions``,
     which learn from DEFAULT statements. Raises SceneError for marks that are not closed and the like.
     """
-    return _Lexer(source, accepted, definitions).tokens()
+    return _Lexer(source, accepted, definitions, start).tokens()
 
 
 class _Lexer:
     """A text, and how far it has been read."""
 
-    def __init__(self, source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions) -> None:
+    def __init__(
+        self, source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions, start: int
+    ) -> None:
         self.source, self.accepted, self.definitions = source, accepted, definitions
-        self.position = 0
+        self.position = start
         self.previous: Token | None = None
         self.statement = ""  # the role of the last word that began one
         self.open_argument: Token | None = None  # the parenthesis of SCALE, ROTATE or TRANSLATE

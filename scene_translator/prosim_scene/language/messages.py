@@ -1,5 +1,6 @@
 """Errors and warnings that show the place in the scene's text."""
 
+import re
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,28 +10,44 @@ from os import PathLike
 CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
 
 
-class SceneWarning(UserWarning):
-    """Something in a scene that is most likely not meant, but has a meaning. Emitted through ``warnings.warn``."""
-
-
-class SceneError(ValueError):
-    """Wrong input. ``str()`` is the whole message: file, line, column, what was found and expected, and a caret.
-
-    The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
-    text), ``reason``.
-    """
-
-    def __init__(self, message: str, filename: str = "", line: int = 0, column: int = 0, reason: str = "") -> None:
-        super().__init__(message)
-        self.filename, self.line, self.column, self.reason = filename, line, column, reason or message
-
-
 @dataclass(frozen=True)
 class Place:
     """Where something stands in the text: character offsets ``start`` and ``end``."""
 
     start: int
     end: int
+
+
+class SceneWarning(UserWarning):
+    """Something in a scene that is most likely not meant, but has a meaning. Emitted through ``warnings.warn``.
+
+    ``reason`` is the message without its place, ``place`` that in the text, or None where there is none.
+    """
+
+    def __init__(self, message: str, reason: str = "", place: Place | None = None) -> None:
+        super().__init__(message)
+        self.reason, self.place = reason or message, place
+
+
+class SceneError(ValueError):
+    """Wrong input. ``str()`` is the whole message: file, line, column, what was found and expected, and a caret.
+
+    The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
+    text), ``reason``, and ``place``, or None.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        filename: str = "",
+        line: int = 0,
+        column: int = 0,
+        reason: str = "",
+        place: Place | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.filename, self.line, self.column, self.reason = filename, line, column, reason or message
+        self.place = place
 
 
 class Source:
@@ -42,7 +59,7 @@ class Source:
     @cached_property
     def line_starts(self) -> list[int]:
         """Offsets at which the lines begin."""
-        return [0] + [i + 1 for i, c in enumerate(self.text) if c == "\n"]
+        return [0, *(newline.end() for newline in re.finditer("\n", self.text))]
 
     def line_column(self, offset: int) -> tuple[int, int]:
         """Line and column, both from 1, of a character offset."""
@@ -70,11 +87,11 @@ class Source:
     def error(self, place: Place, reason: str) -> SceneError:
         """The error to raise about what stands at ``place``."""
         line, column = self.line_column(place.start)
-        return SceneError(self.message(place, reason), self.filename, line, column, reason)
+        return SceneError(self.message(place, reason), self.filename, line, column, reason, place)
 
     def warning(self, place: Place, reason: str) -> SceneWarning:
         """The warning to emit about what stands at ``place``."""
-        return SceneWarning(self.message(place, reason))
+        return SceneWarning(self.message(place, reason), reason, place)
 
 
 def quote(text: str) -> str:

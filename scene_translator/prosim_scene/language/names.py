@@ -47,6 +47,37 @@ TABLES = (
 METALS |= {table.lower(): table for table in TABLES.split()}
 METALS |= {"na": "Na_palik", "ni": "Ni_palik", "be": "Be_palik", "v": "V_palik"}
 
+#: Names of glasses, and of what else is clear -> the materials of prosim_dielectric.
+GLASSES = {
+    "bk7": "bk7",
+    "n-bk7": "bk7",
+    "f2": "f2",
+    "sf10": "sf10",
+    "sf11": "sf11",
+    "lasf9": "lasf9",
+    "n-lasf9": "lasf9",
+    "silica": "silica",
+    "quartz": "silica",
+    "quartzo": "silica",
+    "diamond": "diamond",
+    "diamante": "diamond",
+    "zirconia": "zirconia",
+    "water": "water",
+    "agua": "water",
+}
+#: The index of each at the line d, 587.6 nm.
+INDICES = {
+    "bk7": 1.5168,
+    "f2": 1.62004,
+    "sf10": 1.72825,
+    "sf11": 1.78472,
+    "lasf9": 1.85025,
+    "silica": 1.45846,
+    "diamond": 2.41749,
+    "zirconia": 2.15877,
+    "water": 1.3334,
+}
+
 #: The textures that need no TEXTURE statement and their kinds, and their other names.
 BUILT_IN = {"t-tijolo": "brick", "t-listra": "stripes", "t-fractal": "fractal"}
 ALIASES = {"t-brick": "t-tijolo", "t-stripes": "t-listra", "t-listras": "t-listra"}

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from lark import Lark, Token, Tree, UnexpectedToken
+from lark.parsers.lalr_interactive_parser import InteractiveParser
 
 from . import lexer
 from .definitions import Definitions
@@ -29,9 +30,14 @@ def _parser() -> Lark:
     return Lark(grammar, parser="lalr")
 
 
+def begin() -> InteractiveParser:
+    """A parser at the beginning of a scene, or of a statement."""
+    return _parser().parse_interactive()
+
+
 def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Token], Tree[Token]]:
     """All pieces of the text in order (tokens and remarks), and lark's tree; raises SceneError."""
-    parser = _parser().parse_interactive()
+    parser = begin()
     pieces: list[Token] = []
     try:
         for piece in lexer.lex(source, parser.choices, definitions):
@@ -40,11 +46,12 @@ def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Toke
                 parser.feed_token(piece)
         tree: Tree[Token] = parser.feed_eof()
     except UnexpectedToken as error:
-        raise _syntax_error(source, error.token, parser.accepts(), pieces) from None
+        raise syntax_error(source, error.token, parser.accepts(), pieces) from None
     return pieces, tree
 
 
-def _syntax_error(source: Source, token: Token, expected: set[str], pieces: list[Token]) -> SceneError:
+def syntax_error(source: Source, token: Token, expected: set[str], pieces: list[Token]) -> SceneError:
+    """The error about a token that has no place after ``pieces``, of which it is the last; ``expected``: what has."""
     inner = [role for role in ORDER if role in expected and role not in STATEMENTS]
     names = [name for role in inner for name in meanings(role)]
     if expected & STATEMENTS:

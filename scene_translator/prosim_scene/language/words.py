@@ -144,7 +144,7 @@ WORDS = (
     # surfaces
     _word("MATERIAL", "material", "material"),
     _word("CONDUCTOR", "condutor conductor", "conductor"),
-    _word("MATERIAL_KIND", "dieletrico dielectric", "dielectric"),
+    _word("DIELECTRIC", "dieletrico dielectric", "dielectric"),
     _word("MATERIAL_KIND", "lambertiano lambertian", "lambertian"),
     _word("MATERIAL_KIND", "composto composite", "composite"),
     _word("METAL", "metal", "metal", of="conductor"),
@@ -161,6 +161,15 @@ WORDS = (
     _word(
         "OPTIC", "k-abs k-absorption", "k", Numbers(3, "r g b", 0, INDEX_OF_REFRACTION[1], channels=True), "conductor"
     ),
+    _word("OPTIC", "abbe", "abbe", Numbers(1, "the Abbe number", 1, 1000), "dielectric"),
+    _word(
+        "OPTIC",
+        "transmitancia transmittance",
+        "transmittance",
+        Numbers(3, "r g b", 1e-6, 1, channels=True),
+        "dielectric",
+    ),
+    _word("OPTIC", "espessura thickness", "thickness", LENGTH, "dielectric"),
     _word("OPTIC", "n", "exponent", Numbers(1, "n", 0, 1e6), ROUGH),
     _word("OPTIC", "rug rugosidade roughness", "exponent", Numbers(1, "a Phong exponent", 0, 1e6), ROUGH),
     _word("OPTIC", "m", "slope", Numbers(1, "the RMS slope", 0, 1e3, least=1e-4), ROUGH),
@@ -226,6 +235,7 @@ STATEMENT_OF = {
     "PRIMITIVE": "CSG_TREE",
     "MATERIAL": "SURFACE",
     "CONDUCTOR": "SURFACE",
+    "DIELECTRIC": "SURFACE",
     "MATERIAL_KIND": "SURFACE",
     "METAL": "SURFACE",
     "OPTIC": "SURFACE",

@@ -1,7 +1,7 @@
 """From the CSG tree to triangles: primitives, their transforms, the tree evaluated, the surfaces of the result."""
 
 from .detail import TOLERANCE
-from .kept import Kept
-from .triangles import Triangles, tessellate
+from .faces import Faces, Skin, Triangles
+from .triangles import tessellate
 
-__all__ = ["TOLERANCE", "Kept", "Triangles", "tessellate"]
+__all__ = ["TOLERANCE", "Faces", "Skin", "Triangles", "tessellate"]

@@ -19,7 +19,7 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
-from manifold3d import Manifold
+from manifold3d import Manifold, Mesh64
 
 from .primitives import Mesh
 
@@ -42,6 +42,7 @@ class Planes:
         self, planes: np.ndarray, surface: np.ndarray, of_facet: np.ndarray, side: np.ndarray, step: float
     ) -> None:
         self.planes, self.surface, self.of_facet, self.side, self.step = planes, surface, of_facet, side, step
+        self.turned: set[int] = set()  # original ids of triangles that show their back where manifold3d says front
         self.grain = step * GRAIN / STEP
 
     def apart(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
@@ -107,9 +108,7 @@ class Planes:
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         plane, side = self.of_facet[facets], self.side[facets]
-        flags = np.asarray(mesh.run_flags, dtype=np.int64) & 1  # 1: the back side, of a solid that was taken away
-        runs = np.asarray(mesh.run_index, dtype=np.int64) // 3
-        side = np.where(np.repeat(flags, runs[1:] - runs[:-1]) == 1, -side, side)
+        side = np.where(self.backs(mesh), -side, side)
         concerned = np.isin(self.surface, list(surfaces))
         chosen = (plane >= 0) & concerned[plane]
         if not chosen.any():
@@ -133,6 +132,13 @@ class Planes:
             return self.onto(np.array(points), vertex[kept], on[kept], height[first[kept] // 3])
 
         return solid.warp_batch(warp)
+
+    def backs(self, mesh: Mesh64) -> np.ndarray:
+        """Which triangles are the back sides of primitives, of solids that were taken away."""
+        flags = np.asarray(mesh.run_flags, dtype=np.int64) & 1
+        turned = [int(i) in self.turned for i in mesh.run_original_id]
+        runs = np.asarray(mesh.run_index, dtype=np.int64) // 3
+        return np.repeat((flags == 1) != np.array(turned), runs[1:] - runs[:-1])
 
     def onto(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, shift: np.ndarray | float) -> np.ndarray:
         """Points moved as little as possible: number ``vertex[i]`` to the height ``shift[i]`` over ``plane[i]``."""

@@ -40,8 +40,11 @@ class Leaves:
     of solid i from ``first[i]``: ``faces`` has the face of each, ``planes`` those that facets have in common.
     """
 
-    def __init__(self, document: Document, camera: Sight, tolerance: float) -> None:
-        """Raises :class:`SceneError` for a transform that cannot be inverted, and for more than memory can hold."""
+    def __init__(self, document: Document, camera: Sight, tolerance: float, cutters: np.ndarray | None = None) -> None:
+        """``cutters`` are those leaves whose faces may coincide with themselves.
+
+        Raises :class:`SceneError` for a transform that cannot be inverted, and for more than memory can hold.
+        """
         leaves = tree.leaves(document.scene.csg)
         kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
         self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
@@ -52,7 +55,7 @@ class Leaves:
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
-        self._share()
+        self._share(cutters)
         choose_segments(document, self.solids, camera, tolerance)
         shrink_inscribed(self.solids)
         for s in self.solids:
@@ -61,14 +64,15 @@ class Leaves:
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
         self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
 
-    def _share(self) -> None:
+    def _share(self, cutters: np.ndarray | None) -> None:
         """Finds the surfaces that several leaves have in common, and the solids that are the same."""
+        bearing = np.bincount(self.of_leaf) + (0 if cutters is None else np.bincount(self.of_leaf, cutters))
         at = np.array([(i, f) for i, s in enumerate(self.solids) for f in range(len(s.primitive.quadrics))])
         surface = same_surfaces(
             np.concatenate([s.primitive.quadrics for s in self.solids]),
             np.array([s.to_world for s in self.solids])[at[:, 0]],
         )
-        bearers = np.bincount(surface, np.bincount(self.of_leaf)[at[:, 0]])
+        bearers = np.bincount(surface, bearing[at[:, 0]])
         shared = np.where(bearers[surface] > 1, surface, -1)
         for s, surfaces in zip(self.solids, np.split(shared, np.flatnonzero(np.diff(at[:, 0])) + 1)):
             s.surfaces = surfaces

@@ -1,27 +1,31 @@
 """How optics are kept: solids of different media are kept apart.
 
-Media are numbers: the opaque one's, and one for every index of refraction of a dielectric. Every occurrence of a
-primitive has its own id, which manifold3d carries to the triangles of the result.
+Media are numbers: the opaque one's, and one for every kind of dielectric. Every occurrence of a primitive has its own
+id, which manifold3d carries to the triangles of the result.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
 
+from ..model import Leaf
+from . import tree
 from .coincidence import Planes
-from .parts import Part, as_parts, reserve_ids, union
+from .parts import Part, as_parts, beneath, reserve_ids, union
 from .values import Value
 
 OPAQUE = 0  # the medium of everything that is not a dielectric
+AIR = -1  # what is outside of all
 
 
 @dataclass
 class Shell:
     """Triangles of a result: ``vertices`` (n, 3), ``triangles`` (m, 3), and for each the original id of its primitive,
     the number of its facet, and a ``sign``, -1 where it is the surface of a primitive that was taken away. It is
-    ``settled`` when its vertices lie on the planes of its facets.
+    ``settled`` when its vertices lie on the planes of its facets. ``inside`` and ``outside`` (m,) are the media on the
+    two sides of each triangle, the latter being where its normal points.
     """
 
     vertices: np.ndarray
@@ -29,7 +33,64 @@ class Shell:
     ids: np.ndarray
     facets: np.ndarray
     sign: np.ndarray
+    inside: np.ndarray
+    outside: np.ndarray
     settled: bool = True
+
+    def between(self, inside: int, outside: int) -> "Shell":
+        """The same with these media on its sides."""
+        return replace(self, inside=np.full(len(self.ids), inside), outside=np.full(len(self.ids), outside))
+
+    def bearing(self, ids: np.ndarray, originals: np.ndarray) -> "Shell":
+        """The triangles that bear one of some ``ids``, which ascend, with the ``originals`` of these in their place."""
+        at = np.searchsorted(ids, self.ids)
+        chosen = np.flatnonzero(ids[np.minimum(at, len(ids) - 1)] == self.ids)
+        triangles, facets, sign = self.triangles[chosen], self.facets[chosen], self.sign[chosen]
+        sides = self.inside[chosen], self.outside[chosen]
+        return Shell(self.vertices, triangles, originals[at[chosen]], facets, sign, *sides, self.settled)
+
+    def turned(self) -> "Shell":
+        """Its back side."""
+        return replace(
+            self, triangles=self.triangles[:, ::-1], sign=-self.sign, inside=self.outside, outside=self.inside
+        )
+
+    def heights(self, part: slice = slice(None)) -> np.ndarray:
+        """Heights of triangles over their longest sides: those in a seam of coincident faces have none."""
+        a, b, c = (self.vertices[self.triangles[part, i]] for i in range(3))
+        longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))
+
+
+def cutters(nodes: tree.Nodes, media_of: list[int]) -> np.ndarray:
+    """Which leaves may leave their faces on several media, which then coincide there: those that cut them at once."""
+    result = np.zeros(len(media_of), bool)
+
+    def leaf(number: int, _: Leaf) -> tuple[set[int], int, int]:
+        return {media_of[number]}, number, number + 1
+
+    def combine(
+        symbol: str, first: tuple[set[int], int, int], second: tuple[set[int], int, int]
+    ) -> tuple[set[int], int, int]:
+        if symbol != "+" and len(first[0]) > 1:
+            result[second[1] : second[2]] = True
+        return first[0] | second[0] if symbol == "+" else first[0], first[1], second[2]
+
+    tree.fold(nodes, leaf, combine)
+    return result
+
+
+@dataclass
+class _Layer:
+    """A medium: the ids of its faces and the original ones of these, the union of all media up to it, and where it
+    touches later ones.
+    """
+
+    medium: int
+    ids: np.ndarray
+    originals: np.ndarray
+    total: list[Part]
+    interfaces: list[Shell]
 
 
 def shells(value: Value) -> list[Shell]:
@@ -38,25 +99,35 @@ def shells(value: Value) -> list[Shell]:
     An opaque solid is bounded by its whole surface. A dielectric gives way to opaque solids, and to dielectrics that
     stand before it in the tree: of its surface there remains what bounds the union of all up to it. So every interface
     exists exactly once, and from inside a dielectric every way out leads through its own surface or onto another's.
+    What another dielectric touches of this surface is an interface between the two.
     """
+    (first, parts), *others = sorted((medium, parts) for medium, parts in value.items() if parts) or [(OPAQUE, [])]
+    none = np.empty(0, np.int64)
+    layers = [_Layer(first, none, none, parts, [])]
+    if others:
+        layers[0].ids = layers[0].originals = np.unique([i for part in parts for i in _ids(part)])
+    for medium, parts in others:
+        own, ids, originals = _renamed(parts)
+        total = layers[-1].total
+        glass = [layer for layer in layers if layer.medium != OPAQUE]
+        for shell in map(_shell, beneath(own, total) if glass else []):
+            for layer in glass:
+                face = shell.between(medium, layer.medium).bearing(layer.ids, layer.originals).turned()
+                layer.interfaces += [face] if len(face.ids) else []
+        layers.append(_Layer(medium, ids, originals, union([total, own]), []))
     result: list[Shell] = []
-    before: list[Part] = []
-    for _, parts in sorted(value.items()):
-        if not before:
-            before = parts
-            result += [_shell(p) for p in parts]
-        elif parts:
-            own, originals = _renamed(parts)
-            before = union([before, own])
-            for part in before:
-                shell = _shell(part)
-                mine = np.isin(shell.ids, list(originals))
-                if mine.any():
-                    ids = np.array([originals[i] for i in shell.ids[mine].tolist()])
-                    result.append(
-                        Shell(shell.vertices, shell.triangles[mine], ids, shell.facets[mine], shell.sign[mine])
-                    )
+    for layer in layers:
+        width = 2 * layer.total[0].planes.step if layer.total else 0.0
+        touched = any((face.heights() > width).any() for face in layer.interfaces)  # and not in seams alone
+        found = [_shell(part).between(layer.medium, AIR) for part in (layers[-1] if touched else layer).total]
+        if touched or layer is not layers[0]:
+            found = [shell.bearing(layer.ids, layer.originals) for shell in found]
+        result += [shell for shell in found + layer.interfaces * touched if len(shell.ids)]
     return result
+
+
+def _ids(part: Part) -> list[int]:
+    return [int(i) for i in part.manifold.to_mesh64().run_original_id]
 
 
 def batches(shells: Iterable[Shell], size: int, planes: Planes) -> Iterator[Shell]:
@@ -85,6 +156,8 @@ def _joined(shells: list[Shell], planes: Planes) -> Shell:
         np.concatenate([s.ids for s in shells]),
         facets,
         np.concatenate([s.sign for s in shells]),
+        np.concatenate([s.inside for s in shells]),
+        np.concatenate([s.outside for s in shells]),
     )
 
 
@@ -94,35 +167,40 @@ def _shell(part: Part) -> Shell:
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
-    back = np.repeat(np.asarray(mesh.run_flags, dtype=np.int64) & 1, runs)
+    nowhere = np.full(len(ids), AIR)
     return Shell(
         np.array(mesh.vert_properties)[:, :3],
         np.array(mesh.tri_verts, dtype=np.int64),
         ids,
         np.asarray(mesh.face_id, dtype=np.int64),
-        1.0 - 2 * back,
+        np.where(part.planes.backs(mesh), -1.0, 1.0),
+        nowhere,
+        nowhere,
         not part.plain,
     )
 
 
-def _renamed(parts: list[Part]) -> tuple[list[Part], dict[int, int]]:
-    """The parts with fresh ids, and a dictionary from these to the old ones: tells one medium's triangles from
-    another's even where one primitive has cut both.
+def _renamed(parts: list[Part]) -> tuple[list[Part], np.ndarray, np.ndarray]:
+    """The parts with fresh ids, these in ascending order, and the old ones: tells one medium's triangles from another's
+    even where one primitive has cut both.
     """
     renamed: list[Part] = []
-    originals: dict[int, int] = {}
+    ids: list[int] = []
+    originals: list[int] = []
     for part in parts:
         mesh = part.manifold.to_mesh64()
         runs = len(mesh.run_original_id)
         base = reserve_ids(runs)
-        originals.update(zip(range(base, base + runs), np.asarray(mesh.run_original_id).tolist()))
+        ids += range(base, base + runs)
+        originals += np.asarray(mesh.run_original_id).tolist()
+        flags = np.asarray(mesh.run_flags).tolist()  # of which manifold3d knows nothing in a mesh that is given to it
+        part.planes.turned.update(i for i, flag in zip(range(base, base + runs), flags) if flag & 1)
         fresh = Mesh64(
             np.array(mesh.vert_properties, float),
             np.array(mesh.tri_verts, np.uint64),
             run_index=np.array(mesh.run_index, np.uint64),
-            run_flags=np.array(mesh.run_flags, np.uint8),
             run_original_id=np.arange(base, base + runs, dtype=np.uint32),
             face_id=np.array(mesh.face_id, np.uint64),
         )
         renamed += as_parts(Manifold(fresh), part.planes, part.surfaces)
-    return renamed, originals
+    return renamed, np.array(ids), np.array(originals)

@@ -110,6 +110,17 @@ def difference(minuend: list[Part], subtrahend: list[Part]) -> list[Part]:
     return result
 
 
+def beneath(solid: list[Part], others: list[Part]) -> list[Part]:
+    """The parts of a solid that touch others, without these: wherever the two touch, bounded by the others' faces."""
+    if not solid or not others:
+        return []
+    result = []
+    for part, hits in zip(solid, _hits(solid, others)):
+        if hits:
+            result += _combined("b-a", _composed([others[i] for i in hits]), part)
+    return result
+
+
 def intersection(first: list[Part], second: list[Part]) -> list[Part]:
     """What two solids have in common."""
     if not first or not second:
@@ -139,12 +150,14 @@ def _checked(manifold: Manifold) -> Manifold:
 
 
 def _combined(operator: str, first: Part, second: Part) -> list[Part]:
-    """One operation on two parts, whose common planes are told apart while it is done."""
+    """One operation on two parts, +, -, * or ("b-a") the second one without the first one, whose common planes are told
+    apart while it is done.
+    """
     common, planes = first.surfaces & second.surfaces, first.planes
     a, b = first.manifold, second.manifold
     if common:
-        a = planes.apart(a, common, 1 if operator == "+" else -1)
-    result = b + a if operator == "+" else a - b if operator == "-" else a ^ b
+        a = planes.apart(a, common, 1 if operator in ("+", "b-a") else -1)
+    result = b + a if operator == "+" else a - b if operator == "-" else b - a if operator == "b-a" else a ^ b
     if common and not _checked(result).is_empty():
         result = planes.closer(result, common)
     return as_parts(result, planes, first.surfaces, second.surfaces)

@@ -1,14 +1,13 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable
 
 import numpy as np
 
 from ..language.document import Document
 from ..model import Leaf, Operator
 from . import csg, media, parts, tree
-from .kept import Faces, Kept
+from .faces import Faces, Skin, Triangles
 from .leaves import Leaves
 from .sight import Sight
 from .values import Value
@@ -16,16 +15,9 @@ from .values import Value
 CHUNK = 1 << 18  # triangles at a time
 
 
-@dataclass
-class Triangles:
-    """Triangles of one material, corner by corner: positions (n, 3, 3), unit normals (n, 3, 3), uv (n, 3, 2), and a key
-    (n, 3) that is equal for equal corners.
-    """
-
-    positions: np.ndarray
-    normals: np.ndarray
-    uv: np.ndarray
-    keys: np.ndarray
+def anew(_: Hashable, make: Callable[[], Faces]) -> Faces:
+    """Keeps nothing."""
+    return make()
 
 
 def tessellate(
@@ -34,42 +26,43 @@ def tessellate(
     tolerance: float,
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
-    kept: Kept | None = None,
-) -> dict[Hashable, Triangles]:
-    """The surfaces of a document's scene: {material: Triangles}.
+    kept: Callable[[Hashable, Callable[[], Faces]], Faces] = anew,
+) -> dict[Skin, Triangles]:
+    """The surfaces of a document's scene.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
-    None, ``material(leaf)`` a hashable key: leaves with the same key share a mesh. What is ``kept`` from earlier scenes
-    is not computed again. Raises :class:`SceneError` for a transform that cannot be inverted and for more triangles
-    than memory is provided for.
+    None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
+    ``kept(key, make)`` may give what ``make`` has made for an equal key before. Raises :class:`SceneError` for a
+    transform that cannot be inverted and for more triangles than memory is provided for.
     """
     nodes = document.scene.csg
     leaves = tree.leaves(nodes)
     if not leaves:
         return {}
-    table = Leaves(document, camera, tolerance)
-    names: dict[Hashable, int] = {None: media.OPAQUE}
-    media_of = [names.setdefault(medium(leaf), len(names)) for leaf in leaves]
+    names = [None, *map(medium, leaves)]
+    media_of = _numbered(names)[1:]
+    table = Leaves(document, camera, tolerance, media.cutters(nodes, media_of))
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
-    faces = (kept or Kept()).faces(
-        (symbols, tuple(media_of), table.content()), lambda: _evaluated(nodes, table, media_of)
-    )
-    _report_vanished(document, faces.seen)
-    materials: dict[Hashable, int] = {}
-    material_of = np.array([materials.setdefault(material(leaf), len(materials)) for leaf in leaves])
-    order = np.argsort(material_of[faces.leaf], kind="stable")
-    begins = np.searchsorted(material_of[faces.leaf][order], np.arange(len(materials) + 1))
-    result: dict[Hashable, Triangles] = {}
-    shown = set(material_of[faces.seen].tolist())  # of others there are seams of no width at most
-    for name, number in materials.items():
-        if number in shown:
-            chosen = order[begins[number] : begins[number + 1]]
-            result[name] = Triangles(*(a[chosen] for a in (faces.positions, faces.normals, faces.uv, faces.keys)))
-    return result
+    faces = kept((symbols, tuple(media_of), table.content()), lambda: _faces(nodes, table, media_of))
+    seen = np.zeros(len(leaves), bool)
+    alike: dict[Skin, list[int]] = {}
+    of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
+    for number, (leaf, inside, outside) in enumerate(faces.kinds):
+        seen[leaf] |= faces.seen[number]
+        alike.setdefault(Skin(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
+    _report_vanished(document, seen)
+    shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
+    return dict(zip(shown, faces.chosen(list(shown.values()))))
 
 
-def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
-    """The triangles of a tree; the leaf with the number i is of the medium ``media_of[i]``, 0 is the opaque one."""
+def _numbered(keys: Iterable[Hashable]) -> list[int]:
+    """Keys numbered from 0, in the order in which they are met first."""
+    numbers: dict[Hashable, int] = {}
+    return [numbers.setdefault(key, len(numbers)) for key in keys]
+
+
+def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
+    """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric."""
     table.make_meshes()
     base = parts.reserve_ids(len(media_of))
 
@@ -90,33 +83,39 @@ def _evaluated(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
         }
 
     value = csg.evaluate(nodes, leaf_value)
-    seen = np.zeros(len(media_of), bool)
-    collected: list[list[np.ndarray]] = []
+    own, count = np.array(media_of), max(media_of) + 2
+    collected = [
+        [np.empty(0, int), np.empty(0, bool), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)]
+    ]
     vertices = alone = 0  # so far: what keys are made of
     for shell in media.batches(media.shells(value), CHUNK, table.planes):
         for start in range(0, len(shell.triangles), CHUNK):
             part = slice(start, start + CHUNK)
             leaf, corner = shell.ids[part] - base, shell.triangles[part]
             positions = shell.vertices[corner]
-            seen[leaf[_height(positions) > 2 * table.planes.step]] = True
             found = table.surface(positions, leaf, shell.facets[part], shell.sign[part])
             wrapped = (np.floor(found.uv[..., 0]) > 0).astype(int)
             keys = (((corner + vertices) * len(media_of) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
-            collected.append([leaf, positions + table.origin, found.normals, found.uv, keys])
+            kind = _kinds(leaf, own[leaf], shell.inside[part], shell.outside[part], count)
+            high = shell.heights(part) > 2 * table.planes.step
+            collected.append([kind, high, positions + table.origin, found.normals, found.uv, keys])
         vertices += len(shell.vertices)
-    if not collected:
-        collected.append([np.empty(0, int), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)])
-    leaf, positions, normals, uv, keys = map(np.concatenate, zip(*collected))
-    return Faces(leaf, positions, normals, uv, keys, seen)
+    kind, high, *columns = map(np.concatenate, zip(*collected))
+    codes, kind = np.unique(kind, return_inverse=True)
+    leaf, sides = np.divmod(codes, count**2)
+    kinds = list(zip(leaf.tolist(), (sides // count).tolist(), (sides % count - 1).tolist()))
+    return Faces(Triangles(*columns), kind, kinds, np.bincount(kind[high], minlength=len(kinds)) > 0)
 
 
-def _height(positions: np.ndarray) -> np.ndarray:
-    """Heights of triangles (n, 3, 3) over their longest sides: those in a seam of coincident faces have none."""
-    a, b, c = (positions[:, i] for i in range(3))
-    longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))
+def _kinds(leaf: np.ndarray, own: np.ndarray, inside: np.ndarray, outside: np.ndarray, count: int) -> np.ndarray:
+    """A number for the leaf of each triangle and the media on its sides, of which only a dielectric's faces know:
+    ``own`` is the leaf's. A dielectric that has cut what is opaque is a dielectric's face all the same.
+    """
+    inside = np.where((own == media.OPAQUE) | (inside == media.OPAQUE), own, inside)
+    outside = np.where(own == media.OPAQUE, media.AIR, outside)
+    return np.asarray((leaf * count + inside) * count + outside + 1)
 
 
 def _report_vanished(document: Document, seen: np.ndarray) -> None:

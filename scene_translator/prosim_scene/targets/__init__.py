@@ -12,6 +12,7 @@ from ..nodes import Node
 from ..view import Camera
 from . import prosim, stock
 from .context import Context
+from .materials import Sides
 
 
 class Target(Protocol):
@@ -29,8 +30,10 @@ class Target(Protocol):
     def light(self, context: Context, number: int, light: Light) -> Node:
         """An emitter, or the shape that bears it."""
 
-    def surface(self, context: Context, number: int, leaf: Leaf) -> Node:
-        """The entries of a shape that give it the look of a leaf, node ``number`` of the tree."""
+    def surface(self, context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
+        """The entries of a shape that give it the look of a leaf, node ``number`` of the tree. ``sides`` are the media
+        on both sides, if that is a dielectric.
+        """
 
 
 TARGETS: dict[str, Target] = {"prosim": prosim, "stock": stock}

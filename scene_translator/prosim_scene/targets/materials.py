@@ -1,7 +1,9 @@
 """SURFACE -> BSDF of this project's plugins, and what both targets need of a surface."""
 
 import math
+from dataclasses import dataclass
 
+from ..language.names import INDICES
 from ..language.words import numbers
 from ..model import GREY, Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
@@ -9,6 +11,16 @@ from . import textures
 from .context import Context
 
 BLACK = (0.0, 0.0, 0.0)
+#: The least absorption of a channel, as a share of the largest: ``volpath`` gives no number where there is none.
+LEAST = 1e-7
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The media on both sides of a dielectric's face, as the indices of SURFACEs; ``outside`` is None for air."""
+
+    inside: int
+    outside: int | None = None
 
 
 def roughness(surface: Surface) -> Node:
@@ -37,17 +49,43 @@ def slots(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]
 
 def mean_index(context: Context, index: int, surface: Surface) -> float:
     """The index of refraction as one number; per-channel ones are averaged, and said so."""
+    if surface.glass:
+        return INDICES[surface.glass]
     assert surface.eta is not None
     if len(set(surface.eta)) > 1:
         context.approximate(
-            "the index of refraction differs from channel to channel: its mean is used, without dispersion",
+            "the index of refraction differs from channel to channel: its mean is used, without dispersion "
+            "(a dieletrico disperses by abbe, or a glass's name)",
             "surfaces",
             index,
         )
     return sum(surface.eta) / 3
 
 
-def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
+def indices(context: Context, sides: Sides) -> Node:
+    """The indices of refraction on both sides of a dielectric's face: numbers, or what depends on the wavelength."""
+    inside = _index(context, sides.inside, "int")
+    return inside | (
+        {"ext_ior": context.scene.air_index} if sides.outside is None else _index(context, sides.outside, "ext")
+    )
+
+
+def mean_indices(context: Context, sides: Sides) -> Node:
+    """The same as one number each."""
+    surfaces = context.scene.surfaces
+    inside, outside = mean_index(context, sides.inside, surfaces[sides.inside]), context.scene.air_index
+    if sides.outside is not None:
+        outside = mean_index(context, sides.outside, surfaces[sides.outside])
+    return {"int_ior": inside, "ext_ior": outside}
+
+
+def invisible(indices: Node) -> bool:
+    """Whether a face has the same index on both sides: then it is smooth, whatever it is made of."""
+    inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
+    return inside == outside
+
+
+def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
     """The BSDF of this project's plugins for a leaf, node ``number`` of the tree."""
     surface = context.scene.surfaces[leaf.index]
     kd, ks, ka = defaults(surface)
@@ -63,12 +101,8 @@ def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
         elif surface.eta and surface.k:
             node |= {"eta": rgb(surface.eta), "k": rgb(surface.k)}
     elif surface.material == "dielectric":
-        node = {
-            "type": "prosim_dielectric",
-            "int_ior": mean_index(context, leaf.index, surface),
-            "ext_ior": air,
-            **roughness(surface),
-        }
+        node = {"type": "prosim_dielectric", **(both := indices(context, sides))}
+        node |= {} if invisible(both) else roughness(surface)
     elif surface.material == "lambertian":
         node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
     elif surface.material == "composite":
@@ -87,6 +121,42 @@ def bsdf(context: Context, number: int, leaf: Leaf) -> Node:
     if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
         node["ambient"] = textured(ka)
     return node
+
+
+def _index(context: Context, index: int, side: str) -> Node:
+    surface = context.scene.surfaces[index]
+    if surface.glass:
+        return {f"{side}_material": surface.glass}
+    dispersion = {} if surface.abbe is None else {f"{side}_abbe": float(surface.abbe)}
+    return {f"{side}_ior": mean_index(context, index, surface), **dispersion}
+
+
+def absorbs(surface: Surface) -> bool:
+    """Whether light is absorbed inside."""
+    return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
+
+
+def media(context: Context, sides: Sides) -> Node:
+    """What lies on the sides of a dielectric's face and absorbs, as parameters of its shape; nothing for others."""
+    result = {"interior": _medium(context.scene.surfaces[sides.inside])}
+    if sides.outside is not None:
+        result["exterior"] = _medium(context.scene.surfaces[sides.outside])
+    return {name: medium for name, medium in result.items() if medium}
+
+
+def _medium(surface: Surface) -> Node:
+    """A medium that absorbs; nothing for what is clear.
+
+    By Beer's law the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, hence the
+    scale.
+    """
+    if not absorbs(surface):
+        return {}
+    assert surface.transmittance is not None
+    sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
+    scale = max(sigma)
+    shares = rgb(max(s / scale, LEAST) for s in sigma)
+    return {"type": "homogeneous", "albedo": 0.0, "sigma_t": shares, "scale": scale}
 
 
 def phong_exponent(surface: Surface) -> float | None:

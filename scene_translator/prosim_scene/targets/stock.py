@@ -19,13 +19,15 @@ SAMPLER = "multijitter"
 def settings(context: Context) -> Node:
     """Integrator and background."""
     scene = context.scene
+    used = {node.index for node in scene.csg if isinstance(node, Leaf)}
+    integrator = "volpath" if any(materials.absorbs(scene.surfaces[index]) for index in used) else "path"
     result: Node = {
         "comment": Comment(f"{scene.name}, for Mitsuba's built-in plugins: MAX-LEVEL, NSAMPLES, BACKGROUND"),
         # One camera ray, max_level reflections or refractions, and the light's ray.
-        "integrator": {"type": "path", "max_depth": Default("max_depth", scene.max_level + 2), "rr_depth": 1000},
+        "integrator": {"type": integrator, "max_depth": Default("max_depth", scene.max_level + 2), "rr_depth": 1000},
     }
     context.approximate(
-        "stock target: 'path' follows diffuse reflections too, and takes one sample of one light at a time; "
+        f"stock target: {integrator!r} follows diffuse reflections too, and takes one sample of one light at a time; "
         "N-rook patterns and adaptive sampling are left out",
         "ambient",
     )
@@ -112,8 +114,8 @@ def _along(position: Vector, direction: Vector) -> np.ndarray:
     return to_world
 
 
-def surface(context: Context, number: int, leaf: Leaf) -> Node:
-    """BSDF, and the emitter that stands for the ambient term."""
+def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -> Node:
+    """BSDF, what lies on its sides, and the emitter that stands for the ambient term."""
     scene = context.scene
     surface = scene.surfaces[leaf.index]
     kd, ks, ka = materials.defaults(surface)
@@ -129,7 +131,10 @@ def surface(context: Context, number: int, leaf: Leaf) -> Node:
         elif slot.name is not None:
             context.approximate("stock target: patterns are replaced by their mean colour", *path)
             factor = factor * _mean(*textures.parameters(scene, slot.name, i == 1))
-    result = {"bsdf": _bsdf(context, leaf.index, surface, image or rgb_clipped(factor * kd), ks)}
+    result = {
+        "bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks),
+        **materials.media(context, sides),
+    }
     ambient = [a * i for a, i in zip(factor * ka, lights.radiometric(scene.ambient), strict=True)]
     if any(ambient):
         result["emitter"] = {"type": "area", "radiance": rgb(ambient)}
@@ -148,7 +153,7 @@ def _mean(kind: str, values: dict[str, Any]) -> np.ndarray:
     return np.asarray(share * np.array(first) + (1 - share) * np.array(second))
 
 
-def _bsdf(context: Context, index: int, surface: Surface, diffuse: Node, ks: Vector) -> Node:
+def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides, diffuse: Node, ks: Vector) -> Node:
     path, air = ("surfaces", index), context.scene.air_index
     alpha = materials.beckmann_slope(surface)
     if alpha:
@@ -161,12 +166,12 @@ def _bsdf(context: Context, index: int, surface: Surface, diffuse: Node, ks: Vec
             optics = {"eta": rgb([x / air for x in surface.eta]), "k": rgb([x / air for x in surface.k])}
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
-        return {
-            "type": prefix + "dielectric",
-            "int_ior": materials.mean_index(context, index, surface),
-            "ext_ior": air,
-            **rough,
-        }
+        if surface.glass or surface.abbe:
+            context.approximate("stock target: glass has one index for all wavelengths", *path)
+        indices = materials.mean_indices(context, sides)
+        if materials.invisible(indices):
+            return {"type": "dielectric", **indices}
+        return {"type": prefix + "dielectric", **indices, **rough}
     if surface.material == "lambertian":
         return {"type": "diffuse", "reflectance": diffuse}
     if surface.material == "composite":

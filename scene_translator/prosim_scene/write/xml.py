@@ -16,12 +16,13 @@ UNSPEAKABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 TAGS = {
     plugin: tag
     for tag, plugins in {
-        "integrator": "prosim path",
+        "integrator": "prosim path volpath",
         "sensor": "perspective prosim_window",
         "film": "hdrfilm",
         "sampler": "nrook multijitter",
         "rfilter": "box",
         "shape": "ply sphere",
+        "medium": "homogeneous",
         "emitter": "prosim_area prosim_point area point spot constant envmap",
         "texture": "bitmap prosim_brick prosim_stripes prosim_fractal prosim_product",
         "bsdf": "prosim_conductor prosim_dielectric prosim_lambertian prosim_composite prosim_phong diffuse conductor "
@@ -107,7 +108,7 @@ def _element(parent: ElementTree.Element, key: str, node: Node, depth: int) -> N
     # An object in the scene is known by its id, a nested texture by the parameter that it is.
     if parent.tag == "scene":
         element.set("id", key)
-    elif element.tag in ("texture", "bsdf"):
+    elif element.tag in ("texture", "bsdf", "medium"):
         element.set("name", key)
     for name, value in node.items():
         if name != "type":

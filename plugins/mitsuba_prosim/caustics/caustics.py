@@ -1,0 +1,121 @@
+"""The caustics of a scene, as a camera sees them."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..rendering import collector
+from ..sampling.hash import combine, hash32
+from . import random
+from .footprint import Footprint
+from .gathering import Gathering
+from .photons import Photons
+from .sources import Sources
+from .targets import Targets
+from .walk import Landed, Walk
+
+#: Most maps of a set.
+MAPS = 64
+
+#: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
+PILOTS, EVEN = 1 << 14, 0.1
+
+#: Photons that are kept, 40 bytes each, for the next wave and for the twin; at least two sets.
+KEPT = 1 << 22
+
+
+class Caustics:
+    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, through up to ``deepest``
+    specular surfaces.
+
+    A set has as many maps as a pattern has samples, :meth:`maps`, and each sample of a pixel gathers from its own:
+    the ``t``-th from map ``t % maps`` of set ``t // maps``, which must have been drawn (:meth:`draw`).
+    """
+
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, deepest: int) -> None:
+        self.sources, self.count, self.walk = sources, count, Walk(scene, deepest)
+        self.footprint = Footprint.of(scene, sensor)
+        self.gathering = Gathering(scene, self.footprint)
+        self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
+        self._sets: dict[tuple[int, int, int], Photons] = {}
+        self._drawn: Photons | None = None
+
+    @classmethod
+    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int) -> Caustics | None:
+        """Those of ``scene``; None where nothing is specular, or nothing shines."""
+        targets = Targets.of(scene)
+        sources = None if targets is None else Sources(scene, targets)
+        return cls(scene, sensor, sources, count, deepest) if sources is not None and sources.count else None
+
+    @staticmethod
+    def maps(n: int) -> int:
+        """Maps of a set, for patterns of ``n``² samples."""
+        return min(n * n, MAPS)
+
+    @collector.suspended()
+    def draw(self, seed: int, number: int, maps: int) -> None:
+        """Makes the set ``number`` of ``maps`` maps under ``seed`` what samples gather from."""
+        which = (seed, number, maps)
+        if which not in self._sets:
+            while len(self._sets) >= max(KEPT // self.count, 2):
+                del self._sets[next(iter(self._sets))]
+            self._sets[which] = self._photons(*which)
+        self._drawn = self._sets[which]
+
+    def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
+        """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
+        assert self._drawn is not None, "no photons have been drawn"
+        number = t % dr.opaque(mi.UInt32, self._drawn.maps)
+        return self.gathering(self._drawn, number, si, bsdf, active)
+
+    def _photons(self, seed: int, number: int, maps: int) -> Photons:
+        size = max(self.count // maps, 1)
+        if maps not in self._shares:
+            self._shares[maps] = self._shared(size)
+        landed, map_of, _ = self._landed(seed, number, maps, *self._shares[maps])
+        return Photons.of(landed, map_of, maps, self.footprint)
+
+    def _landed(
+        self, seed: int, number: int, maps: int, shares: mi.Float, begins: mi.UInt32, pairs: mi.UInt32
+    ) -> tuple[Landed, mi.UInt32, mi.UInt32]:
+        """``(landed, map, pair)`` of all photons of a set. The last three are what :func:`placed` gives."""
+        size = dr.width(pairs)
+        i = dr.arange(mi.UInt32, size * maps)
+        map_of = i // dr.opaque(mi.UInt32, size)
+        of_map = i - map_of * dr.opaque(mi.UInt32, size)
+        pair = dr.gather(mi.UInt32, pairs, of_map)
+        share = mi.UInt32(dr.gather(mi.Float, shares, pair))
+        key = combine(combine(hash32(dr.opaque(mi.UInt32, seed)), dr.opaque(mi.UInt32, number)), 0)
+        # The photons of a pair go on from map to map, so that those of all together are evenly spread too.
+        of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
+        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair))
+        landed = self.walk(start, combine(key, i + 1))
+        dr.eval(landed, map_of, pair)
+        return landed, map_of, pair
+
+    def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
+        """How many of the ``size`` photons of a map each pair has: in proportion to the flux that it brings, so that
+        photons carry about the same.
+        """
+        pairs = self.sources.pairs
+        even = np.full(pairs, max(PILOTS // pairs, 1), dtype=np.float64)
+        landed, _, pair = self._landed(0, 0, 1, *placed(even))
+        flux = np.where(np.array(landed.lies), np.array(dr.max(landed.flux), dtype=np.float64), 0)
+        brought = np.bincount(np.array(pair), weights=flux, minlength=pairs)
+        whole = brought.sum()
+        part = (1 - EVEN) * brought / whole + EVEN / pairs if whole > 0 else np.full(pairs, 1 / pairs)
+        return placed(np.maximum(np.round(part * size), 1))
+
+
+def placed(shares: np.ndarray) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
+    """So many photons for each pair of a map: ``(shares, begins, pairs)``, the numbers themselves, that of the first
+    photon of each pair, and the pair of each photon.
+    """
+    counts = shares.astype(np.uint32)
+    begins = np.cumsum(counts, dtype=np.uint32) - counts
+    pairs = np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
+    result = mi.Float(counts.astype(np.float32)), mi.UInt32(begins), mi.UInt32(pairs)
+    dr.make_opaque(*result)
+    return result

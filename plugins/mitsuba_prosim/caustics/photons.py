@@ -1,0 +1,92 @@
+"""Photons in the cells of grids, sorted, so that those near a point are found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..sampling.hash import combine
+from .footprint import Footprint
+from .walk import Landed
+
+#: Sizes of cells to an octave. There is a grid for each size, and a photon lies in that which fits the size of a pixel
+#: where it is, so that a search comes upon about as many photons near the eye as far away.
+SIZES = 4
+
+
+@dataclass(frozen=True)
+class Photons:
+    """The photons of ``maps`` maps, which know nothing of one another; sorted by map and by a hash of the cell, and in
+    each cell by their index, so that a sum over them has one order.
+    """
+
+    maps: int
+    #: x, y, z and, bit by bit, the key of its cell, photon by photon.
+    places: mi.Float
+    directions: mi.Vector3f
+    flux: mi.Spectrum
+    #: First photon of each bucket, for each map one bucket after the other, and the number of all.
+    begins: mi.UInt32
+    #: Buckets of a map, a power of two, less one.
+    mask: mi.UInt32
+
+    @classmethod
+    def of(cls, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> Photons:
+        """Sorts what has ``landed``; ``map_of``: the map of each."""
+        size = dr.width(map_of) // maps
+        buckets = 1 << max(4, (size - 1).bit_length())
+        mask = dr.opaque(mi.UInt32, buckets - 1)
+        there = dr.compress(landed.lies)
+        if dr.width(there) == 0:
+            there = mi.UInt32(0)  # one that lies far away
+        p, d, flux = (dr.gather(type(v), v, there) for v in (landed.p, landed.d, landed.flux))
+        level = level_of(footprint.at(footprint.distance(p)))
+        cells = key(level, *cell(p, level))
+        at = bucket_of(dr.gather(mi.UInt32, map_of, there), cells, mask)
+        dr.eval(p, d, flux, cells, at)
+        order = dr.argsort(at)
+        p, d, flux, cells, at = (dr.gather(type(v), v, order) for v in (p, d, flux, cells, at))
+        begins = first_of_each(at, maps * buckets)
+        places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, cells)))
+        dr.make_opaque(places, d, flux, begins)
+        return cls(maps, places, d, flux, begins, mask)
+
+    def bucket(self, number: mi.UInt32, key: mi.UInt32) -> mi.UInt32:
+        """Number of the bucket of the cell ``key`` in the map ``number``; other cells may share it."""
+        return bucket_of(number, key, self.mask)
+
+
+def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
+    """For each of 0 .. ``count``, how many of the sorted ``key`` are below it."""
+    # On the host, as a kernel would have to add in whatever order the threads come.
+    counts = np.bincount(np.array(key), minlength=count)
+    return mi.UInt32(np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32))
+
+
+def level_of(reach: mi.Float) -> mi.Int32:
+    """The grid in which what is within ``reach`` of a point lies in two cells along each axis."""
+    return mi.Int32(dr.floor(SIZES * dr.log2(reach)))
+
+
+def edge(level: mi.Int32) -> mi.Float:
+    """Edge of the cells of a grid: twice the longest reach of its level."""
+    return 2 * dr.exp2(mi.Float(level + 1) * (1 / SIZES))
+
+
+def cell(p: mi.Point3f, level: mi.Int32, offset: float = 0) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
+    """The cell of ``p``, displaced by ``offset`` edges."""
+    per_edge = dr.rcp(edge(level))
+    return tuple(mi.Int32(dr.floor(dr.fma(v, per_edge, offset))) for v in p)
+
+
+def key(level: mi.Int32, x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+    """A hash of a cell, which stands for it: that two near one another have the same is one chance in 10⁸."""
+    return combine(combine(combine(mi.UInt32(level), mi.UInt32(x)), mi.UInt32(y)), mi.UInt32(z))
+
+
+def bucket_of(number: mi.UInt32, key: mi.UInt32, mask: mi.UInt32) -> mi.UInt32:
+    """Number of the bucket of the cell ``key`` in the map ``number``, where each map has ``mask`` + 1."""
+    return number * (mask + 1) + (key & mask)

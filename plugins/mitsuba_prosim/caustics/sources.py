@@ -1,0 +1,225 @@
+"""Photons at their sources, aimed at what is specular (Jensen 1996).
+
+A photon belongs to a pair of a source and a target: it starts at a point of the source and goes to a point of the
+target. As one target may be behind another, a ray could have come of several pairs; a photon's flux is the radiance
+over the density of all of them together (the balance heuristic of Veach 1997), so that no light is counted twice, and
+no photon is brighter than the best of its pairs would make it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..light.balls import Balls, ball
+from . import targets as aim
+from .targets import Targets
+
+#: How many of the photons of a ball start on the disk that its target sees; the others do anywhere on it.
+FACING = 0.9
+
+
+@dataclass
+class Start:
+    """Photons as they leave their sources."""
+
+    ray: mi.Ray3f
+    #: ``mi.Spectrum``: power that each of them carries, 0 where there is none.
+    flux: mi.Spectrum
+
+
+def kind(emitter: mi.Emitter) -> str | None:
+    """``"point"``, ``"surface"`` or ``"far"``; None for what is no source of photons here (a surface that emits in one
+    direction).
+    """
+    flags = emitter.flags()
+    if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == "DirectionalEmitter":
+        return "far"
+    if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
+        return "point"
+    surface = mi.has_flag(flags, mi.EmitterFlags.Surface)
+    return "surface" if surface and not mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else None
+
+
+class Sources:
+    """The emitters of ``scene`` that photons can start from, and the pairs of each of them with each of ``targets``:
+    pair ``p`` is that of the source ``p // targets.count`` and the target ``p % targets.count``.
+    """
+
+    def __init__(self, scene: mi.Scene, targets: Targets) -> None:
+        self.scene, self.targets = scene, targets
+        all_emitters = list(scene.emitters())
+        chosen = [(i, e) for i, e in enumerate(all_emitters) if kind(e) is not None]
+        self.emitters = [e for _, e in chosen]
+        self.count = len(chosen)
+        self.kinds = {kind(e) for e in self.emitters}
+        if not chosen:
+            return
+        self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32([i for i, _ in chosen]))
+        order = ("point", "surface", "far")
+        self.kind = mi.UInt32([order.index(str(kind(e))) for e in self.emitters])
+        balls = [ball(e) if kind(e) == "surface" and Balls.takes(e) else None for e in self.emitters]
+        self.has_balls = any(balls)
+        values = [[*np.ravel(np.array(b[0])), *np.ravel(np.array(b[1]))] if b else [0, 0, 0, 0] for b in balls]
+        centers_and_radii = np.array(values, dtype=np.float32).T.copy()
+        self.centers, self.radii = mi.Point3f(*centers_and_radii[:3]), mi.Float(centers_and_radii[3])
+        sphere = scene.bbox().bounding_sphere()
+        self.middle, self.far = mi.Point3f(sphere.center), mi.Float(2 * max(float(sphere.radius), 1e-3))
+        dr.make_opaque(self.pointers, self.kind, self.centers, self.radii, self.middle, self.far)
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs."""
+        return self.count * self.targets.count
+
+    def start(self, pair: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f) -> Start:
+        """Photons of the pairs ``pair``. ``shares``: the number of photons that each pair has, one entry a pair;
+        ``position``, ``aimed``: points in [0, 1)².
+        """
+        number = pair // self.targets.count
+        target = pair - number * self.targets.count
+        emitter = dr.gather(mi.EmitterPtr, self.pointers, number)
+        kinds = dr.gather(mi.UInt32, self.kind, number)
+        start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0))
+        for k, (name, method) in enumerate((("point", self._point), ("surface", self._surface), ("far", self._far))):
+            if name in self.kinds:
+                active = kinds == k
+                one = method(emitter, number, target, shares, position, aimed, active)
+                start = Start(dr.select(active, one.ray, start.ray), dr.select(active, one.flux, start.flux))
+        start.flux = dr.select(dr.all(dr.isfinite(start.flux)), start.flux, 0)
+        return start
+
+    def _point(
+        self,
+        emitter: mi.EmitterPtr,
+        number: mi.UInt32,
+        target: mi.UInt32,
+        shares: mi.Float,
+        position: mi.Point2f,
+        aimed: mi.Point2f,
+        active: mi.Bool,
+    ) -> Start:
+        center, radius = self.targets.at(target)
+        seen = dr.zeros(mi.SurfaceInteraction3f)
+        seen.p = center
+        x = emitter.sample_direction(seen, position, active)[0].p
+        ray = mi.Ray3f(x, aim.direction(x, center, radius, aimed))
+        density = self._density(
+            number, target, shares, lambda c, r: (aim.meets(x, ray.d, c, r), dr.rcp(aim.solid_angle(x, c, r)))
+        )
+        met, lit = self._met(ray, active)
+        weight = emitter.sample_direction(met, position, lit)[1]
+        return Start(ray, dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0))
+
+    def _surface(
+        self,
+        emitter: mi.EmitterPtr,
+        number: mi.UInt32,
+        target: mi.UInt32,
+        shares: mi.Float,
+        position: mi.Point2f,
+        aimed: mi.Point2f,
+        active: mi.Bool,
+    ) -> Start:
+        center, radius = self.targets.at(target)
+        ps, _ = emitter.sample_position(0.0, position, active)
+        per_area = mi.Float(ps.pdf)
+        is_ball, middle, own_radius = mi.Bool(False), mi.Point3f(0), mi.Float(1)
+        if self.has_balls:
+            middle, own_radius = dr.gather(mi.Point3f, self.centers, number), dr.gather(mi.Float, self.radii, number)
+            is_ball = own_radius > 0
+            ps = dr.select(is_ball, on_ball(ps, middle, own_radius, center, position), ps)
+        x, n = ps.p, ps.n
+        d = aim.direction(x, center, radius, aimed)
+
+        def density_of(c: mi.Point3f, r: mi.Float) -> tuple[mi.Bool, mi.Float]:
+            area = per_area
+            if self.has_balls:
+                area = dr.select(is_ball, per_area_of_ball(n, middle, own_radius, c), area)
+            return aim.meets(x, d, c, r), area / aim.solid_angle(x, c, r)
+
+        density = self._density(number, target, shares, density_of)
+        cos = dr.dot(n, d)
+        active = active & (cos > 0) & (density > 0)
+        ray = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths).spawn_ray(d)
+        met, lit = self._met(ray, active)
+        ds = mi.DirectionSample3f(ps)
+        ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
+        L = emitter.eval_direction(met, ds, lit)
+        return Start(ray, dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0))
+
+    def _far(
+        self,
+        emitter: mi.EmitterPtr,
+        number: mi.UInt32,
+        target: mi.UInt32,
+        shares: mi.Float,
+        position: mi.Point2f,
+        aimed: mi.Point2f,
+        active: mi.Bool,
+    ) -> Start:
+        center, radius = self.targets.at(target)
+        seen = dr.zeros(mi.SurfaceInteraction3f)
+        seen.p = center
+        ds, weight = emitter.sample_direction(seen, position, active)
+        d = -ds.d
+        disk = mi.warp.square_to_uniform_disk_concentric(aimed) * radius
+        x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
+        density = self._density(
+            number, target, shares, lambda c, r: (aim.line_meets(x, d, c, r), dr.rcp(dr.pi * dr.square(r)))
+        )
+        back = dr.dot(x - self.middle, d) + self.far
+        return Start(mi.Ray3f(x - d * back, d), dr.select(active, weight / density, 0))
+
+    def _density(
+        self,
+        number: mi.UInt32,
+        own: mi.UInt32,
+        shares: mi.Float,
+        density_of: Callable[[mi.Point3f, mi.Float], tuple[mi.Bool, mi.Float]],
+    ) -> mi.Float:
+        """Density of a ray among the photons of all pairs of the source ``number``. ``density_of``: from center and
+        radius of a target, whether the ray meets it, and the density with which one photon of that pair takes it.
+        """
+        first, count = number * self.targets.count, dr.opaque(mi.UInt32, self.targets.count)
+
+        def step(k: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+            met, density = density_of(*self.targets.at(k))
+            share = dr.gather(mi.Float, shares, first + k)
+            # A ray meets its own target whatever rounding says.
+            return k + 1, total + dr.select(met | (k == own), share * density, 0)
+
+        return dr.while_loop((mi.UInt32(0), mi.Float(0)), lambda k, total: k < count, step, labels=("k", "total"))[1]
+
+    def _met(self, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
+        """Where ``ray`` ends, as the receiver of its light, and whether it does: of a source of 1992, which looks the
+        same at any distance, it matters how far that is.
+        """
+        pi = self.scene.ray_intersect_preliminary(ray, active=active)
+        lit = active & pi.is_valid()
+        met = dr.zeros(mi.SurfaceInteraction3f)
+        met.p = ray(dr.select(lit, pi.t, 1))
+        return met, lit
+
+
+def on_ball(
+    ps: mi.PositionSample3f, middle: mi.Point3f, radius: mi.Float, target: mi.Point3f, sample: mi.Point2f
+) -> mi.PositionSample3f:
+    """A point on a ball: most on the side that faces the point ``target``, uniform as seen from there."""
+    faces = sample.x < FACING
+    u = mi.Point2f(dr.select(faces, sample.x / FACING, (sample.x - FACING) / (1 - FACING)), sample.y)
+    front = mi.Frame3f(dr.normalize(target - middle)).to_world(mi.warp.square_to_cosine_hemisphere(u))
+    n = dr.select(faces, front, mi.warp.square_to_uniform_sphere(u))
+    result = mi.PositionSample3f(ps)
+    result.p, result.n = middle + n * radius, mi.Normal3f(n)
+    return result
+
+
+def per_area_of_ball(n: mi.Normal3f, middle: mi.Point3f, radius: mi.Float, target: mi.Point3f) -> mi.Float:
+    """Density per area with which :func:`on_ball` takes the point with the normal ``n``."""
+    facing = dr.maximum(dr.dot(n, dr.normalize(target - middle)), 0)
+    return (FACING * 4 * facing + (1 - FACING)) / (4 * dr.pi * dr.square(radius))

@@ -1,0 +1,123 @@
+"""What photons are aimed at: spheres around all that is specular."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..light.beam import sample_falloff, total
+from ..transport import lobes
+from ..transport.indivisible import is_indivisible
+
+#: Most spheres; where there are more surfaces, neighbours share one.
+MOST = 64
+
+#: By how much they are larger than what is within, for rounding.
+MARGIN = 1 + 1e-4
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Spheres, as Dr.Jit arrays with one entry for each."""
+
+    centers: mi.Point3f
+    radii: mi.Float
+    count: int
+
+    @classmethod
+    def of(cls, scene: mi.Scene) -> Targets | None:
+        """Those around the specular surfaces of ``scene``; None where there is none."""
+        spheres = [sphere(shape) for shape in scene.shapes() if is_specular(shape)]
+        if not spheres:
+            return None
+        values = np.array(merged(spheres), dtype=np.float32).T.copy()
+        targets = cls(mi.Point3f(*values[:3]), mi.Float(values[3]), values.shape[1])
+        dr.make_opaque(targets.centers, targets.radii)
+        return targets
+
+    def at(self, k: mi.UInt32) -> tuple[mi.Point3f, mi.Float]:
+        """Center and radius of the sphere ``k``."""
+        return dr.gather(mi.Point3f, self.centers, k), dr.gather(mi.Float, self.radii, k)
+
+
+def is_specular(shape: mi.Shape) -> bool:
+    """Whether light that meets ``shape`` may be followed through a lobe other than a diffuse one."""
+    if shape.class_name() == "Instance":
+        return True  # it does not tell
+    bsdf = shape.bsdf()
+    return (
+        bsdf is not None
+        and bool(lobes.has_any(int(bsdf.flags()), *lobes.REFLECTED, *lobes.REFRACTED))
+        and not is_indivisible(bsdf)
+    )
+
+
+def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
+    """``(x, y, z, radius)`` of a sphere around ``shape``."""
+    box = shape.bbox()
+    center = np.array(box.center(), dtype=np.float64)
+    parameters = mi.traverse(shape)
+    if "vertex_positions" in parameters:
+        vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+        radius = float(np.sqrt(np.max(np.sum((vertices - center) ** 2, axis=1))))
+    elif shape.class_name() == "Sphere":
+        radius = float(box.extents()[0]) / 2
+    else:
+        radius = float(box.bounding_sphere().radius)
+    return (*center.tolist(), MARGIN * radius)
+
+
+def merged(spheres: Sequence[tuple[float, ...]], most: int = MOST) -> list[tuple[float, ...]]:
+    """At most ``most`` spheres around all of ``spheres``: groups are halved along their widest axis."""
+    groups = [np.array(spheres, dtype=np.float64)]
+    while len(groups) < min(most, len(spheres)):
+        groups.sort(key=lambda group: (len(group) > 1, float(np.ptp(group[:, :3], axis=0).max())))
+        group = groups.pop()
+        order = np.argsort(group[:, int(np.argmax(np.ptp(group[:, :3], axis=0)))], kind="stable")
+        groups += [group[order[: len(group) // 2]], group[order[len(group) // 2 :]]]
+    return [around(group) for group in groups]
+
+
+def around(spheres: np.ndarray) -> tuple[float, ...]:
+    """A sphere around ``spheres``, shape (n, 4)."""
+    low, high = (spheres[:, :3] - spheres[:, 3:]).min(axis=0), (spheres[:, :3] + spheres[:, 3:]).max(axis=0)
+    center = (low + high) / 2 if len(spheres) > 1 else spheres[0, :3]
+    radius = float(np.max(np.linalg.norm(spheres[:, :3] - center, axis=1) + spheres[:, 3]))
+    return (*center.tolist(), radius)
+
+
+# ---------------------------------------------------------------- from a point
+
+
+def solid_angle(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
+    """Solid angle of a sphere as seen from ``x``; all directions from within it."""
+    return total(versine(x, center, radius), None)
+
+
+def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
+    """1 - cos of the angle that the radius of a sphere takes up, 2 from within it."""
+    sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
+    return dr.select(sin2 < 1, sin2 / (1 + dr.safe_sqrt(1 - sin2)), 2)
+
+
+def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f) -> mi.Vector3f:
+    """A direction from ``x`` to a sphere, uniform over its solid angle."""
+    to_center = center - x
+    axis = dr.select(dr.squared_norm(to_center) > 1e-30, dr.normalize(to_center), mi.Vector3f(0, 0, 1))
+    return mi.Frame3f(axis).to_world(sample_falloff(sample, versine(x, center, radius)))
+
+
+def meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:
+    """Whether the ray (x, d) meets a sphere."""
+    to_center = center - x
+    inside = dr.squared_norm(to_center) <= dr.square(radius)
+    return inside | (line_meets(x, d, center, radius) & (dr.dot(to_center, d) > 0))
+
+
+def line_meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:
+    """Whether the straight line through ``x`` along ``d`` meets a sphere."""
+    return dr.squared_norm(dr.cross(center - x, d)) <= dr.square(radius)

@@ -1,0 +1,138 @@
+"""The walk of light from specular surface to specular surface, to a diffuse one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from ..masks import but_not
+from ..transport import dispersion, lobes
+from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
+from ..transport.indivisible import is_indivisible, is_whole
+from . import random
+from .sources import Start
+
+#: Numbers that a photon is given for each surface.
+CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
+
+#: Facets that are met at grazing incidence, but shaded as if they were not, would make single photons as bright as
+#: hundreds. About a thousandth of the light that a ball of facets gathers is lost by this bound.
+MOST = 8
+
+
+@dataclass
+class Landed:
+    """Photons where they have come to lie."""
+
+    p: mi.Point3f
+    #: Unit direction that it came along.
+    d: mi.Vector3f
+    #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
+    flux: mi.Spectrum
+    #: Whether it lies on a diffuse surface, after one specular surface or more.
+    lies: mi.Bool
+
+
+@dataclass
+class State:
+    """Where photons are: ``ray``, ``flux`` and number of specular surfaces so far; and where they have ended."""
+
+    ray: mi.Ray3f
+    #: Where anything absorbs: what they go through.
+    medium: mi.MediumPtr | None
+    flux: mi.Spectrum
+    level: mi.UInt32
+    active: mi.Bool
+    landed: Landed
+
+
+class Walk:
+    """Light in ``scene``, through up to ``deepest`` specular surfaces."""
+
+    def __init__(self, scene: mi.Scene, deepest: int) -> None:
+        self.scene, self.deepest = scene, dr.opaque(mi.UInt32, deepest)
+        self.specular = lobes.specular()
+        self.specular.mode = mi.TransportMode.Importance
+        self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), dispersion.disperses(scene)
+        self.indivisible = any(is_indivisible(s.bsdf()) for s in scene.shapes() if s.bsdf() is not None)
+
+    def __call__(self, start: Start, key: mi.UInt32) -> Landed:
+        """Where the photons ``start`` come to lie. ``key``: one for each, which its numbers are drawn from."""
+
+        def step(state: State) -> State:
+            return self._step(state, key)
+
+        nowhere = Landed(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False))
+        medium = mi.MediumPtr(None) if self.absorbs else None
+        state = State(start.ray, medium, start.flux, mi.UInt32(0), dr.max(start.flux) > 0, nowhere)
+        (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
+        return state.landed
+
+    def _step(self, state: State, key: mi.UInt32) -> State:
+        si = self.scene.ray_intersect(state.ray, state.active)
+        surface = state.active & si.is_valid()
+        bsdf = si.bsdf()
+        arrived, medium = state.flux, state.medium
+        if self.absorbs:
+            medium = before(si, medium, state.ray.d, surface & (state.level == 0))
+            arrived = arrived * transmittance(medium, si.wavelengths, si.t, surface)
+            surface &= dr.max(arrived) > 0
+        if self.indivisible:
+            surface = but_not(surface, is_whole(bsdf, surface))
+        flags = bsdf.flags()
+        lands = surface & (state.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
+        goes = surface & (state.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
+        first = state.level * NUMBERS
+        ray, weight, goes = self._scatter(si, bsdf, key, first, arrived, goes)
+        # One photon either lies or goes on, and keeps about the flux that it has.
+        flux = arrived * weight
+        kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
+        p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(state.level < 4, 1, 0.95)))
+        goes &= random.number(key, first + ROULETTE) < p
+        lands = but_not(lands, goes)
+        # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
+        shaded, true = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(dr.dot(si.n, state.ray.d))
+        lands &= true > 0
+        share = bounded(shaded, true) / dr.maximum(1 - p, 1e-6)
+        landed = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True))
+        return State(
+            ray,
+            beyond(si, medium, ray.d, goes) if self.absorbs else None,
+            dr.select(goes, flux / dr.select(goes, p, 1), state.flux),
+            state.level + 1,
+            goes,
+            dr.select(lands, landed, state.landed),
+        )
+
+    def _scatter(
+        self,
+        si: mi.SurfaceInteraction3f,
+        bsdf: mi.BSDFPtr,
+        key: mi.UInt32,
+        first: mi.UInt32,
+        flux: mi.Spectrum,
+        active: mi.Bool,
+    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Bool]:
+        """The ray of a photon after a surface's specular lobes, what is left of its flux, and whether there is one.
+
+        It is importance that spreads from the sources: it is not divided by the square of an index as radiance is, and
+        where a surface is shaded by other normals than its own, cosines of both are exchanged (Veach 1997, 5.3).
+        """
+        choice, sample = random.number(key, first + CHOICE), random.point(key, first + DIRECTION)
+        if self.disperses:
+            bs, weight = dispersion.sample(self.specular, si, bsdf, choice, sample, flux, active)
+        else:
+            bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
+        active = active & (bs.pdf > 0) & ((bs.sampled_type & self.specular.type_mask) != 0)
+        d = si.to_world(bs.wo)
+        cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(bs.wo))
+        true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
+        active &= (true_i > 0) & (cos_o > 0)
+        return si.spawn_ray(d), mi.unpolarized_spectrum(weight) * bounded(cos_i * true_o, cos_o * true_i), active
+
+
+def bounded(a: mi.Float, b: mi.Float) -> mi.Float:
+    """a / b, but no more than :data:`MOST`."""
+    return dr.select(a < MOST * b, a / dr.maximum(b, 1e-30), MOST)

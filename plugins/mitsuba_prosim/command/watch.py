@@ -1,0 +1,183 @@
+"""``prosim watch``: a scene's picture on a local page, rendered anew whenever the scene is saved."""
+
+from __future__ import annotations
+
+import os
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+import click
+from prosim_scene import Kept
+
+from ..denoising import oidn
+from ..rendering.policies import POLICIES
+from ..scene_files import images, session, writing
+from .interrupts import interruptible
+from .job import Job
+from .log import log
+from .making import metadata, refuse_waves
+from .options import SCENE, Finite, aims, choose_variant, defines, running, translation
+from .render import parameters, sampling
+
+
+@click.command()
+@click.argument("scene", type=SCENE)
+@click.option(
+    "-m",
+    "--mode",
+    metavar="VARIANT",
+    help="Mitsuba variant, not a scalar one. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb, the first that this "
+    "machine can run]",
+    show_default=False,
+)
+@defines
+@click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
+@running
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine; 0: any that is free."
+)
+@click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or only print its address.")
+@click.option(
+    "--spp",
+    type=click.IntRange(1, 2**24),
+    help="Samples per pixel, as Mitsuba counts them, instead of --samples. [default: what the scene says]",
+    show_default=False,
+)
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
+@click.option(
+    "--paths",
+    is_flag=True,
+    help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
+)
+@click.option(
+    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
+)
+@click.option(
+    "--max-level",
+    type=click.IntRange(-1, 2**16),
+    show_default=False,
+    help="Deepest level of reflected and refracted rays; -1, with --paths: any. "
+    "[default: what the scene says; with --paths: -1]",
+)
+@click.option(
+    "--threshold",
+    type=Finite(min=0),
+    show_default=False,
+    help="Noise of a pixel that is small enough, white being 1; smaller takes longer. [default: what the scene says]",
+)
+@aims(
+    noise="Render until the error of the displayed pixels, its root mean square, is so small, white being 1: 0.02 is "
+    "rough, 0.005 is good.",
+    noise_99="Render until 99 displayed pixels in 100 have no greater error, too.",
+    time="Render for so long; with --noise: at most.",
+    max_samples="Most samples that a pixel may get. [default: what the scene says; with --noise or --time: any number]",
+)
+@click.option(
+    "--adaptive",
+    type=click.Choice(tuple(POLICIES)),
+    show_default=False,
+    help="Which pixels get how many samples. [default: what the scene says; with --noise or --time: graded, which "
+    "makes the most of them]",
+)
+@click.option(
+    "--denoise",
+    is_flag=True,
+    help="Denoise the image in the end, as far as two halves of its samples agree that this makes it better.",
+)
+@translation
+def watch(
+    scene: Path,
+    mode: str | None,
+    definitions: tuple[tuple[str, str], ...],
+    sensor: int,
+    threads: int | None,
+    verbose: int,
+    port: int,
+    browser: bool,
+    spp: int | None,
+    seed: int,
+    paths: bool,
+    caustics: bool,
+    max_level: int | None,
+    threshold: float | None,
+    noise: float | None,
+    noise_99: float | None,
+    time: float | None,
+    max_samples: int | None,
+    adaptive: str | None,
+    denoise: bool,
+    resolution: tuple[int, int] | None,
+    samples: int | None,
+    **language: Any,
+) -> None:
+    """Show the picture of SCENE on a page in the browser, and render it anew whenever the file is saved.
+
+    The page is for this machine alone; its address, which has a secret in it, is printed. Nothing is written but what
+    is saved there. Ctrl-C ends it.
+    """
+    if spp and samples:
+        raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
+    try:
+        from ..watch import changes, server, studio
+    except ImportError as error:
+        raise click.ClickException(
+            f"the page needs {error.name}, which is not installed: pip install 'mitsuba-prosim[watch]'"
+        ) from None
+    ends = {"noise": noise, "noise_99": noise_99, "time": time}
+    asked = sampling(threshold, ends, max_samples, adaptive)
+    variant = choose_variant(mode)
+    refuse_waves(["prosim watch"], variant)
+    job = Job(
+        scene=str(scene),
+        variant=variant,
+        definitions=dict(definitions),
+        sensor=sensor,
+        seed=seed,
+        spp=spp or 0,
+        resolution=resolution,
+        crop=None,
+        samples=samples,
+        integrator=parameters(paths, max_level, caustics) | asked,
+        language=language,
+        exposure=0.0,
+    )
+    if denoise:
+        try:
+            oidn.load()
+        except oidn.MissingError as error:
+            raise click.ClickException(f"--denoise: {error}") from None
+    try:
+        sock = server.bound(port)
+    except OSError as error:
+        raise click.ClickException(
+            f"port {port}: {error.strerror}. Choose another with --port, or leave it out for any that is free."
+        ) from None
+    with writing.scratch() as folder:
+        kept = Kept()
+        shown = studio.Studio(scene, lambda: job.open(folder, kept), job.spp, job.seed, denoise)
+
+        def encode(exposure: float) -> dict[str, bytes]:
+            state, bitmap, integrator = shown.result()
+            facts = metadata(job, integrator, state.doing != "done", state.seconds)
+            return images.encode(bitmap, facts, exposure)
+
+        with server.served(shown, encode, sock) as address:
+            click.echo(f"{scene} is shown at {address} (Ctrl-C ends it)")
+            if browser and has_windows():
+                webbrowser.open(address)
+            with (
+                log(verbose),
+                session.threads(threads),
+                changes.watched(scene, shown.names, shown.saved),
+                interruptible(shown.leave),
+            ):
+                shown.run()
+
+
+def has_windows() -> bool:
+    """Whether a browser would open a window: one in the terminal, at the other end of a tunnel for example, is no good
+    for this page.
+    """
+    return sys.platform == "darwin" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

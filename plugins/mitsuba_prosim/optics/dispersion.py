@@ -1,0 +1,193 @@
+"""Indices of refraction that depend on the wavelength: formulas of Cauchy and Sellmeier, Abbe numbers, glasses by name.
+
+Wavelengths are in nm for those who ask, and in µm within the formulas, as catalogues have them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+
+import drjit as dr
+import mitsuba as mi
+
+from ..parameters import constant, number, reject
+from .reading import index
+
+#: Fraunhofer's lines d, F and C (nm), by which glasses are told apart: V = (n_d - 1) / (n_F - n_C).
+D, F, C = 587.5618, 486.1327, 656.2725
+
+#: Wavelengths (nm) that stand for r, g and b: the centroids of sRGB's colour matching functions, negative parts
+#: included (CIE 1931, equal energy). So each channel of an image is displaced by as much as the mean of what the
+#: wavelengths show there.
+RGB = (635.0, 544.0, 437.0)
+
+#: What a formula is asked for (nm); beyond this it is taken at the nearer end.
+SHORTEST, LONGEST = 300.0, 1000.0
+
+#: B1, C1, B2, C2, ... of Sellmeier's formula. bk7 (N-BK7), f2, sf10, sf11 and lasf9 (N-LASF9): Schott, Optical Glass,
+#: data sheets. silica: Malitson 1965. diamond: Peter 1923. zirconia, cubic, with yttria: Wood and Nassau 1982. water at
+#: 20 °C: Daimon and Masumura 2007. All as collected by refractiveindex.info (Polyanskiy 2024).
+MATERIALS: dict[str, tuple[float, ...]] = {
+    "bk7": (1.03961212, 0.00600069867, 0.231792344, 0.0200179144, 1.01046945, 103.560653),
+    "f2": (1.34533359, 0.00997743871, 0.209073176, 0.0470450767, 0.937357162, 111.886764),
+    "sf10": (1.61625977, 0.0127534559, 0.259229334, 0.0581983954, 1.07762317, 116.60768),
+    "sf11": (1.73848403, 0.0136068604, 0.311168974, 0.0615960463, 1.17490871, 121.922711),
+    "lasf9": (2.00029547, 0.0121426017, 0.298926886, 0.0538736236, 1.80691843, 156.530829),
+    "silica": (0.6961663, 0.0684043**2, 0.4079426, 0.1162414**2, 0.8974794, 9.896161**2),
+    "diamond": (0.3306, 0.1750**2, 4.3356, 0.1060**2),
+    "zirconia": (1.347091, 0.062543**2, 2.117788, 0.166739**2, 9.452943, 24.320570**2),
+    "water": (
+        5.684027565e-1,
+        5.101829712e-3,
+        1.726177391e-1,
+        1.821153936e-2,
+        2.086189578e-2,
+        2.620722293e-2,
+        1.130748688e-1,
+        1.069792721e1,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Dispersion:
+    """The index of a material by Cauchy's formula, n = A + B/λ² (+ C/λ⁴), or Sellmeier's, n² = 1 + Σ B λ²/(λ² - C).
+
+    ``coefficients``: names and values (``mi.Float``), in the order of the formula: A, B, C or B1, C1, B2, C2, ...
+    """
+
+    cauchy: bool
+    coefficients: dict[str, mi.Float]
+
+    @classmethod
+    def of(cls, cauchy: bool, values: Sequence[float]) -> Dispersion:
+        """With these numbers as coefficients."""
+        names = "ABC" if cauchy else [f"{x}{i + 1}" for i in range(len(values) // 2) for x in "BC"]
+        coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
+        dr.make_opaque(coefficients)
+        return cls(cauchy, coefficients)
+
+    def index(self, wavelength: mi.Float | float) -> mi.Float:
+        """The index at a wavelength in nm."""
+        square = dr.square(dr.clip(mi.Float(wavelength), SHORTEST, LONGEST) * 1e-3)
+        values = list(self.coefficients.values())
+        if self.cauchy:
+            n = mi.Float(0)
+            for value in reversed(values):
+                n = n / square + value
+            return n
+        n2 = mi.Float(1)
+        for b, c in zip(values[::2], values[1::2], strict=True):
+            n2 = n2 + b * square / (square - c)
+        return dr.sqrt(n2)
+
+
+@dataclass(frozen=True)
+class Indices:
+    """The indices of refraction inside and outside of an interface: numbers, or what depends on the wavelength."""
+
+    inside: float | Dispersion
+    outside: float | Dispersion
+
+    @classmethod
+    def read(cls, props: mi.Properties) -> Indices:
+        """Those that ``props`` give, see :func:`read`; of glass in air where they give none."""
+        return cls(read(props, "int", "bk7"), read(props, "ext", "air"))
+
+    @property
+    def disperse(self) -> bool:
+        """Whether either depends on the wavelength."""
+        return isinstance(self.inside, Dispersion) or isinstance(self.outside, Dispersion)
+
+    def quotient(self) -> mi.Float | None:
+        """Inside over outside, if they are numbers."""
+        if isinstance(self.inside, Dispersion) or isinstance(self.outside, Dispersion):
+            return None
+        return mi.Float(self.inside / self.outside)
+
+    def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
+        """The quotient, inside over outside, for each channel of a spectrum at ``si``."""
+        return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
+
+    def coefficients(self) -> dict[str, mi.Float]:
+        """The coefficients of what depends on the wavelength, by the names that they are exposed under."""
+        return {
+            f"{side}_{name}": value
+            for side, ior in (("int", self.inside), ("ext", self.outside))
+            if isinstance(ior, Dispersion)
+            for name, value in ior.coefficients.items()
+        }
+
+    def shown(self) -> str | None:
+        """How ``to_string`` shows them where they depend on the wavelength."""
+        return f"{self.inside!r} over {self.outside!r}" if self.disperse else None
+
+
+def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | float:
+    return ior.index(wavelength) if isinstance(ior, Dispersion) else ior
+
+
+def read(props: mi.Properties, side: str, default: float | str) -> float | Dispersion:
+    """The index on a ``side`` ("int" or "ext") of an interface: ``<side>_ior`` alone, which is one number; or what
+    depends on the wavelength: ``<side>_ior`` with ``<side>_abbe``, or ``<side>_cauchy``, ``_sellmeier``, ``_material``.
+
+    Raises ValueError for what is wrong.
+    """
+    ior = side + "_ior"
+    ways = [f"{side}_{way}" for way in ("material", "cauchy", "sellmeier", "abbe")]
+    given = [name for name in ways if name in props]
+    if not given:
+        return index(props, ior, default)
+    allowed = ways[-1:] if ior in props else given[:1]
+    for name in given:
+        if name not in allowed:
+            raise reject(props, name, props[name], f'no "{name}" beside "{ior if ior in props else given[0]}"')
+    name = given[0]
+    if name.endswith("material"):
+        chosen = str(props[name]).lower()
+        if chosen not in MATERIALS:
+            raise reject(props, name, props[name], ", ".join(MATERIALS))
+        return Dispersion.of(False, MATERIALS[chosen])
+    if name.endswith("abbe"):
+        if ior not in props:
+            raise reject(props, name, props[name], f'"{ior}", the index at 587.6 nm, beside "{name}"')
+        dispersion = Dispersion.of(True, cauchy(index(props, ior, default), number(props, name, None, 1, 1000)))
+    else:
+        values = numbers(props, name)
+        of_cauchy = name.endswith("cauchy")
+        if len(values) not in ((2, 3) if of_cauchy else range(2, 21, 2)):
+            expected = (
+                "A, B or A, B, C of Cauchy's formula" if of_cauchy else "B1, C1, B2, C2, ... of Sellmeier's formula"
+            )
+            raise reject(props, name, props[name], f"the numbers {expected}, wavelengths in micrometres")
+        dispersion = Dispersion.of(of_cauchy, values)
+    found = [float(dr.slice(dispersion.index(w))) for w in range(360, 831, 10)]
+    if not all(isfinite(n) and 0 < n < inf for n in found):
+        raise reject(props, name, props[name], "coefficients of an index > 0 from 360 to 830 nm")
+    return dispersion
+
+
+def cauchy(n_d: float, abbe: float) -> tuple[float, float]:
+    """A and B of Cauchy's formula from the index at the line d and the Abbe number V_d."""
+    b = (n_d - 1) / abbe / (1e6 / F**2 - 1e6 / C**2)
+    return n_d - b * 1e6 / D**2, b
+
+
+def numbers(props: mi.Properties, name: str) -> list[float]:
+    """The numbers of a parameter: text with commas or spaces between them, or a sequence."""
+    value = props[name]
+    if not isinstance(value, str):
+        return constant(props, name)
+    try:
+        return [float(word) for word in value.replace(",", " ").split()]
+    except ValueError:
+        raise reject(props, name, value, "numbers with commas between them") from None
+
+
+def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
+    """The wavelength (nm) of each channel of a spectrum at ``si``."""
+    if mi.is_spectral:
+        return list(si.wavelengths)
+    return [D] if mi.is_monochromatic else list(RGB)

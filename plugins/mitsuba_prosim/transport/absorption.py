@@ -1,0 +1,91 @@
+"""What glass and water absorb of the light that goes through them (Hall 1988, chapter 6 of the thesis): Beer's law.
+
+What lies inside a shape is said by its ``mi.Medium``. Here a medium is everywhere the same and only absorbs; others,
+which scatter, are passed by as if they were not there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import drjit as dr
+import mitsuba as mi
+
+from .shapes import all_shapes
+
+#: Wavelengths (nm) at which a medium is asked whether it scatters.
+ASKED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)
+
+#: Length of a ray that meets nothing: whatever absorbs leaves nothing of it.
+ENDLESS = 1e30
+
+
+def absorbs_any(scene: mi.Scene, around: mi.Medium | None) -> bool:
+    """Whether a medium of ``scene``, or that ``around`` the camera, absorbs; warns of those that are passed by."""
+    media = dict.fromkeys([*media_of(scene), *([] if around is None else [around])])
+    absorbing = [medium for medium in media if only_absorbs(medium)]
+    if len(absorbing) < len(media):
+        others = ", ".join(repr(medium.id()) for medium in media if medium not in absorbing)
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: light is not scattered: the media {others} are taken for empty. Allowed are homogeneous ones "
+            'whose albedo is 0, which absorb; "volpath" renders others.',
+        )
+    return bool(absorbing)
+
+
+def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
+    """The media inside and outside of all shapes of ``scene``, those of instances included."""
+    for shape in all_shapes(scene):
+        for medium in (shape.interior_medium(), shape.exterior_medium()):
+            if medium is not None:
+                yield medium
+
+
+def only_absorbs(medium: mi.Medium) -> bool:
+    """Whether ``medium`` is everywhere the same and scatters nothing."""
+    if not medium.is_homogeneous():
+        return False
+    for i in range(0, len(ASKED), 4):
+        mei = dr.zeros(mi.MediumInteraction3f)
+        if mi.is_spectral:
+            mei.wavelengths = mi.UnpolarizedSpectrum(ASKED[i : i + 4])
+        sigma_s, _, _ = medium.get_scattering_coefficients(mei, True)
+        if dr.any(sigma_s != 0, axis=None):
+            return False
+    return True
+
+
+def transmittance(
+    medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
+) -> mi.UnpolarizedSpectrum | float:
+    """Share of the light that is left after the length ``t`` in ``medium``, which may be none: 1."""
+    if medium is None:  # in scalar variants
+        return 1.0
+    mei = dr.zeros(mi.MediumInteraction3f)
+    mei.wavelengths = wavelengths
+    sigma_s, _, sigma_t = medium.get_scattering_coefficients(mei, active)
+    absorbs = active & medium.is_homogeneous() & dr.all(sigma_s == 0, axis=0)
+    return dr.select(absorbs, dr.exp(-sigma_t * t), 1)
+
+
+def beyond(
+    si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
+) -> mi.MediumPtr | mi.Medium | None:
+    """The medium of a ray that leaves ``si`` in the direction ``d``, and came in ``medium``: the same one where the
+    surface says nothing of media.
+    """
+    if not dr.is_jit_v(mi.Float):
+        return si.target_medium(d) if active and si.is_medium_transition() else medium
+    return dr.select(active & si.is_medium_transition(), si.target_medium(d), medium)
+
+
+def before(
+    si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
+) -> mi.MediumPtr | mi.Medium | None:
+    """The medium in which a camera ray of direction ``d`` comes to ``si``: ``medium``, the sensor's own, or, if it has
+    none, what the surface has on that side.
+    """
+    if not dr.is_jit_v(mi.Float):
+        return beyond(si, medium, -d, active) if medium is None else medium
+    return beyond(si, medium, -d, active & (medium == mi.MediumPtr(None)))

@@ -1,0 +1,194 @@
+"""An image that converges in a notebook."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+
+from ..scene_files.images import png
+from ..scene_files.tone import compress
+from . import takes
+from .picture import LAYERS, Picture, coloured
+from .turns import Turns
+
+#: Seconds that the notebook has for itself after each turn of the work.
+BREATH = 0.005
+
+
+class StoppedError(Exception):
+    """Somebody has stopped the work."""
+
+
+def show(
+    scene: mi.Scene | str | Path,
+    sensor: int | mi.Sensor = 0,
+    integrator: mi.Integrator | None = None,
+    seed: int = 0,
+    spp: int = 0,
+    exposure: float = 0.0,
+) -> View:
+    """Shows in a notebook how the image of ``scene`` converges, with its error, its samples and a button to stop.
+
+    ``scene``
+        A scene of Mitsuba's, or the path of a file in the thesis's language or XML.
+    ``sensor``, ``integrator``, ``seed``, ``spp``
+        As for ``mi.render``; an integrator that knows no waves is put within ``prosim_adaptive``.
+    ``exposure``
+        Makes what is shown brighter by so many factors of two.
+
+    Returns at once: the image grows while the notebook has nothing else to do. ``await view``, or ``view.wait()``,
+    which keeps the notebook busy, wait for its end; where there is no notebook, that is done before it returns. In the
+    end a picture takes the place of the buttons, and stays in the saved notebook; ``view.image`` is the linear image,
+    ``view.layers`` has the maps of ``error`` and ``samples`` beside it.
+
+    Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants, and what the scene's maker
+    raises.
+    """
+    if str(mi.variant()).startswith("scalar"):
+        raise RuntimeError("show: there are no waves in scalar variants; use an llvm or cuda variant.")
+    if isinstance(scene, (str, Path)):
+        xml = Path(scene).suffix.lower() == ".xml"
+        scene = mi.load_file(str(scene)) if xml else mi.load_dict(prosim_scene.load(scene))
+    if isinstance(sensor, int):
+        sensor = scene.sensors()[sensor]
+    chosen, spp = takes.in_waves(integrator or scene.integrator(), sensor, spp)
+    view = View(takes.Take(chosen, scene, sensor, spp, seed), exposure)
+    try:
+        loop = asyncio.get_running_loop()
+    except RuntimeError:
+        view.wait()
+    else:
+        view.task = loop.create_task(view.converge())
+    return view
+
+
+class View:
+    """An image that grows in a notebook; :func:`show` makes it."""
+
+    def __init__(self, take: takes.Take, exposure: float) -> None:
+        try:
+            import ipywidgets as widgets
+        except ImportError as error:
+            raise ImportError("show needs ipywidgets: pip install 'mitsuba-prosim[notebooks]'") from error
+        from IPython.display import display
+
+        #: What renders it in the background, where there is a notebook.
+        self.task: asyncio.Task[None] | None = None
+        self._take, self._factor = take, np.float32(2**exposure)
+        self._picture: Picture | None = None
+        self._stopped = False
+        self._words_in_the_end: str | None = None
+        self._begun = time.perf_counter()
+        self._turns = Turns(self._work)
+        self._shown = widgets.Image(format="png", layout=widgets.Layout(max_width="100%", object_fit="contain"))
+        self._layer = widgets.ToggleButtons(options=[(name.capitalize(), name) for name in LAYERS], value="final")
+        self._layer.observe(lambda _: self._draw(), names="value")
+        self._part = widgets.FloatProgress(min=0, max=1, layout=widgets.Layout(width="12em"))
+        self._said = widgets.Label("compiling kernels")
+        stop = widgets.Button(description="Stop", icon="stop")
+        stop.on_click(lambda _: self.stop())
+        self._box = widgets.VBox([self._shown, widgets.HBox([stop, self._part, self._said]), self._layer])
+        self._place = display(self._box, display_id=True)
+
+    @property
+    def layers(self) -> dict[str, np.ndarray]:
+        """The image after the last wave, ``final`` (height, width, 3), linear, and the maps ``error``, the standard
+        error of its luminance, and ``samples`` (height, width); empty before the first one.
+        """
+        return dict(self._picture.layers) if self._picture is not None else {}
+
+    @property
+    def image(self) -> np.ndarray:
+        """The linear image, shape (height, width, 3). Raises ValueError before the first wave."""
+        if self._picture is None:
+            raise ValueError("show: there is no image yet; wait for it with view.wait()")
+        return self._picture.layers["final"]
+
+    def stop(self) -> None:
+        """Ends it with what there is; before the first wave, with nothing."""
+        self._stopped = True
+
+    def wait(self) -> View:
+        """Renders to the end, without pause. Ctrl-C, or to interrupt the kernel, stops it."""
+        try:
+            while self._turns.go_on():
+                pass
+        except KeyboardInterrupt:
+            self.stop()
+            while self._turns.go_on():
+                pass
+        self._finish()
+        return self
+
+    def __await__(self) -> Generator[Any, None, View]:
+        """Waits for the end, while the notebook does other things."""
+        if self.task is not None:
+            yield from self.task.__await__()
+            self._finish()  # once more, from the cell that waits: what runs a notebook may hear no other
+        return self
+
+    async def converge(self) -> None:
+        """Renders to the end, turn by turn."""
+        while self._turns.go_on():
+            await asyncio.sleep(BREATH)
+        self._finish()
+
+    def _work(self, pause: Callable[[], None]) -> None:
+        """The waves, in the turns' thread."""
+
+        def between(part: float) -> None:
+            self._part.value = part
+            pause()
+            if self._stopped:
+                raise StoppedError
+
+        try:
+            while self._take.step(between):
+                self._picture = Picture(0, self._take.layers())
+                self._draw()
+                pause()
+                if self._stopped:
+                    raise StoppedError
+        except StoppedError:
+            pass
+
+    def _png(self, layer: str) -> bytes:
+        assert self._picture is not None
+        values = self._picture.layers[layer]
+        if values.ndim == 2:
+            # As png makes of linear values what a screen shows.
+            return png(coloured(values).astype(np.float32) ** np.float32(2.2))
+        return png(compress(values * self._factor))
+
+    def _draw(self) -> None:
+        if self._picture is None:
+            return
+        self._shown.value = self._png(self._layer.value)
+        self._said.value = self._words()
+
+    def _words(self) -> str:
+        if self._picture is None:
+            return "nothing"
+        mean = float(self._picture.layers["samples"].mean())
+        return f"{mean:.1f} samples a pixel, {time.perf_counter() - self._begun:.1f} s"
+
+    def _finish(self) -> None:
+        """Leaves a still picture, in the place of what needs the kernel."""
+        from IPython.display import Image
+
+        if self._words_in_the_end is None:
+            self._words_in_the_end = ("stopped: " if self._stopped else "") + self._words()
+            self._box.close()
+        if self._place is None:  # there is no IPython that runs
+            return
+        if self._picture is None:
+            self._place.update({"text/plain": "stopped before the first wave"}, raw=True)
+        else:
+            self._place.update(Image(data=self._png("final"), alt=self._words_in_the_end))

@@ -1,0 +1,131 @@
+// Where the picture lies on its stage: moved and zoomed by pointers, the wheel and keys.
+
+/** `gesture(kind, x, y)`: called instead where `camera()` says that the camera is to move: orbit in degrees, pan in parts
+ * of the picture, dolly as a factor; `moved()`: after the picture was moved. */
+export class Place {
+    constructor(stage, picture, {camera, gesture, moved, point}) {
+        Object.assign(this, {stage, picture, camera, gesture, moved, point, width: 1, height: 1, zoom: 1, x: 0, y: 0, fitted: true});
+        this.pointers = new Map();
+        stage.addEventListener("pointerdown", (e) => this.down(e));
+        stage.addEventListener("pointermove", (e) => this.move(e));
+        for (const end of ["pointerup", "pointercancel"]) stage.addEventListener(end, (e) => this.pointers.delete(e.pointerId));
+        stage.addEventListener("wheel", (e) => this.wheel(e), {passive: false});
+        stage.addEventListener("contextmenu", (e) => this.camera() && e.preventDefault());
+        stage.addEventListener("keydown", (e) => this.key(e));
+        new ResizeObserver(() => this.fitted ? this.fit() : this.put()).observe(stage);
+    }
+
+    size(width, height) {
+        if (width === this.width && height === this.height) return;
+        [this.width, this.height] = [width, height];
+        this.fit();
+    }
+
+    fit() {
+        const {clientWidth, clientHeight} = this.stage;
+        this.zoom = Math.min(clientWidth / this.width, clientHeight / this.height) || 1;
+        this.centre();
+        this.fitted = true;
+    }
+
+    actual() {
+        this.zoom = 1 / devicePixelRatio;
+        this.centre();
+    }
+
+    centre() {
+        this.x = (this.stage.clientWidth - this.zoom * this.width) / 2;
+        this.y = (this.stage.clientHeight - this.zoom * this.height) / 2;
+        this.put();
+    }
+
+    put() {
+        this.picture.style.width = `${this.zoom * this.width}px`;
+        this.picture.style.height = `${this.zoom * this.height}px`;
+        this.picture.style.transform = `translate(${this.x}px, ${this.y}px)`;
+        this.picture.classList.toggle("large", this.zoom * devicePixelRatio >= 2);
+        this.moved();
+    }
+
+    shift(dx, dy) {
+        this.fitted = false;
+        // Some of it stays on the stage.
+        const keep = 40, {clientWidth, clientHeight} = this.stage;
+        this.x = Math.min(Math.max(this.x + dx, keep - this.zoom * this.width), clientWidth - keep);
+        this.y = Math.min(Math.max(this.y + dy, keep - this.zoom * this.height), clientHeight - keep);
+        this.put();
+    }
+
+    scale(factor, x = this.stage.clientWidth / 2, y = this.stage.clientHeight / 2) {
+        const zoom = Math.min(Math.max(this.zoom * factor, 0.02), 64), ratio = zoom / this.zoom;
+        this.zoom = zoom;
+        this.shift((x - this.x) * (1 - ratio), (y - this.y) * (1 - ratio));
+    }
+
+    /** The pixel of the picture that lies at a place of the window; null for none. */
+    pixel(clientX, clientY) {
+        const box = this.stage.getBoundingClientRect();
+        const x = Math.floor((clientX - box.left - this.x) / this.zoom), y = Math.floor((clientY - box.top - this.y) / this.zoom);
+        return x >= 0 && y >= 0 && x < this.width && y < this.height ? [x, y] : null;
+    }
+
+    down(e) {
+        if (e.target.closest("#notes")) return;
+        this.stage.focus({preventScroll: true});
+        this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
+        try { this.stage.setPointerCapture(e.pointerId); } catch { /* it is gone already */ }
+    }
+
+    move(e) {
+        const last = this.pointers.get(e.pointerId);
+        if (!last) {
+            this.point(this.pixel(e.clientX, e.clientY));
+            return;
+        }
+        const dx = e.clientX - last[0], dy = e.clientY - last[1];
+        const other = [...this.pointers].find(([id]) => id !== e.pointerId)?.[1];
+        this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
+        if (other) {
+            const before = Math.hypot(last[0] - other[0], last[1] - other[1]);
+            const factor = Math.hypot(e.clientX - other[0], e.clientY - other[1]) / Math.max(before, 1);
+            const box = this.stage.getBoundingClientRect();
+            if (this.camera()) {
+                this.gesture("dolly", 1 / Math.min(Math.max(factor, 0.2), 5), 0);
+                this.gesture("pan", dx / 2 / (this.zoom * this.width), -dy / 2 / (this.zoom * this.height));
+            } else {
+                this.scale(factor, (e.clientX + other[0]) / 2 - box.left, (e.clientY + other[1]) / 2 - box.top);
+                this.shift(dx / 2, dy / 2);
+            }
+        } else if (!this.camera()) this.shift(dx, dy);
+        else if (e.shiftKey || e.buttons & 6) this.gesture("pan", dx / (this.zoom * this.width), -dy / (this.zoom * this.height));
+        else this.gesture("orbit", -dx / 3, dy / 3);
+    }
+
+    wheel(e) {
+        if (e.target.closest("#notes")) return;
+        e.preventDefault();
+        const factor = Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015));
+        const box = this.stage.getBoundingClientRect();
+        if (this.camera()) this.gesture("dolly", 1 / factor, 0);
+        else this.scale(factor, e.clientX - box.left, e.clientY - box.top);
+    }
+
+    key(e) {
+        if (e.target !== this.stage || e.ctrlKey || e.metaKey || e.altKey) return;
+        const arrows = {ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[e.key];
+        const factor = {"+": 1.25, "=": 1.25, "-": 0.8}[e.key];
+        if (arrows && this.camera() && e.shiftKey) this.gesture("pan", 0.05 * arrows[0], -0.05 * arrows[1]);
+        else if (arrows && this.camera()) this.gesture("orbit", -5 * arrows[0], 5 * arrows[1]);
+        else if (arrows) this.shift(40 * arrows[0], 40 * arrows[1]);
+        else if (factor && this.camera()) this.gesture("dolly", 1 / factor, 0);
+        else if (factor) this.scale(factor);
+        else if (e.key === "0") this.fit();
+        else if (e.key === "1") this.actual();
+        else return;
+        e.preventDefault();
+        if (!this.camera()) {
+            const box = this.stage.getBoundingClientRect();
+            this.point(this.pixel(box.left + box.width / 2, box.top + box.height / 2));
+        }
+    }
+}

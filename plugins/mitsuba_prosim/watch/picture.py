@@ -1,0 +1,95 @@
+"""An image as the page gets it: linear, in layers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..rendering.snapshot import Snapshot
+
+#: The layers that every picture of a whole size has.
+LAYERS = ("final", "error", "samples")
+
+#: The largest number that 16 bits of floating point hold.
+LARGEST = 65504.0
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Layers by name, arrays of 32 bits: colours (height, width, 3), maps (height, width). ``number``: no other picture
+    of this studio has it.
+    """
+
+    number: int
+    layers: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        height, width = self.layers["final"].shape[:2]
+        return width, height
+
+    def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
+        """A layer row by row: colours in 16 bits a channel, maps in 32, little-endian; and what is said of it as
+        headers: ``X-White`` is what one pixel in a hundred exceeds, the luminance of colours.
+        """
+        values = self.layers[layer]
+        height, width = values.shape[:2]
+        light = values
+        if values.ndim == 3:
+            light = np.maximum(values @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32), 0)
+            content = np.clip(np.nan_to_num(values), -LARGEST, LARGEST).astype("<f2").tobytes()
+        else:
+            content = values.astype("<f4").tobytes()
+        white = float(np.percentile(light, 99))
+        facts = {
+            "Picture": self.number,
+            "Width": width,
+            "Height": height,
+            "White": white if math.isfinite(white) else 1.0,
+        }
+        return content, {f"X-{name}": str(value) for name, value in facts.items()}
+
+    def at(self, x: int, y: int) -> dict[str, list[float | None] | float | None]:
+        """The values of a pixel, by layer; nothing for what is not finite."""
+        found: dict[str, list[float | None] | float | None] = {}
+        for name, values in self.layers.items():
+            value = values[y, x]
+            found[name] = [finite(v) for v in value] if np.ndim(value) else finite(value)
+        return found
+
+
+def of_snapshot(snapshot: Snapshot) -> dict[str, np.ndarray]:
+    """The :data:`LAYERS` of an image after a wave."""
+    return {
+        "final": colours(np.array(snapshot.image())),
+        "error": snapshot.error(),
+        "samples": snapshot.counts().astype(np.float32),
+    }
+
+
+#: From nothing to much: dark blue, violet, red, orange, pale yellow, each lighter than the one before.
+HUES = np.array([(8, 8, 48), (92, 20, 122), (205, 55, 70), (248, 156, 40), (252, 250, 190)], dtype=np.float32) / 255
+
+
+def coloured(values: np.ndarray) -> np.ndarray:
+    """A map, shape (height, width), in colours as a screen shows them, shape (height, width, 3): by its square root, as
+    far as what one pixel in a hundred exceeds.
+    """
+    most = float(np.percentile(values, 99)) or 1.0
+    place = np.sqrt(np.clip(np.nan_to_num(values) / most, 0, 1))
+    return np.stack([np.interp(place, np.linspace(0, 1, len(HUES)), hue) for hue in HUES.T], axis=2)
+
+
+def colours(image: np.ndarray) -> np.ndarray:
+    """Red, green and blue of a developed image, shape (height, width, channels), of which grey ones have one."""
+    image = image.astype(np.float32, copy=False)
+    return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+
+
+def finite(value: float) -> float | None:
+    """The number, or None for what JSON can't say."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,147 @@
+"""A scene file as it is watched: opened, looked at from elsewhere, and asked what is seen where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import ceil, radians, sqrt, tan
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from prosim_scene.model import Leaf
+
+from .. import registry
+from ..scene_files.opening import SceneFile
+from .camera import Camera, as_view, as_xml, nearest_axis
+
+#: What opens the scene: the file, its scene, and the sensor that is looked through.
+Opener = Callable[[], tuple[SceneFile, Any, Any]]
+
+#: Most pixels of the picture that comes before the first wave.
+COARSE = 1 << 14
+
+
+class Subject:
+    """A scene file, opened. Raises what ``opener`` does."""
+
+    def __init__(self, path: Path, opener: Opener) -> None:
+        self.path = path
+        self.file, self.scene, self.sensor = opener()
+        film = self.sensor.film()
+        self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
+        #: Whether it has no crop window.
+        self.whole = list(film.crop_offset()) == [0, 0] and list(film.crop_size()) == list(film.size())
+        self._params = mi.traverse(self.sensor)
+        self.home = self._home()
+        self.camera = self.home
+
+    def names(self) -> set[str]:
+        """Names of the files that are part of it."""
+        named = {path.name for _, path in self.file.named_files()}
+        return {self.path.name, self.path.resolve().name} | named
+
+    # ---------------------------------------------------------------- looking from elsewhere
+
+    def _home(self) -> Camera | None:
+        """The view that the scene says; None for a sensor that can't be moved."""
+        sensor: Any = self.sensor
+        window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
+        across: tuple[float, float]
+        if sensor.class_name() == "PerspectiveCamera":
+            width = 2 * tan(radians(float(self._params["x_fov"][0])) / 2)
+            across = (width, width * self.size[1] / self.size[0])
+            self._near, self._far = float(self._params["near_clip"]), float(self._params["far_clip"])
+        elif window:
+            across = (sensor.right - sensor.left, sensor.top - sensor.bottom)
+            self._near, self._far = float(sensor.near_clip), float(sensor.far_clip)
+        else:
+            return None
+        matrix = np.array(sensor.world_transform().matrix, dtype=float).reshape(4, 4)
+        lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+        if not np.allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3) * lengths**2, atol=1e-3 * lengths.max() ** 2):
+            return None  # sheared
+        matrix[:3, :3] /= lengths
+        return Camera(matrix, self._distance(matrix), nearest_axis(matrix[:3, 1]), across)
+
+    def _distance(self, matrix: np.ndarray) -> float:
+        """From the eye to what it looks at: the view plane, or the middle of the scene."""
+        if self.file.document is not None:
+            view = self.file.document.scene.view
+            depth = abs((np.array(view.vrp) - view.eye) @ matrix[:3, 2])
+        else:
+            box = self.scene.bbox()
+            depth = float((np.array(box.center()) - matrix[:3, 3]) @ matrix[:3, 2]) if box.valid() else 0.0
+        return float(depth) if depth > 1e-6 else max(10 * self._near, 1e-3)
+
+    def look(self, camera: Camera) -> None:
+        """Looks from there from now on."""
+        assert self.home is not None
+        # What was behind the planes before may be seen now.
+        moved = float(np.linalg.norm(camera.eye - self.home.eye))
+        near = min(self._near, 1e-3 * camera.distance) if moved else self._near
+        if "to_world" in self._params:
+            self._params["to_world"] = mi.AffineTransform4f(camera.to_world)
+            self._params["near_clip"], self._params["far_clip"] = near, self._far + moved
+            self._params.update()
+        else:
+            self.sensor.m_to_world = mi.ScalarTransform4f(camera.to_world)
+            dr.make_opaque(self.sensor.m_to_world)
+            self.sensor.near_clip, self.sensor.far_clip = near, self._far + moved
+        self.camera = camera
+
+    def view(self) -> str | None:
+        """The view as it was moved, as text for the scene; None where it was not."""
+        if self.home is None or self.camera is None or self.camera is self.home:
+            return None
+        if self.file.document is None:
+            return as_xml(self.camera)
+        return as_view(self.file.document.scene.view, self.home, self.camera)
+
+    @contextmanager
+    def coarse(self) -> Iterator[None]:
+        """With a film of fewer pixels, for a while; the code of the kernels is the same."""
+        film, (width, height) = self.sensor.film(), self.size
+        least = max(1, ceil(sqrt(width * height / COARSE)))
+        before = mi.ScalarVector2u(film.size())
+        small = mi.ScalarVector2u(max(1, width // least), max(1, height // least))
+        try:
+            self._resize(small)
+            yield
+        finally:
+            self._resize(before)
+
+    def _resize(self, size: mi.ScalarVector2u) -> None:
+        self._params["film.size"], self._params["film.crop_size"] = size, size
+        self._params.update()
+
+    # ---------------------------------------------------------------- what is seen where
+
+    def seen(self, x: int, y: int) -> str:
+        """What the middle of pixel (x, y) shows, in words."""
+        film = self.sensor.film()
+        place = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
+        if not self.whole and list(film.crop_size()) == list(film.size()):
+            return ""  # within a wave the film has no crop window
+        ray, _ = self.sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+        si = self.scene.ray_intersect(ray)
+        if not bool(si.is_valid()[0]):
+            return "background"
+        met = dr.reinterpret_array(mi.UInt32, si.shape)[0]
+        shapes = self.scene.shapes()
+        numbers = [dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0] for shape in shapes]
+        return self._words(shapes[numbers.index(met)]) if met in numbers else "a shape within another"
+
+    def _words(self, shape: mi.Shape) -> str:
+        name = shape.id()
+        if shape.is_emitter():
+            return f"source {name}"
+        if self.file.document is None:
+            bsdf = shape.bsdf()
+            return f"{shape.class_name()} {name}, {bsdf.class_name()} {bsdf.id()}".strip()
+        index = int(name.split("_")[1]) if name.startswith("surface_") else -1
+        leaves = [leaf for leaf in self.file.document.scene.csg if isinstance(leaf, Leaf) and leaf.index == index]
+        kinds = " or ".join(dict.fromkeys(leaf.shape.upper() for leaf in leaves))
+        return f"{kinds} {index}, SURFACE {index} (line {self.file.document.line('surfaces', index)})"

@@ -1,0 +1,115 @@
+"""Images of one scene that grow side by side: its own, and that of Mitsuba's path tracer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from math import isnan
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..compare.scenes import seen_by
+from ..rendering.snapshot import Snapshot
+from ..scene_files import rendering
+from .picture import of_snapshot
+from .subject import Subject
+
+#: What an integrator is told of how it samples.
+SAMPLING = (
+    "samples",
+    "adaptive",
+    "threshold",
+    "min_passes",
+    "max_samples",
+    "noise",
+    "noise_99",
+    "time",
+    "jitter",
+    "channels",
+)
+
+#: Into how many parts a step of about a second is cut, as something else may be wished between two of them. More would
+#: cost more than they spare.
+STEPS = 4
+
+
+class Take:
+    """An image that grows. ``spp``: samples per pixel, 0 for those of the integrator."""
+
+    def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
+        self.integrator = integrator
+        per_pixel = spp or integrator.samples**2
+        integrator.band = max(2**10, rendering.samples_of_a_step() // STEPS // per_pixel)
+        self.snapshot: Snapshot | None = None
+        self.done = False
+        self.scene, self.sensor, self.spp, self.seed = scene, sensor, spp, seed
+        self._waves: Iterator[Snapshot] | None = None
+
+    def step(self, between: Callable[[float], None]) -> bool:
+        """Another wave; returns whether there was one. ``between``: called with the part done, between portions; what
+        it raises ends the image.
+        """
+        self.integrator.progress = between
+        if self._waves is None:
+            self._waves = self.integrator.waves(self.scene, self.sensor, self.seed, self.spp)
+        try:
+            snapshot = next(self._waves, None)
+        finally:
+            self.integrator.progress = None
+        self.done = snapshot is None
+        self.snapshot = snapshot or self.snapshot
+        return not self.done
+
+    def layers(self) -> Mapping[str, np.ndarray]:
+        """What there is to see after the last wave, as :class:`.Picture` has it."""
+        assert self.snapshot is not None
+        return of_snapshot(self.snapshot)
+
+    def reached(self) -> tuple[float, float | None]:
+        """Samples of a pixel in the mean, and the noise where it is measured."""
+        reached = self.integrator.reached
+        return reached.samples, None if isnan(reached.noise) else reached.noise
+
+    def first(self) -> Snapshot:
+        """The image of one sample of each pixel, to be looked at while the film is as it is."""
+        waves: Iterator[Snapshot] = self.integrator.waves(self.scene, self.sensor, self.seed, 1)
+        return next(waves)
+
+
+def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
+    """``integrator``, within ``prosim_adaptive`` if it knows no waves, and its samples per pixel."""
+    from ..rendering.integrator import WaveIntegrator
+
+    if isinstance(integrator, WaveIntegrator):
+        return integrator, spp
+    within = mi.load_dict({"type": "prosim_adaptive", "nested": integrator, "adaptive": "none"})
+    return within, spp or sensor.sampler().sample_count()
+
+
+def name(integrator: Any) -> str:
+    """What the image of a take is rendered by, in a word."""
+    integrator = getattr(integrator, "nested", integrator)
+    if hasattr(integrator, "parameter_names"):  # one of ours
+        return str(integrator.name())
+    return str(integrator.class_name()).removesuffix("Integrator").lower()
+
+
+def alone(integrator: Any) -> str | None:
+    """Why an image can't be compared with that of ``path``, if it can't."""
+    return "this is the path tracer already" if name(integrator) == "path" else None
+
+
+def rival(subject: Subject, integrator: Any, spp: int, seed: int) -> Take:
+    """The image of Mitsuba's ``path``, sampled as ``integrator`` is, and lit by its background, which is no source to
+    ``prosim``.
+    """
+    sampling = {name: getattr(integrator, name) for name in SAMPLING}
+    path = mi.load_dict({"type": "prosim_adaptive", "nested": {"type": "path"}, **sampling})
+    scene, background = subject.scene, getattr(integrator, "background", None)
+    if background is not None:
+        sky: dict[str, Any] = {"type": "constant", "radiance": background}
+        if background.is_spatially_varying():
+            sky = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
+        scene = seen_by(subject.sensor, scene, background=sky)
+    return Take(path, scene, subject.sensor, spp, seed)

@@ -1,0 +1,20 @@
+"""``prosim language-server``."""
+
+import click
+
+
+@click.command("language-server")
+def language_server() -> None:
+    """Help an editor with scenes: errors while you write, completion, meanings, renaming, layout.
+
+    An editor starts it, and speaks with it by standard input and output.
+    """
+    try:
+        from .server import server
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("pygls", "lsprotocol"):
+            raise
+        raise click.ClickException(
+            "the language server needs the package pygls: pip install 'mitsuba-prosim[editors]'"
+        ) from None
+    server.start_io()

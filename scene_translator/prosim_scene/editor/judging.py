@@ -1,0 +1,116 @@
+"""Statements that were read one by one -> what is wrong and what is doubtful in the scene that they make."""
+
+import tempfile
+import warnings
+from collections.abc import Iterator, MutableMapping
+from pathlib import Path as FilePath
+from typing import Any
+
+from ..language.builder import Builder
+from ..language.document import Document, Path
+from ..language.messages import Place, SceneError, SceneWarning, Source
+from ..translator import Options, assemble
+from .reading import Reading, Said, Unit, said
+
+
+class Places(MutableMapping[Path, Place]):
+    """The places of all units, each moved to where it is now when it is asked for."""
+
+    def __init__(self) -> None:
+        self.where: dict[Path, tuple[int, Place]] = {}
+
+    def add(self, unit: Unit, base: int) -> None:
+        """Takes the places of a unit that begins at ``base``."""
+        shift = base - unit.base
+        self.where.update({path: (shift, place) for path, place in unit.places.items()})
+
+    def __getitem__(self, path: Path) -> Place:
+        shift, place = self.where[path]
+        return Place(place.start + shift, place.end + shift)
+
+    def __setitem__(self, path: Path, place: Place) -> None:
+        self.where[path] = 0, place
+
+    def __delitem__(self, path: Path) -> None:
+        del self.where[path]
+
+    def __contains__(self, path: object) -> bool:
+        return path in self.where
+
+    def __iter__(self) -> Iterator[Path]:
+        return iter(self.where)
+
+    def __len__(self) -> int:
+        return len(self.where)
+
+
+def judge(reading: Reading) -> tuple[list[Said], Document | None]:
+    """What is said of a text, as ``prosim_scene.parse`` would say it, but of all statements; and the document, if it is
+    right.
+    """
+    result = [
+        Said(one.start + base - unit.base, one.end + base - unit.base, one.reason, one.error)
+        for base, unit in zip(reading.bases, reading.units)
+        for one in unit.said
+    ]
+    fields: dict[str, Any] = {"surfaces": {}, "transforms": {}, "patterns": {}}
+    builder = Builder(reading.source, frozenset(name for unit in reading.units for name in unit.uses))
+    places = Places()
+    for base, unit in zip(reading.bases, reading.units):
+        if twice := _twice(reading.source, unit, base, places):
+            result.append(twice)
+            continue
+        places.add(unit, base)
+        for name, value in unit.fields.items():
+            if isinstance(value, dict):
+                fields[name].update(value)
+            else:
+                fields[name] = value
+    if not any(one.error for one in result):
+        result += _end(reading)
+    document = None
+    if not any(one.error for one in result):
+        builder.places = places
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always", SceneWarning)
+            try:
+                document = builder.whole(fields)
+            except SceneError as error:
+                result.append(said(error))
+        result += [said(w.message) for w in warned if isinstance(w.message, SceneWarning)]
+    return result, document
+
+
+def evaluate(document: Document, folder: FilePath | None) -> list[Said]:
+    """What ``prosim_scene.check`` says of a document when it evaluates the tree; ``folder`` has its images."""
+    with warnings.catch_warnings(record=True) as warned, tempfile.TemporaryDirectory() as nowhere:
+        warnings.simplefilter("always", SceneWarning)
+        failed = []
+        try:
+            assemble(document, folder or FilePath(nowhere), Options(), lambda name, _: name, str)
+        except SceneError as error:
+            failed.append(said(error))
+    return [*failed, *(said(w.message) for w in warned if isinstance(w.message, SceneWarning))]
+
+
+def _twice(source: Source, unit: Unit, base: int, places: Places) -> Said | None:
+    """The error about a statement that was given before."""
+    path = next(iter(unit.places), None)
+    if path is None or path not in places:
+        return None
+    keyword = unit.keyword
+    assert keyword is not None
+    what = " ".join([str(keyword), *(f"{'$' * (path[0] == 'defaults')}{index}" for index in path[1:2])])
+    start = base + (keyword.start_pos or 0) - unit.base
+    first = source.line(places[path])
+    return Said(start, start + len(keyword), f"{what} is given twice; the first is on line {first}", True)
+
+
+def _end(reading: Reading) -> list[Said]:
+    """The error about a missing END."""
+    keywords = [unit.keyword for unit in reading.units]
+    if any(keyword is not None and keyword.type == "END" for keyword in keywords):
+        return []
+    ends = [(at, at + len(token)) for _, token, at in reading.tokens() if token.type != "REMARK"]
+    start, end = ends[-1] if ends else (0, 1)
+    return [Said(start, end, "the file ends here and END is missing; expected END as the last statement", True)]

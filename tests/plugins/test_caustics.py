@@ -1,0 +1,273 @@
+"""Caustics: photons that specular surfaces gather on diffuse ones, against paths and analytic irradiance."""
+
+import drjit as dr
+import mitsuba as mi
+import mitsuba_prosim  # noqa: F401  (registers the plugins)
+import numpy as np
+import pytest
+from mitsuba_prosim.caustics.targets import Targets, merged
+from mitsuba_prosim.command.render import parameters
+from mitsuba_prosim.rendering.record import Record
+
+
+def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
+    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    place = mi.ScalarTransform4f().look_at(origin=origin, target=target, up=(0, 1, 0))
+    return {"type": "perspective", "fov": fov, "to_world": place, "film": film}
+
+
+def floor(reflectance):
+    place = mi.ScalarTransform4f().rotate((1, 0, 0), -90).scale(6)
+    return {"type": "rectangle", "to_world": place, "bsdf": {"type": "diffuse", "reflectance": reflectance}}
+
+
+def ball(bsdf, center=(0, 1.2, 0), radius=0.8):
+    return {"type": "sphere", "center": center, "radius": radius, "bsdf": bsdf}
+
+
+def lamp(radius=2.0, radiance=5.0, center=(-3, 5, 1)):
+    return ball({"type": "diffuse", "reflectance": 0.0}, center, radius) | {
+        "emitter": {"type": "area", "radiance": radiance}
+    }
+
+
+def scene(size=24, reflectance=0.5, **things):
+    return mi.load_dict({"type": "scene", "sensor": camera(size), "floor": floor(reflectance)} | things)
+
+
+def render(scene, seed=0, **parameters):
+    defaults = {"type": "prosim", "samples": 4, "adaptive": "none", "max_level": 6, "caustics": True}
+    integrator = mi.load_dict(defaults | {"caustic_photons": 1 << 15} | parameters)
+    return np.array(mi.render(scene, integrator=integrator, seed=seed))
+
+
+def small(size=16):
+    return scene(size, ball=ball({"type": "dielectric"}), lamp=lamp())
+
+
+# ---------------------------------------------------------------- what they are aimed at
+
+
+def test_many_spheres_are_merged_into_few_around_all():
+    spheres = np.random.default_rng(1).random((100, 4))
+    few = np.array(merged(spheres.tolist(), 7))
+    assert len(few) == 7
+    gaps = few[:, 3] - spheres[:, None, 3] - np.linalg.norm(spheres[:, None, :3] - few[:, :3], axis=2)
+    assert gaps.max(axis=1).min() > -1e-9
+    assert np.allclose(sorted(map(tuple, merged(spheres[:5].tolist(), 7))), sorted(map(tuple, spheres[:5])))
+
+
+def test_spheres_are_tight_around_what_is_specular(variant_rgb):
+    found = Targets.of(small())
+    assert found.count == 1
+    assert np.allclose(np.ravel(np.array(found.centers)), (0, 1.2, 0), atol=1e-6)
+    assert 0.8 < float(found.radii[0]) < 0.801
+    assert Targets.of(scene(lamp=lamp())) is None
+
+
+# ---------------------------------------------------------------- the same bits
+
+
+def test_images_are_the_same_to_the_bit_under_bands_crops_and_threads(variant_rgb):
+    world = small()
+    whole = render(world, adaptive="neighbours")
+    assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
+    parameters = mi.traverse(world.sensors()[0])
+    parameters["film.crop_offset"], parameters["film.crop_size"] = (3, 5), (9, 8)
+    parameters.update()
+    assert np.array_equal(render(world, adaptive="neighbours"), whole[5:13, 3:12])
+    if dr.backend_v(mi.Float) == dr.JitBackend.LLVM:
+        threads = dr.thread_count()
+        try:
+            dr.set_thread_count(1)
+            assert np.array_equal(render(world, adaptive="neighbours"), whole[5:13, 3:12])
+        finally:
+            dr.set_thread_count(threads)
+
+
+def test_without_specular_surfaces_or_sources_nothing_changes(variant_rgb):
+    dull = scene(ball=ball({"type": "diffuse"}), lamp=lamp())
+    assert np.array_equal(render(dull), render(dull, caustics=False))
+    dark = scene(ball=ball({"type": "dielectric"}))
+    assert np.array_equal(render(dark), render(dark, caustics=False))
+
+
+def test_an_image_goes_on_as_if_there_had_been_nothing_between(variant_rgb):
+    world = small(8)
+    integrator = mi.load_dict(
+        {"type": "prosim", "samples": 2, "max_samples": 30, "adaptive": "graded", "caustics": True}
+        | {"caustic_photons": 1 << 12, "threshold": 1e-4}
+    )
+    records = []
+    integrator.keep = lambda record, end: records.append(record())
+    whole = np.array(mi.render(world, integrator=integrator, seed=3))
+    integrator.keep = None
+    begun = next(record for record in records if not record.finished)
+    for _ in integrator.waves(world, seed=3, begin=begun):
+        pass
+    assert np.array_equal(np.array(world.sensors()[0].film().develop()), whole)
+    integrator.caustic_photons += 1
+    with pytest.raises(ValueError, match="photons of a set: 4096 there, 4097 here"):
+        next(integrator.waves(world, seed=3, begin=begun))
+    assert isinstance(begun, Record)
+
+
+@pytest.mark.slow
+def test_each_sample_has_photons_of_its_own(variant_rgb):
+    # So that the variance within a pixel knows of them, and more samples mean less of it.
+    world = small(12)
+    errors = []
+    for n in (2, 8):
+        images = np.stack([render(world, seed, samples=n, caustic_photons=1 << 12)[7:10, 5:9] for seed in range(6)])
+        errors.append(images.std(axis=0, ddof=1).mean())
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_the_command_asks_for_them_in_a_word():
+    assert parameters(False, None, True) == {"caustics": True}
+    assert parameters(False, None) == {}
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+def test_refusals_say_what_to_do(variant_rgb):
+    world = small(4)
+    parameters = mi.traverse(world)
+    dr.enable_grad(parameters["floor.bsdf.reflectance.value"])
+    photons = {"type": "prosim", "samples": 1, "caustics": True, "caustic_photons": 64}
+    image = mi.render(world, parameters, integrator=mi.load_dict(photons))
+    with pytest.raises(RuntimeError, match="leave caustics out where derivatives are wanted"):
+        dr.backward(dr.sum(image, axis=None))
+    around = mi.load_dict({"type": "aov", "aovs": "p:position", "nested": photons})
+    with pytest.raises(RuntimeError) as refused:
+        mi.render(small(4), integrator=around)
+    assert "known to its own render() alone" in str(refused.value.__cause__)
+
+
+def test_variants_that_know_no_photons_say_so(variant):
+    wanted = {"type": "prosim", "caustics": True}
+    if variant == "scalar_rgb" or mi.is_spectral:
+        with pytest.raises(RuntimeError, match=f'"caustics" is True; allowed: false in the variant {variant}'):
+            mi.load_dict(wanted)
+    else:
+        assert "caustics = True" in str(mi.load_dict(wanted))
+
+
+# ---------------------------------------------------------------- the right light
+
+
+@pytest.mark.parametrize(
+    "kind", ["point", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("prosim_point", "spot"))]
+)
+def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kind):
+    """What no path finds: irradiance of a point source by way of a mirror, I cos / d² of its mirror image."""
+    p = np.array([1.5, 2, 0.2])
+    source = {"type": kind, "intensity": 10.0}
+    if kind == "spot":
+        place = mi.ScalarTransform4f().look_at(origin=p, target=(0, 1.1, 0.1), up=(0, 1, 0))
+        source |= {"to_world": place, "cutoff_angle": 80, "beam_width": 79}
+    else:
+        source["position"] = p
+    upright = mi.ScalarTransform4f().translate((0, 1.1, 0.1)).rotate((0, 1, 0), 90).scale((0.6, 0.6, 1))
+    mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}
+    world = scene(mirror=mirror, lamp=source, reflectance=1.0)
+    place = mi.ScalarTransform4f().look_at(origin=(2, 5, 0), target=(2, 0, 0), up=(0, 0, 1)).scale((0.3, 0.3, 1))
+    film = {"type": "hdrfilm", "width": 6, "height": 6, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
+    images = []
+    for caustics in (True, False):
+        integrator = mi.load_dict(
+            {"type": "prosim", "samples": 4, "adaptive": "none", "caustics": caustics, "caustic_photons": 1 << 17}
+        )
+        images.append(np.array(mi.render(world, sensor=sensor, integrator=integrator, seed=1))[..., 0])
+    x = 2 + np.linspace(-0.3, 0.3, 61)
+    x, z = np.meshgrid((x[1:] + x[:-1]) / 2, (x[1:] + x[:-1]) / 2 - 2)
+    to_lamp = np.stack([-p[0] - x, np.full_like(x, p[1]), p[2] - z])
+    radiance = 10 * to_lamp[1] / np.sum(to_lamp**2, axis=0) ** 1.5 / np.pi
+    assert abs((images[0] - images[1]).mean() / radiance.mean() - 1) < 0.02  # some thousand photons
+
+
+def compared(world, seeds, ours, theirs, mask):
+    """``(z, ratio)``: differences of 12 parts of the image over their error, and of the whole as a ratio."""
+    a = np.stack([np.array(ours(world, seed))[..., 1] for seed in range(seeds)])
+    b = np.stack([np.array(theirs(world, seed))[..., 1] for seed in range(seeds)])
+    parts = np.array_split(np.flatnonzero(mask), 12)
+    x, y = (np.stack([[image.ravel()[part].mean() for part in parts] for image in images]) for images in (a, b))
+    error = np.sqrt((x.var(axis=0, ddof=1) + y.var(axis=0, ddof=1)) / seeds)
+    return (x.mean(axis=0) - y.mean(axis=0)) / error, x.mean() / y.mean() - 1
+
+
+def floor_alone(world, size):
+    """The pixels that see the floor, and whose neighbours do."""
+    grid = (np.arange(4 * size) + 0.5) / (4 * size)
+    x, y = np.meshgrid(grid, grid)
+    ray, _ = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(x.ravel(), y.ravel()), mi.Point2f(0.5))
+    si = world.ray_intersect(ray)
+    seen = np.array(si.is_valid() & (dr.abs(si.p.y) < 1e-4)).reshape(size, 4, size, 4).all(axis=(1, 3))
+    around = np.pad(seen, 1)
+    return np.all([around[j : j + size, i : i + size] for i in range(3) for j in range(3)], axis=0)
+
+
+def green():
+    """Glass that absorbs, most of red."""
+    absorbed = {"type": "rgb", "value": [1.0, 0.3, 0.75]}
+    medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": absorbed, "scale": 2.0}
+    return ball({"type": "prosim_dielectric", "int_ior": 1.5}) | {"interior": medium}
+
+
+#: name -> (object, lamp): such that paths find their light often enough to be compared with.
+CASES = {
+    "glass": (lambda: ball({"type": "dielectric"}), lamp),
+    "green glass": (green, lamp),
+    "rough glass": (lambda: ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}), lamp),
+    "rough metal": (lambda: ball({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}), lamp),
+    "sky": (lambda: ball({"type": "dielectric"}), lambda: {"type": "constant", "radiance": 1.0}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_the_light_is_that_of_paths_region_by_region(variant_rgb, case):
+    """On a floor so dark that it lights nothing itself, the tree and its photons know all of the light."""
+    thing, source = (make() for make in CASES[case])
+    world = scene(24, reflectance=3e-4, thing=thing, lamp=source)
+    kind = "volpath" if case == "green glass" else "path"
+    paths = mi.load_dict({"type": kind, "max_depth": 20, "rr_depth": 50})
+    z, ratio = compared(
+        world,
+        10,
+        render,
+        lambda world, seed: mi.render(world, integrator=paths, seed=1000 + seed, spp=400),
+        floor_alone(world, 24),
+    )
+    assert np.abs(z).max() < 6  # t with some 15 degrees of freedom: 12 parts go beyond by chance once in 4000
+    assert abs(ratio) < 0.01
+
+
+@pytest.mark.slow
+def test_nothing_is_counted_twice_by_paths(variant_rgb):
+    """A white box with a glass ball: photons in the place of what paths would have found by themselves."""
+    inside = mi.ScalarTransform4f().translate((0, 1, 0))
+    above = mi.ScalarTransform4f().translate((0, 1.9, 0)).rotate((1, 0, 0), 90).scale(0.6)
+    world = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": camera(12, (0, 1, 0.95), (0, 0.9, -1), 70),
+            "box": {"type": "cube", "flip_normals": True, "to_world": inside}
+            | {"bsdf": {"type": "diffuse", "reflectance": 0.7}},
+            "ball": ball({"type": "dielectric"}, (0.1, 0.5, -0.3), 0.4),
+            "lamp": {"type": "rectangle", "to_world": above, "bsdf": {"type": "diffuse", "reflectance": 0.0}}
+            | {"emitter": {"type": "area", "radiance": 5.0}},
+        }
+    )
+    every = {"diffuse_bounces": -1, "max_level": -1}
+    z, ratio = compared(
+        world,
+        10,
+        lambda world, seed: render(world, seed, samples=10, **every),
+        lambda world, seed: render(world, 1000 + seed, samples=16, caustics=False, **every),
+        np.ones((12, 12), dtype=bool),
+    )
+    assert np.abs(z).max() < 6
+    assert abs(ratio) < 0.01

@@ -1,0 +1,270 @@
+"""Glass whose index depends on the wavelength: the index, where each wavelength goes, and that nothing is lost."""
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from drawing.curves import interaction
+from image_statistics import renderings, same_expectation
+from mitsuba.chi2 import ChiSquareTest, SphericalDomain
+from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
+from scipy import stats
+
+#: Index at the line d, and Abbe number, as the catalogues state them: Schott's; refractiveindex.info for the others.
+CATALOGUE = {
+    "bk7": (1.51680, 64.17),
+    "f2": (1.62004, 36.37),
+    "sf10": (1.72825, 28.41),
+    "sf11": (1.78472, 25.76),
+    "lasf9": (1.85025, 32.17),
+    "silica": (1.45846, 67.82),
+    "diamond": (2.41748, 55.30),
+    "zirconia": (2.15877, 33.54),
+    "water": (1.33340, 55.76),
+}
+SF10 = {"type": "prosim_dielectric", "int_material": "sf10", "ext_ior": 1.0}
+
+
+def sellmeier(name, nm):
+    """The index, in double precision."""
+    square, b, c = (nm / 1000) ** 2, MATERIALS[name][::2], MATERIALS[name][1::2]
+    return np.sqrt(1 + sum(x * square / (square - y) for x, y in zip(b, c, strict=True)))
+
+
+# ------------------------------------------------------------------ the index
+
+
+def test_formulas_give_what_catalogues_state(variant_rgb):
+    assert set(MATERIALS) == set(CATALOGUE)
+    for name, (n_d, abbe) in CATALOGUE.items():
+        n = [Dispersion.of(False, MATERIALS[name]).index(w)[0] for w in (D, F, C)]
+        assert n == pytest.approx([sellmeier(name, w) for w in (D, F, C)], abs=1e-6)
+        exact = [sellmeier(name, w) for w in (D, F, C)]
+        assert exact[0] == pytest.approx(n_d, abs=1.1e-5)
+        assert (exact[0] - 1) / (exact[1] - exact[2]) == pytest.approx(abbe, abs=0.006)
+
+
+def test_cauchys_formula_of_an_abbe_number():
+    a, b = cauchy(1.62, 36.4)
+    n = [a + b / (w / 1000) ** 2 for w in (D, F, C)]
+    assert n[0] == pytest.approx(1.62) and (n[0] - 1) / (n[1] - n[2]) == pytest.approx(36.4)
+
+
+def test_r_g_and_b_are_the_centroids_of_srgb(variant_rgb):
+    nm = np.arange(360.0, 831.0)
+    xyz = np.array(mi.cie1931_xyz(mi.Float(nm)))
+    functions = np.array(mi.xyz_to_srgb(mi.Color3f(xyz)))
+    assert functions @ nm / functions.sum(axis=1) == pytest.approx(RGB, abs=1)
+
+
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"int_material": "glas"}, ("int_material", "glas", "bk7")),
+        ({"int_material": "bk7", "int_ior": 1.5}, ("int_material", "int_ior")),
+        ({"int_material": "bk7", "int_abbe": 50.0}, ("int_abbe", "int_material")),
+        ({"int_abbe": 50.0}, ("int_abbe", "int_ior")),
+        ({"int_ior": 1.5, "int_abbe": 0.0}, ("int_abbe", ">= 1")),
+        ({"ext_cauchy": "1.5"}, ("ext_cauchy", "A, B")),
+        ({"int_cauchy": "1.5, x"}, ("int_cauchy", "commas")),
+        ({"int_cauchy": "-1.5, 0"}, ("int_cauchy", "> 0")),
+        ({"int_sellmeier": "1, 0.3"}, ("int_sellmeier", "> 0")),
+        ({"int_sellmeier": "1, 2, 3"}, ("int_sellmeier", "B1, C1")),
+    ],
+)
+def test_wrong_parameters(variant_rgb, parameters, said):
+    with pytest.raises(RuntimeError, match="prosim_dielectric") as error:
+        mi.load_dict({"type": "prosim_dielectric", **parameters})
+    assert all(word in str(error.value) for word in said)
+
+
+# ------------------------------------------------------------------ where it goes
+
+
+def deviation(i, prism, n):
+    """Angle between a ray that falls on a prism at the angle ``i`` and the one that leaves it, by Snell's law."""
+    inside = prism - np.arcsin(np.sin(i) / n)
+    return i + np.arcsin(n * np.sin(inside)) - prism
+
+
+def through_a_prism(bsdf, i, prism, wavelengths, u, v):
+    """``(deviation, channel)`` of rays that two faces of ``bsdf`` refract, with numbers ``u`` and ``v``; channel -1
+    where nothing is left.
+    """
+    ctx = mi.BSDFContext()
+    ctx.component = 1
+    si = interaction(mi.Vector3f(math.sin(i), 0, math.cos(i)) + dr.zeros(mi.Vector3f, dr.width(u)))
+    if wavelengths is not None:
+        si.wavelengths = wavelengths
+    bs, first = bsdf.sample(ctx, si, u, mi.Point2f(0.5))
+    angle = dr.atan2(-bs.wo.x, -bs.wo.z)  # from the first face's axis
+    rest = prism - angle  # from the second's
+    si.wi = mi.Vector3f(dr.sin(rest), 0, -dr.cos(rest))
+    bs, second = bsdf.sample(ctx, si, v, mi.Point2f(0.5))
+    left = np.array(first * second)
+    channel = np.where(left.max(0) > 0, left.argmax(0), -1)
+    return i - prism + np.array(dr.asin(-bs.wo.x)), channel
+
+
+@pytest.mark.parametrize("colours", ["rgb", "spectral"])
+def test_each_wavelength_follows_snells_law(colours, request):
+    """Through both faces of a prism, to 1e-4 radians."""
+    mi.set_variant(f"llvm_ad_{colours}")
+    i, prism, count = math.radians(55), math.radians(60), 3000
+    rng = np.random.default_rng(0)
+    u, v = (mi.Float(rng.random(count)) for _ in range(2))
+    nm = rng.uniform(380, 780, (4, count)) if colours == "spectral" else np.tile(np.array(RGB)[:, None], count)
+    given = mi.UnpolarizedSpectrum(nm) if colours == "spectral" else None
+    angle, channel = through_a_prism(mi.load_dict(SF10), i, prism, given, u, v)
+    seen = channel >= 0
+    assert np.mean(seen) == pytest.approx(1 / len(nm), abs=0.05)  # the same wavelength twice
+    expected = deviation(i, prism, sellmeier("sf10", nm[channel[seen], np.flatnonzero(seen)]))
+    assert np.ptp(expected) > 0.05
+    assert np.abs(angle[seen] - expected).max() < 1e-4
+
+
+@pytest.mark.slow
+def test_without_dispersion_it_is_plain_glass(variant_rgb):
+    """A constant index by Cauchy's formula: the same values, densities and derivatives, and on the whole the same
+    light reflected and refracted.
+    """
+    ctx = mi.BSDFContext()
+    rng = np.random.default_rng(1)
+    d = rng.normal(size=(2, 3, 500))
+    wi, wo = (mi.Vector3f(x / np.linalg.norm(x, axis=0)) for x in d)
+    for rough in ({"alpha": 0.4}, {}):
+        plain, same = (
+            mi.load_dict({"type": "prosim_dielectric", "ext_ior": 1.0, **rough, **index})
+            for index in ({"int_ior": 1.5}, {"int_cauchy": "1.5, 0"})
+        )
+        si = interaction(wi)
+        assert np.allclose(plain.eval_pdf(ctx, si, wo)[0], same.eval_pdf(ctx, si, wo)[0], rtol=1e-5)
+        assert np.allclose(plain.eval_pdf(ctx, si, wo)[1], same.eval_pdf(ctx, si, wo)[1], rtol=1e-5)
+        numbers = mi.Float(rng.random(500)), mi.Point2f(rng.random((2, 500)))
+        bs, weight = same.sample(ctx, si, *numbers)
+        if rough:
+            gradients = []
+            for bsdf, name in ((plain, "eta"), (same, "int_A")):
+                params = mi.traverse(bsdf)
+                dr.enable_grad(params[name])
+                params.update()
+                dr.backward(dr.sum(bsdf.eval(ctx, si, wo), axis=None))
+                gradients.append(dr.grad(params[name])[0])
+            assert gradients[1] == pytest.approx(gradients[0], rel=1e-4)
+            value, pdf = same.eval_pdf(ctx, si, bs.wo)
+            drawn = np.array(bs.pdf) > 0
+            assert np.allclose(np.array(weight * bs.pdf)[:, drawn], np.array(value)[:, drawn], rtol=1e-3)
+            assert np.allclose(np.array(bs.pdf)[drawn], np.array(pdf)[drawn], rtol=1e-3)
+        else:
+            f = np.array(mi.fresnel(si.wi.z, mi.Float(1.5))[0])
+            reflected = np.array(bs.sampled_component) == 0
+            third = np.where(reflected, f, (1 - f) / 3)
+            assert np.allclose(np.array(bs.pdf), third, atol=1e-6)
+            assert np.allclose(np.array(weight)[:, reflected], 1, atol=1e-5)
+            relative = np.where(np.array(wi.z) > 0, 1.5, 1 / 1.5) ** 2
+            assert np.allclose((np.array(weight).sum(0) * relative)[~reflected], 3, atol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [50, 130])
+@pytest.mark.parametrize("component", [0xFFFFFFFF, 1])
+def test_rough_glass_is_drawn_with_its_density(variant_rgb, angle, component):
+    """At 1 % for the four together; with an index that differs much, so that the lobes of r, g and b lie apart."""
+    bsdf = mi.load_dict({"type": "prosim_dielectric", "int_cauchy": "1.2, 0.08", "ext_ior": 1.0, "alpha": 0.25})
+    ctx = mi.BSDFContext()
+    ctx.component = component
+    wi = mi.ScalarVector3f(math.sin(math.radians(angle)), 0, math.cos(math.radians(angle)))
+
+    def sample(u):
+        si = interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(u)))
+        bs, _ = bsdf.sample(ctx, si, u[0], mi.Point2f(u[1], u[2]))
+        return bs.wo, dr.select(bs.pdf > 0, 1.0, 0.0)
+
+    def pdf(wo):
+        return bsdf.pdf(ctx, interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(wo))), wo)
+
+    test = ChiSquareTest(SphericalDomain(), sample, pdf, sample_dim=3, sample_count=200_000, res=61, ires=8)
+    assert test.run(0.01, 4, quiet=True), f"p = {test.p_value}\n{test.messages}"
+
+
+# ------------------------------------------------------------------ nothing is lost
+
+
+def furnace(**glass):
+    """A slab before a white sky, seen askew: white again, where nothing is absorbed."""
+    T = mi.ScalarTransform4f
+    return {
+        "type": "scene",
+        "sensor": {
+            "type": "perspective",
+            "fov": 10,
+            "to_world": T().look_at([2, 0.7, 3], [0, 0, 0], [0, 1, 0]),
+            "film": {
+                "type": "hdrfilm",
+                "width": 8,
+                "height": 8,
+                "rfilter": {"type": "box"},
+                "component_format": "float32",
+            },
+        },
+        "slab": {
+            "type": "cube",
+            "to_world": T().scale([1, 1, 0.3]),
+            "bsdf": {"type": "prosim_dielectric", "int_material": "diamond", **glass},
+        },
+        "sky": {"type": "constant", "radiance": 1.0},
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "colours, integrator",
+    [
+        ("spectral", {"type": "path", "max_depth": 40, "rr_depth": 100}),
+        ("rgb", {"type": "prosim", "adaptive": "none", "diffuse_bounces": -1, "max_level": 40, "rr_depth": 100}),
+        ("spectral", {"type": "prosim", "adaptive": "none", "max_level": 8}),
+    ],
+    ids=["path", "paths", "tree"],
+)
+def test_white_light_stays_white(colours, integrator):
+    """The mean of each channel, beside the bare sky, by Welch's test at 1 % for all of them; a tree of 8 levels leaves
+    out 1e-4 of the light.
+    """
+    mi.set_variant(f"llvm_ad_{colours}")
+    images = renderings(furnace(), 12, spp=144, **integrator).mean((1, 2))
+    sky = {name: part for name, part in furnace().items() if name != "slab"}
+    bare = renderings(sky, 12, spp=144, first_seed=50, **integrator).mean((1, 2))
+    difference = np.abs(images.mean(0) - bare.mean(0))
+    deviation = np.sqrt((images.var(0, ddof=1) + bare.var(0, ddof=1)) / 12)
+    assert np.all(difference < 2e-4 + stats.t.isf(0.01 / 18, 11) * deviation)
+    assert deviation.max() < 0.02
+
+
+def test_a_ray_goes_on_with_what_it_carries(variant_rgb):
+    """Through two faces: each sample brings one of r, g and b, in turn over the pattern, so that their sum has next to
+    no noise; drawn anew at the second face, two samples in three would bring nothing.
+    """
+    scene = furnace(int_material="sf10")
+    scene["slab"]["to_world"] = mi.ScalarTransform4f().scale([3, 3, 0.3])
+    image = renderings(scene, 1, spp=16, type="prosim", adaptive="none", max_level=2)[0]
+    assert image.mean(2).std() < 0.01 < image[..., 0].std()
+
+
+@pytest.mark.slow
+def test_same_expectation_as_path(variant_spectral):
+    """A lamp through a prism, by ``path`` and by a tree."""
+    T = mi.ScalarTransform4f
+    scene = furnace(int_material="sf10")
+    scene["slab"]["to_world"] = T().rotate([0, 1, 0], 45).scale([0.5, 1, 0.5])
+    scene["sensor"] |= {"fov": 40, "to_world": T().look_at([0.5, 0, 5], [0, 0, 0], [0, 1, 0])}
+    scene["sensor"]["film"] |= {"width": 16, "height": 16}
+    scene["sky"]["radiance"] = 0.2
+    scene["lamp"] = {
+        "type": "rectangle",
+        "to_world": T().translate([-2, 0, -2]).rotate([0, 1, 0], 45).scale([0.3, 2, 1]),
+        "emitter": {"type": "area", "radiance": 4.0},
+    }
+    reference = renderings(scene, 12, spp=144, type="path", max_depth=10, rr_depth=100)
+    assert same_expectation(reference, renderings(scene, 12, spp=144, type="prosim", adaptive="none", max_level=8))

@@ -1,0 +1,130 @@
+"""The language server, as an editor speaks with it."""
+
+import sys
+import time
+
+import prosim_scene
+import pytest
+import pytest_lsp
+from lsprotocol import types as lsp
+from test_editor import SCENE, large
+
+URI = "file:///nowhere/scene.scn"
+SERVER = [sys.executable, "-c", "from prosim_scene.editor.server import server; server.start_io()"]
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+@pytest_lsp.fixture(config=pytest_lsp.ClientServerConfig(server_command=SERVER), scope="module", loop_scope="module")
+async def editor(lsp_client: pytest_lsp.LanguageClient):
+    await lsp_client.initialize_session(
+        lsp.InitializeParams(
+            capabilities=pytest_lsp.client_capabilities("visual-studio-code"), root_uri="file:///nowhere"
+        )
+    )
+    yield
+    await lsp_client.shutdown_session()
+
+
+async def opened(editor, text):
+    """The diagnostics of a text that has been opened."""
+    editor.text_document_did_close(lsp.DidCloseTextDocumentParams(lsp.TextDocumentIdentifier(URI)))
+    editor.text_document_did_open(lsp.DidOpenTextDocumentParams(lsp.TextDocumentItem(URI, "scn", 1, text)))
+    return await told(editor)
+
+
+async def told(editor):
+    await editor.wait_for_notification(lsp.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
+    return editor.diagnostics[URI]
+
+
+async def typed(editor, version, line, column, text, end=None):
+    """The diagnostics after some text has taken the place of what is between two columns of a line."""
+    place = lsp.Range(lsp.Position(line, column), lsp.Position(line, column if end is None else end))
+    editor.text_document_did_change(
+        lsp.DidChangeTextDocumentParams(
+            lsp.VersionedTextDocumentIdentifier(version, URI), [lsp.TextDocumentContentChangePartial(place, text)]
+        )
+    )
+    return await told(editor)
+
+
+def position(text, word, shift=0):
+    before = text[: text.index(word) + shift]
+    return lsp.Position(before.count("\n"), len(before) - before.rfind("\n") - 1)
+
+
+async def test_errors_come_and_go_as_one_types(editor):
+    scene = SCENE.replace("NAME: a", "NAME: a (esfera é 🎈) NSAMPLES 3")
+    assert not await opened(editor, scene)
+    at = position(scene, "NSAMPLES 3")
+    column = at.character + 1  # of UTF-16, in which the balloon takes two
+    (wrong,) = await typed(editor, 2, at.line, column + 9, "3.5", column + 10)
+    assert wrong.severity == lsp.DiagnosticSeverity.Error and wrong.source == "prosim"
+    assert wrong.message.startswith("found '3.5' after NSAMPLES; expected a whole number")
+    assert wrong.range == lsp.Range(lsp.Position(at.line, column + 9), lsp.Position(at.line, column + 12))
+    assert not await typed(editor, 3, at.line, column + 9, "4", column + 12)
+    (doubt,) = await typed(editor, 4, at.line, column - 1, " SURFACE 9 ")
+    assert doubt.severity == lsp.DiagnosticSeverity.Warning and "no primitive has this index" in doubt.message
+
+
+async def test_what_the_tree_comes_to_is_told_when_it_is_opened(editor):
+    hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace(
+        "SCALE 2 2 2", "SCALE .1 .1 .1 TRANSLATE .5 .5 .5"
+    )
+    assert [one.message for one in await opened(editor, hidden)] == [
+        "nothing is seen of SPHERE 1 (line 5): no face of it is left in the result"
+    ]
+
+
+async def test_an_editor_completes_explains_and_finds(editor):
+    await opened(editor, SCENE)
+    document = lsp.TextDocumentIdentifier(URI)
+    found = await editor.text_document_completion_async(lsp.CompletionParams(document, position(SCENE, "ouro", 2)))
+    (gold,) = [one for one in found if one.label == "ouro"]
+    assert gold.detail == "Au" and gold.text_edit.range.start == position(SCENE, "ouro")
+    hover = await editor.text_document_hover_async(lsp.HoverParams(document, position(SCENE, "raio", 1)))
+    assert "the radius" in hover.contents.value and hover.range.start == position(SCENE, "raio")
+    at = position(SCENE, "SPHERE 1", 7)
+    lines = [
+        one.range.start.line for one in await editor.text_document_definition_async(lsp.DefinitionParams(document, at))
+    ]
+    assert lines == [7, 9]
+    everywhere = await editor.text_document_references_async(
+        lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=True), document, at)
+    )
+    assert len(everywhere) == 4
+
+
+async def test_an_editor_renames_and_lays_out(editor):
+    await opened(editor, SCENE)
+    document = lsp.TextDocumentIdentifier(URI)
+    at = position(SCENE, "SPHERE 1", 7)
+    assert await editor.text_document_prepare_rename_async(lsp.PrepareRenameParams(document, at)) is not None
+    changed = await editor.text_document_rename_async(lsp.RenameParams(document, at, "12"))
+    lines = SCENE.splitlines(keepends=True)
+    for edit in reversed(changed.changes[URI]):
+        start, end = edit.range.start, edit.range.end
+        lines[start.line] = lines[start.line][: start.character] + edit.new_text + lines[start.line][end.character :]
+    assert "".join(lines) == SCENE.replace("SPHERE 1 CYLINDER 1", "SPHERE 12 CYLINDER 12").replace(
+        "SURFACE 1", "SURFACE 12"
+    ).replace("TRANSFORM 1", "TRANSFORM 12")
+    assert await editor.text_document_rename_async(lsp.RenameParams(document, at, "0")) is None
+    assert "there already" in editor.messages[-1].message
+    options = lsp.FormattingOptions(4, True)
+    (tidy,) = await editor.text_document_formatting_async(lsp.DocumentFormattingParams(document, options))
+    assert tidy.new_text == prosim_scene.format(SCENE)
+
+
+@pytest.mark.slow
+async def test_a_long_scene_is_followed(editor):
+    """10,000 lines. What a keystroke takes, there and back, is bounded generously: the machine may be busy."""
+    text = large(1250)
+    assert not await opened(editor, text)
+    line = text[: text.index("kd", len(text) // 2)].count("\n")
+    times = []
+    for i, (new, end) in enumerate([("7", None), ("5", 8), ("6", 8), (".5", 8)]):
+        begun = time.perf_counter()
+        await typed(editor, i + 2, line, 7, new, end)
+        times.append(time.perf_counter() - begun)
+    assert min(times) < 0.5

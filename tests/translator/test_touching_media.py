@@ -1,0 +1,229 @@
+"""Dielectrics that touch or lie in one another: one face between any two media, which knows both."""
+
+import math
+import re
+
+import exact_csg
+import mitsuba as mi
+import numpy as np
+import prosim_scene
+import pytest
+from meshes import area, scene, skins, solids, volume
+from prosim_scene import translator
+from prosim_scene.language import document_of
+from prosim_scene.model import Leaf
+
+GLASS, WATER = (f"material dieletrico n-refr = {n}" for n in (1.5, 1.33))
+
+
+def hits(meshes, origin, direction):
+    """Where a ray meets the meshes: distances, and the keys of what is met, in their order (Moeller and Trumbore)."""
+    found = []
+    for key, mesh in meshes.items():
+        p = mesh.positions
+        a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+        h, s = np.cross(direction, b), origin - p[:, 0]
+        det = np.einsum("ti,ti->t", a, h)
+        det = np.where(np.abs(det) > 1e-12, det, np.inf)
+        q = np.cross(s, a)
+        u, v, t = np.einsum("ti,ti->t", s, h) / det, q @ direction / det, np.einsum("ti,ti->t", b, q) / det
+        for i in np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-6) & np.isfinite(det)):
+            weights = np.array([1 - u[i] - v[i], u[i], v[i]])
+            found.append((t[i], key, np.sign(det[i]), weights @ mesh.normals[i]))
+    return sorted(found, key=lambda hit: hit[0])
+
+
+def media_along(meshes, origin, direction):
+    """The media that a ray leaves; every face has to lead from one to the next."""
+    result, now = [], None
+    for t, skin, entering, _ in hits(meshes, origin, direction):
+        before, after = (skin.outside, skin.inside) if entering > 0 else (skin.inside, skin.outside)
+        assert now == before, t
+        result.append(before)
+        now = after
+    assert now is None
+    return result
+
+
+def media_of_the_tree(text, origin, direction):
+    """The same by the tree's definition: the first of the media in the tree that is there."""
+    read = document_of(text, "test.scn").scene
+    leaves = [node for node in read.csg if isinstance(node, Leaf)]
+    ends = []
+    for leaf in leaves:
+        linear, offset = exact_csg.placed(read.transforms[leaf.index])
+        inverse = np.linalg.inv(linear)
+        near, far = exact_csg.interval(leaf.shape, (origin - offset) @ inverse.T[None], direction @ inverse.T[None])
+        ends.append((near[0], far[0]))
+    times = np.unique([t for near, far in ends if near < far for t in (near, far)])
+    result, now = [], None
+    media = dict.fromkeys(translator.medium(read, leaf) for leaf in leaves)
+    for begin, end in zip(times, [*times[1:], np.inf]):
+        if end - begin < 1e-6:
+            continue
+        middle = begin + 1 if end == np.inf else (begin + end) / 2
+        inside = [near < middle < far for near, far in ends]
+        after = next((medium for medium in media if exists(read, inside, medium)), None)
+        if after != now:
+            result.append(now)
+        now = after
+    return result
+
+
+def exists(read, inside, medium):
+    """Whether the part of the tree that is of a medium is where these leaves are ``inside``."""
+    stack, number = [], len(inside)
+    for node in reversed(read.csg):
+        if isinstance(node, Leaf):
+            number -= 1
+            own = translator.medium(read, node)
+            stack.append({own} if inside[number] else set())
+        else:
+            first, second = stack.pop(), stack.pop()
+            stack.append(
+                first | second if node.symbol == "+" else first if bool(second) == (node.symbol == "*") else set()
+            )
+    return medium in stack.pop()
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("kind", ["blocks", "turned blocks", "general", "same_quadric", "nested"])
+def test_every_face_leads_from_one_medium_to_the_next(kind):
+    compared = {False: 0, True: 0}
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 5])
+        if "blocks" in kind:
+            text = exact_csg.blocks(rng, exact_csg.turn(rng) if "turned" in kind else "")
+        else:
+            text = exact_csg.KINDS[kind](rng)
+        text = re.sub(r"lambertiano kd \S+", "dieletrico n-refr {}", text).format(*rng.choice([1.2, 1.3, 1.5], 20))
+        meshes = skins(text)
+        for _ in range(15):
+            origin = 9.0 * rng.choice([-1, 1], 3)
+            direction = rng.uniform(-2, 2, 3) - origin
+            direction /= np.linalg.norm(direction)
+            found, expected = media_along(meshes, origin, direction), media_of_the_tree(text, origin, direction)
+            compared[len(found) == len(expected)] += 1
+            if len(found) == len(expected):
+                assert found == expected, seed
+    assert compared[False] < 0.05 * compared[True]  # at edges, which chords cut
+
+
+TUMBLER = scene(
+    "+ - CYLINDER 0 CYLINDER 1 CYLINDER 2",
+    [
+        "SCALE (2 2 4) ROTATE-X (-70)",
+        "SCALE (1.8 1.8 4) TRANSLATE (0 0 .3) ROTATE-X (-70)",
+        "SCALE (1.8 1.8 2) TRANSLATE (0 0 .3) ROTATE-X (-70)",
+    ],
+    [GLASS, GLASS, WATER],
+)
+
+
+ON_A_TABLE = TUMBLER.replace("+ -", "+ CUBE 3 + -").replace(
+    "END", "SURFACE 3 kd = .5 TRANSFORM 3 SCALE (9 9 9) TRANSLATE (5 0 0) END"
+)
+
+
+@pytest.mark.parametrize("text", [TUMBLER, ON_A_TABLE])
+def test_a_tumbler_with_water_to_its_wall_has_one_interface_and_the_right_volumes(text):
+    meshes = solids(text, 0.02)
+    for mesh in meshes.values():
+        a, b = mesh.positions[:, 1] - mesh.positions[:, 0], mesh.positions[:, 2] - mesh.positions[:, 0]
+        assert (np.einsum("ti,tci->tc", np.cross(a, b), mesh.normals) >= -1e-9).all()
+    meshes.pop(3, None)
+    glass, water, between = meshes[0], meshes[2], meshes[0, 2]
+    disc, wall = math.pi * 1.8**2, 2 * math.pi * 1.8 * 2
+    assert area(between) == pytest.approx(disc + wall, rel=2e-3)
+    assert area(water) == pytest.approx(disc, rel=2e-3)  # its top alone
+    assert volume([glass, between]) == pytest.approx(math.pi * (4 * 4 - 3.7 * 1.8**2), rel=3e-3)
+    assert volume([water]) - volume([between]) == pytest.approx(2 * disc, rel=2e-3)
+    assert len(meshes) == 3
+
+
+@pytest.mark.parametrize(
+    "tree, surfaces", [("+ SPHERE 0 SPHERE 1", (WATER, GLASS)), ("+ - SPHERE 1 SPHERE 0 SPHERE 0", (WATER, GLASS))]
+)
+def test_rays_through_water_in_glass_follow_snell(tree, surfaces):
+    # In the second tree the water fills a cavity of its own size.
+    inner = 0.6
+    meshes = skins(scene(tree, [f"SCALE ({inner} {inner} {inner}) ROTATE-Y (20)", "ROTATE-X (30)"], surfaces), 0.01)
+    for height in (*np.linspace(0.02, 0.75, 6), 0.93):  # between 0.8 and 0.9 there is total reflection within
+        origin, direction = np.array([height, 0.01, 4.0]), np.array([0.0, 0.0, -1.0])
+        for _ in range(6):
+            found = hits(meshes, origin, direction)
+            if not found:
+                break
+            t, skin, entering, normal = found[0]
+            inside, outside = (side[0][0] if side else 1.0 for side in (skin.inside, skin.outside))
+            eta = outside / inside if entering > 0 else inside / outside
+            origin, direction = origin + t * direction, refracted(direction, normal * entering, eta)
+        # In a sphere sin(angle) n r is the same everywhere along the ray: each face turns the ray by two angles.
+        b = math.hypot(height, 0.01)
+        turn = 2 * (math.asin(b) - math.asin(b / 1.5))
+        if b / 1.5 < inner:
+            turn += 2 * (math.asin(b / 1.5 / inner) - math.asin(b / 1.33 / inner))
+        assert math.acos(-direction[2]) == pytest.approx(abs(turn), abs=2e-3)
+
+
+def refracted(direction, normal, eta):
+    """A direction after a surface whose unit normal is on its side, by Snell's law."""
+    cosine = -direction @ normal / np.linalg.norm(normal)
+    normal = normal / np.linalg.norm(normal)
+    return eta * direction + (eta * cosine - math.sqrt(1 - eta**2 * (1 - cosine**2))) * normal
+
+
+def test_both_targets_say_both_indices(tmp_path):
+    path = tmp_path / "s.scn"
+    path.write_text(TUMBLER)
+    for target in ("prosim", "stock"):
+        shapes = [x for x in prosim_scene.load(path, target=target).values() if isinstance(x, dict) and "bsdf" in x]
+        found = {(shape["bsdf"]["int_ior"], shape["bsdf"]["ext_ior"]) for shape in shapes}
+        assert found == {(1.5, 1.0), (1.5, 1.33), (1.33, 1.0)} and len(shapes) == 3
+
+
+def test_a_rough_face_between_equal_indices_is_a_smooth_one(tmp_path):
+    # Rough dielectrics take no equal indices, and light goes straight through such a face.
+    path = tmp_path / "s.scn"
+    path.write_text(
+        scene("+ SPHERE 0 SPHERE 1", ["", "SCALE (2 2 2)"], [GLASS + " m = .1", GLASS.replace("1.5", "1.4 1.5 1.6")])
+    )
+    for target in ("prosim", "stock"):
+        with pytest.warns(prosim_scene.SceneWarning):
+            shapes = prosim_scene.load(path, target=target)
+        assert "alpha" not in shapes["surface_0"]["bsdf"] and "rough" not in shapes["surface_0"]["bsdf"]["type"]
+
+
+def test_what_cuts_glass_of_another_kind_leaves_the_glass_its_index(tmp_path):
+    path = tmp_path / "s.scn"
+    path.write_text(scene("- SPHERE 0 CUBE 1", ["", ""], [GLASS, WATER]))
+    shapes = [x for x in prosim_scene.load(path).values() if isinstance(x, dict) and "bsdf" in x]
+    assert [shape["bsdf"]["int_ior"] for shape in shapes] == [1.5, 1.5]
+
+
+def test_a_cut_through_several_media_leaves_no_film():
+    # All are cut in half, and one face of the cutter bounds the water, the other the glass beside it.
+    cut = TUMBLER.replace("+ -", "- + -").replace("CYLINDER 2\n", "CYLINDER 2 CUBE 3\n", 1)
+    text = cut.replace("END", "SURFACE 3 " + GLASS + " TRANSFORM 3 SCALE (9 9 9) TRANSLATE (0 -4.5 -4.5) END")
+    meshes = skins(text, 0.02)
+    outer = [mesh for skin, mesh in meshes.items() if skin.outside is None]
+    assert volume(outer) == pytest.approx(math.pi / 2 * (4 * 4 - 1.7 * 1.8**2), rel=2e-3)
+    flat = [area(mesh, np.abs(mesh.normals[:, :, 0]).min(axis=1) > 1 - 1e-9) for mesh in outer]
+    assert sum(flat) == pytest.approx(4 * 4 - 2 * 1.7 * 1.8, rel=1e-3)  # of the cut
+
+
+def test_a_face_knows_what_absorbs_and_disperses_on_both_sides(variant_rgb, tmp_path):
+    # Bottle glass by its name, and red water in it.
+    red = WATER + " transmitancia = 0.9 0.2 0.2"
+    path = tmp_path / "s.scn"
+    path.write_text(scene("+ SPHERE 0 SPHERE 1", ["SCALE (.5 .5 .5)", ""], [red, "material dieletrico bk7"]))
+    loaded = prosim_scene.load(path)
+    water, glass = loaded["surface_0"], loaded["surface_1"]
+    assert water["bsdf"]["int_ior"] == pytest.approx(1.33) and water["bsdf"]["ext_material"] == "bk7"
+    assert glass["bsdf"] == {"type": "prosim_dielectric", "int_material": "bk7", "ext_ior": 1.0}
+    assert "interior" in water and "exterior" not in water and "interior" not in glass
+    path.write_text(path.read_text().replace("+ SPHERE 0 SPHERE 1", "+ - SPHERE 1 SPHERE 0 SPHERE 0"))
+    shape = next(x for x in prosim_scene.load(path).values() if isinstance(x, dict) and "exterior" in x)
+    assert shape["exterior"] == water["interior"] and "interior" not in shape
+    scene_of_xml = mi.load_file(str(prosim_scene.translate(path)))
+    assert [s.exterior_medium() is not None for s in scene_of_xml.shapes() if s.is_mesh()].count(True) == 1

@@ -1,0 +1,83 @@
+"""``mitsuba_prosim.show``: an image that converges in a notebook."""
+
+import asyncio
+import base64
+
+import mitsuba as mi
+import mitsuba_prosim
+import nbformat
+import numpy as np
+import prosim_scene
+import pytest
+from little import LITTLE
+from mitsuba_prosim.watch.turns import Turns
+from nbclient import NotebookClient
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "little.scn"
+    path.write_text(LITTLE)
+    return path
+
+
+def test_turns_never_run_at_the_same_time_and_hand_on_what_is_raised():
+    done = []
+
+    def work(pause):
+        for k in range(3):
+            done.append(k)
+            pause()
+        raise ValueError("enough")
+
+    turns = Turns(work)
+    assert done == []
+    for k in range(3):
+        assert turns.go_on() and done == list(range(k + 1))
+    with pytest.raises(ValueError, match="enough"):
+        turns.go_on()
+    assert not turns.go_on()
+
+
+@pytest.mark.slow
+def test_it_converges_while_other_things_are_done(variant_rgb, path):
+    scene = mi.load_dict(prosim_scene.load(path))
+
+    async def notebook():
+        view = mitsuba_prosim.show(scene)
+        turns = 0
+        while not view.task.done():
+            turns += 1
+            await asyncio.sleep(0)
+        return await view, turns
+
+    view, turns = asyncio.run(notebook())
+    assert turns > 2
+    assert np.array_equal(view.image, np.array(mi.render(scene)))
+    assert view.layers["samples"].max() == 4 and view.layers["error"].shape == (48, 64)
+
+    async def stopped():
+        view = mitsuba_prosim.show(path, spp=2**20)
+        while not view.layers:
+            await asyncio.sleep(0)
+        view.stop()
+        return await view
+
+    assert asyncio.run(stopped()).layers["samples"].max() < 2**20
+
+
+@pytest.mark.notebook
+def test_a_still_picture_stays_in_the_notebook(path):
+    cells = [
+        "import mitsuba as mi, mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
+        f"view = mitsuba_prosim.show({str(path)!r})",
+        "await view; view.image.shape",
+        f"mitsuba_prosim.show({str(path)!r}, integrator=mi.load_dict({{'type': 'path'}})).wait(); None",
+    ]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    NotebookClient(notebook, timeout=200).execute()
+    for cell in (notebook.cells[1], notebook.cells[3]):
+        (output,) = cell.outputs
+        assert base64.b64decode(output.data["image/png"]).startswith(b"\x89PNG")
+        assert "application/vnd.jupyter.widget-view+json" not in output.data
+    assert notebook.cells[2].outputs[0].data["text/plain"] == "(48, 64, 3)"

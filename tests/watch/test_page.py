@@ -1,0 +1,214 @@
+"""The page, driven in a browser."""
+
+import re
+import shutil
+import time
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from little import LITTLE
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")]
+
+LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser, address):
+    page = browser.new_page(viewport={"width": 1400, "height": 900})
+    said = []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(address)
+    is_(page, "done")
+    yield page
+    page.close()
+    assert said == []
+    assert all(url.startswith((address, "blob:", "data:")) for url in asked)
+
+
+def is_(page, doing):
+    """Waits until it is, and the newest picture is there to be seen."""
+    page.wait_for_selector(f"body[data-doing={doing}]", timeout=60000)
+    until(lambda: page.get_attribute("#own", "data-number") == page.get_attribute("body", "data-newest"))
+
+
+def shown(page, canvas="own"):
+    """The pixels of a canvas, shape (height, width, 3)."""
+    width, height, data = page.evaluate(
+        """id => { const c = document.getElementById(id);
+        return [c.width, c.height, [...c.getContext("2d").getImageData(0, 0, c.width, c.height).data]]; }""",
+        canvas,
+    )
+    return np.array(data).reshape(height, width, 4)[..., :3]
+
+
+def until(condition):
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end, "nothing came of it"
+        time.sleep(0.02)
+
+
+def save(page, scene, text, doing="done"):
+    """Saves as many editors do, by a new file that is renamed; waits until it is seen."""
+    before = page.get_attribute("#own", "data-number")
+    new = scene.with_name("little.scn.new")
+    new.write_text(text)
+    new.replace(scene)
+    if doing != "failed":
+        until(lambda: page.get_attribute("#own", "data-number") != before)
+    is_(page, doing)
+    until(lambda: page.evaluate("document.getElementById('own').width") == 64)
+
+
+def test_a_picture_as_the_png_has_it(page, address):
+    for stops in ("0", "-1"):
+        page.fill("#exposure", stops)
+        png = page.request.get(f"{address}save/png?exposure={stops}").body()
+        stream = mi.MemoryStream()
+        stream.write(png)
+        stream.seek(0)
+        assert np.abs(shown(page) - np.array(mi.Bitmap(stream)).astype(int)).max() <= 1
+    with page.expect_download() as download:
+        page.click("#exr")
+    assert download.value.suggested_filename == "little.exr"
+    exr = mi.Bitmap(str(download.value.path()))
+    assert {"R", "G", "B", "error.Y", "samples.Y"} <= {field.name for field in exr.struct_()}
+    assert exr.metadata()["prosim.scene"].endswith("little.scn")
+
+
+def test_values_layers_and_keys(page):
+    page.mouse.move(500, 400)
+    until(lambda: "SPHERE 0, SURFACE 0 (line 14)" in page.inner_text("#pixel"))
+    assert re.search(
+        r"\(\d+, \d+\) · RGB [\d.]+ [\d.]+ [\d.]+ · error [\d.e-]+ · \d samples", page.inner_text("#pixel")
+    )
+    picture = shown(page)
+    page.focus("input[value=final]")
+    page.keyboard.press("ArrowRight")  # the next radio button
+    until(lambda: page.get_attribute("#own", "data-layer") == "error")
+    assert not np.array_equal(shown(page), picture)
+    page.keyboard.press("ArrowRight")
+    until(lambda: page.get_attribute("#own", "data-layer") == "samples")
+    page.keyboard.press("Home")
+    page.check("input[value=final]", force=True)
+    until(lambda: np.array_equal(shown(page), picture))
+    fitted = page.locator("#picture").bounding_box()
+    page.focus("#stage")
+    page.keyboard.press("1")
+    assert page.locator("#picture").bounding_box()["width"] == 64
+    page.keyboard.press("+")
+    assert page.locator("#picture").bounding_box()["width"] == 80
+    x = page.locator("#picture").bounding_box()["x"]
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#picture").bounding_box()["x"] == x - 40
+    page.keyboard.press("0")
+    assert page.locator("#picture").bounding_box() == fitted
+    page.mouse.move(500, 400)
+    page.mouse.wheel(0, -300)
+    until(lambda: page.locator("#picture").bounding_box()["width"] > fitted["width"])
+    x = page.locator("#picture").bounding_box()["x"]
+    page.mouse.down()
+    page.mouse.move(530, 400)
+    page.mouse.up()
+    assert page.locator("#picture").bounding_box()["x"] == pytest.approx(x + 30)
+
+
+def test_saves_errors_and_a_second_page(page, browser, address, scene):
+    other = browser.new_page()
+    other.goto(address)
+    is_(other, "done")
+    red = shown(page)
+    save(page, scene, LITTLE.replace("kd", "kkd", 1), "failed")
+    assert "little.scn:14:25: unknown word 'kkd'" in page.inner_text("#error p")
+    quoted, caret = page.inner_text("#error pre").splitlines()
+    assert caret.index("^") == quoted.index("kkd")
+    assert np.array_equal(shown(page), red)
+    save(page, scene, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6"))
+    assert page.is_hidden("#error")
+    until(lambda: shown(page)[20, 30, 2] > shown(page)[20, 30, 0])
+    until(lambda: np.array_equal(shown(other), shown(page)))
+    other.close()
+    scene.unlink()
+    is_(page, "failed")
+    save(page, scene, LITTLE)
+    until(lambda: np.array_equal(shown(page), red))
+
+
+def test_stop_and_go_on(page, scene):
+    save(page, scene, LONG, "rendering")
+    page.click("#stop")
+    is_(page, "stopped")
+    number = page.get_attribute("#own", "data-number")
+    assert page.inner_text("#stop") == "Go on"
+    page.focus("#stop")
+    page.keyboard.press("Enter")
+    is_(page, "rendering")
+    until(lambda: page.get_attribute("#own", "data-number") != number)
+    save(page, scene, LITTLE)
+
+
+def test_camera_and_comparison(page):
+    home = shown(page)
+    page.focus("#camera")
+    page.keyboard.press("Space")
+    page.mouse.move(500, 400)
+    page.mouse.down()
+    page.mouse.move(560, 430)
+    page.mouse.up()
+    until(lambda: page.is_visible("#view") and page.inner_text("#text").startswith("VIEW"))
+    is_(page, "done")
+    until(lambda: not np.array_equal(shown(page), home) and shown(page).shape == home.shape)
+    text = page.inner_text("#text")
+    page.focus("#stage")
+    page.keyboard.press("ArrowRight")
+    until(lambda: page.inner_text("#text") != text)
+    page.click("#home")
+    until(lambda: page.is_hidden("#view") and np.array_equal(shown(page), home))
+    page.uncheck("#camera", force=True)
+    page.check("#compare", force=True)
+    until(lambda: page.is_visible("#path") and page.get_attribute("#path", "data-number") is not None)
+    until(lambda: shown(page, "path").shape == home.shape)
+    page.focus("#split")
+    page.keyboard.press("Home")
+    assert "0 0 0 0%" in (page.get_attribute("#path", "style") or "") or "inset(0px" in page.get_attribute(
+        "#path", "style"
+    )
+    page.uncheck("#compare", force=True)
+    until(lambda: page.is_hidden("#path"))
+
+
+def test_a_narrow_screen_and_contrast(page):
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        for size in ((390, 844), (1400, 900)):
+            page.set_viewport_size({"width": size[0], "height": size[1]})
+            assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+        ratios = page.evaluate(
+            """() => { const light = c => { const v = c.match(/[\\d.]+/g).slice(0, 3).map(x => x / 255)
+                .map(x => x <= .03928 ? x / 12.92 : ((x + .055) / 1.055) ** 2.4);
+                return .2126 * v[0] + .7152 * v[1] + .0722 * v[2]; };
+            const ground = e => { while (e) { const c = getComputedStyle(e).backgroundColor;
+                if (!/, 0\\)$/.test(c)) return c; e = e.parentElement; } return "rgb(255,255,255)"; };
+            return [...document.querySelectorAll("h1, #state, #pixel, button, .button, .group span, .slider, #error")]
+                .map(e => [light(getComputedStyle(e).color), light(ground(e))])
+                .map(([a, b]) => (Math.max(a, b) + .05) / (Math.min(a, b) + .05)); }"""
+        )
+        assert len(ratios) > 10 and min(ratios) >= 4.5
+    page.set_viewport_size({"width": 1400, "height": 900})

@@ -1,0 +1,219 @@
+"""The studio: what it shows after which wish."""
+
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from little import LITTLE
+from mitsuba_prosim import denoising
+from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+from mitsuba_prosim.watch.board import Board
+from mitsuba_prosim.watch.studio import Studio
+
+pytestmark = pytest.mark.slow
+
+RED, BLUE = LITTLE, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6")
+LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
+
+
+class Seen(Board):
+    """A board that keeps what was said on it."""
+
+    def __init__(self, state):
+        super().__init__(state)
+        self.said = []
+
+    def say(self, pictures=None, **changes):
+        super().say(pictures, **changes)
+        self.said.append((self.state, self.pictures))
+
+
+@contextmanager
+def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
+    """``opened`` is called when the scene has been read, and nobody knows it yet."""
+    monkeypatch.setattr("mitsuba_prosim.watch.studio.Board", Seen)
+
+    def opener():
+        file = SceneFile(path, tmp_path / "scratch")
+        scene = file.load()
+        opened()
+        return file, scene, pick_sensor(scene, 0)
+
+    studio = Studio(path, opener, **options)
+    thread = threading.Thread(target=studio.run)
+    thread.start()
+    try:
+        yield studio
+    finally:
+        studio.leave()
+        thread.join(30)
+        assert not thread.is_alive()
+
+
+def until(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "nothing came of it"
+        time.sleep(0.005)
+
+
+def final(studio, take="own"):
+    return studio.board.pictures[take].layers["final"]
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "little.scn"
+    path.write_text(RED)
+    return path
+
+
+def is_done(studio):
+    return lambda: studio.board.state.doing == "done"
+
+
+def save(studio, path, text):
+    """Saves, and waits until it is opened."""
+    path.write_text(text)
+    studio.saved()
+    saves = studio.board.state.saves
+    until(lambda: studio.board.state.saves != saves)
+
+
+def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch):
+    path.write_text(RED.replace("64 48", "200 150"))
+    with running(path, monkeypatch, tmp_path) as studio:
+        until(is_done(studio))
+        shown = list({p["own"].number: p["own"] for _, p in studio.board.said if "own" in p}.values())
+        assert shown[0].size[0] < 200 and set(shown[0].layers) == {"final"}
+        assert [p.size for p in shown[1:]] == [(200, 150)] * len(shown[1:]) and len(shown) > 2
+        assert shown[1].layers["samples"].mean() < shown[-1].layers["samples"].mean()
+        image = final(studio)
+    scene = SceneFile(path, tmp_path / "again").load()
+    assert np.array_equal(np.array(mi.render(scene)), image)
+
+
+def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
+    with running(path, monkeypatch, tmp_path) as studio:
+        until(is_done(studio))
+        red = final(studio)
+        assert red[20, 30, 0] > red[20, 30, 2]
+        save(studio, path, RED.replace("kd", "kkd", 1))
+        until(lambda: studio.board.state.doing == "failed")
+        error = studio.board.state.error
+        assert "little.scn:14:25: " in error and error.splitlines()[2].strip().startswith("^")
+        assert final(studio) is red
+        path.unlink()
+        studio.saved()
+        until(lambda: "No such file" in (studio.board.state.error or ""))
+        # In the midst of a wave, and many at once: what was saved last is what is seen.
+        save(studio, path, LONG)
+        until(lambda: studio.board.state.doing == "rendering" and studio.board.state.layers != ("final",))
+        for text in [RED, LONG] * 25 + [BLUE]:
+            path.write_text(text)
+            studio.saved()
+        until(lambda: studio.board.state.saves == 54 and is_done(studio)())
+        assert studio.board.state.error is None
+        assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
+
+
+def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
+    """Also where the view is another one; and a mistake takes no view away that was moved."""
+    studios = []
+
+    def opened():
+        if studios[0].board.state.saves == 0:
+            path.write_text(BLUE)
+            studios[0].saved()
+
+    def wait_for_studio():
+        until(lambda: studios)
+        opened()
+
+    with running(path, monkeypatch, tmp_path, wait_for_studio) as studio:
+        studios.append(studio)
+        until(lambda: studio.board.state.saves == 1 and is_done(studio)())
+        assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
+        studio.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: studio.board.state.view is not None and is_done(studio)())
+        view = studio.board.state.view
+        save(studio, path, BLUE.replace("kd", "kkd"))
+        save(studio, path, RED)
+        until(is_done(studio))
+        assert studio.board.state.view == view
+
+
+def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):
+    path.write_text(LONG)
+    with running(path, monkeypatch, tmp_path) as studio:
+        until(lambda: studio.board.state.layers == ("final", "error", "samples"))
+        studio.stop()
+        until(lambda: studio.board.state.doing == "stopped")
+        number = studio.board.pictures["own"].number
+        words = studio.errand(lambda subject: (subject.seen(30, 20), subject.seen(1, 1))).result(20)
+        assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
+        assert studio.board.pictures["own"].number == number and studio.board.state.doing == "stopped"
+        studio.stop(False)
+        until(lambda: studio.board.state.doing == "rendering")
+        save(studio, path, RED)
+        until(is_done(studio))
+        home = final(studio)
+        studio.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: studio.board.state.view is not None and is_done(studio)())
+        view, moved = studio.board.state.view, final(studio)
+        assert not np.allclose(moved, home, atol=0.05)
+        # The view that is written is what was seen; the scene's own is there again, to the bit.
+        begin, end = RED.index("VIEW"), RED.index("CSG-TREE")
+        save(studio, path, RED[:begin] + view + "\n" + RED[end:])
+        until(lambda: studio.board.state.view is None and is_done(studio)())
+        assert np.mean(np.abs(final(studio) - moved)) < 0.02
+        save(studio, path, RED)
+        until(lambda: is_done(studio)() and np.array_equal(final(studio), home))
+        studio.compare(True)
+        until(lambda: "path" in studio.board.pictures and is_done(studio)())
+        path_image = final(studio, "path")
+        assert np.array_equal(final(studio), home)
+        assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
+        # The sky, no source to prosim, lights the image of path, and is seen in it.
+        assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
+
+
+def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
+    """XML: ``path`` is put within ``prosim_adaptive``, all of its samples are taken; a crop window, a window sensor."""
+    xml = """<scene version="3.0.0"><integrator type="path"/>
+        <sensor type="SENSOR"><film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/>
+        <integer name="crop_width" value="8"/><integer name="crop_height" value="6"/><rfilter type="box"/></film>
+        <sampler type="independent"><integer name="sample_count" value="9"/></sampler></sensor>
+        <shape type="sphere" id="ball"><point name="center" x="0" y="0" z="5"/></shape>
+        <emitter type="constant"/></scene>"""
+    path = Path(tmp_path / "scene.xml")
+    for sensor in ("prosim_window", "perspective"):
+        path.write_text(xml.replace("SENSOR", sensor))
+        with running(path, monkeypatch, tmp_path) as studio:
+            until(is_done(studio))
+            state = studio.board.state
+            assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
+            before = final(studio)
+            assert studio.errand(lambda subject: subject.seen(7, 5)).result(20).startswith("Sphere ball, ")
+            studio.move(lambda camera: camera.panned(0.3, 0))
+            until(lambda studio=studio: studio.board.state.view is not None and is_done(studio)())
+            assert "<matrix" in studio.board.state.view
+            assert not np.array_equal(final(studio), before)
+
+
+def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch):
+    """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image."""
+    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
+    with running(path, monkeypatch, tmp_path, denoise=True) as studio:
+        until(is_done(studio))
+        shown = [p["own"] for _, p in studio.board.said if "own" in p]
+        assert any(set(p.layers) == {"final", "error", "samples"} for p in shown)
+        layers = studio.board.pictures["own"].layers
+    expected = denoising.render(SceneFile(path, tmp_path / "again").load())
+    for name in ("final", "raw", "denoised"):
+        assert np.array_equal(layers[name], getattr(expected, name)), name
+    assert np.array_equal(layers["error"], expected.final_error)

@@ -23,7 +23,7 @@ from ..saved.keeper import Keeper
 from ..scene_files import images, opening, rendering, session, writing
 from . import black, denoised, reached, tev
 from . import output as files
-from .helping import helping, pack
+from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
 from .log import log
@@ -42,6 +42,8 @@ class Made:
 
     said: str
     interrupted: bool
+    #: Why the cluster is there no more, if that has interrupted it.
+    lost: str | None
     keeper: Keeper | None
 
 
@@ -76,8 +78,9 @@ def make(
             if helpers is not None:
                 refuse_waves([str(helpers)], job.variant)
             parcel = pack(helpers, opened[0], opened[1].integrator(), job.sensor)
-        by = partial(helping, helpers, parcel, threads, warn)
-        with tev.beside(progress_bar, view, job.scene, opened[2].film(), warn) as bar:
+        beside = tev.beside(progress_bar, view, job.scene, opened[2].film(), warn)
+        with Helping(helpers, threads, warn) as helping, beside as bar:
+            by = partial(helping, parcel)
             made = render(job, opened, stem, begin, about if keep else None, part, denoise, bar=bar, by=by)
     click.echo(made.said)
     if made.interrupted:
@@ -153,7 +156,7 @@ def render(
         None if part else reached.sentence(integrator, interrupted, "the loss of the cluster" if lost else "a signal"),
         picture.said,
     ]
-    return Made("\n".join(filter(None, said)), interrupted, keeper)
+    return Made("\n".join(filter(None, said)), interrupted, lost, keeper)
 
 
 def take(

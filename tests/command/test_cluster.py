@@ -10,6 +10,7 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import OpenEXR
 import pytest
 from mitsuba_prosim import cluster
 from mitsuba_prosim.cluster import local, worker
@@ -86,6 +87,24 @@ def test_a_scene_travels_with_what_it_names(lamp, tmp_path):
         (moved / "lamp.xml").write_text(LAMP.replace("</scene>", picture.format(name)))
         with pytest.raises(ValueError, match=says):
             Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path))
+
+
+def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path):
+    (tmp_path / "skins").mkdir()
+    OpenEXR.File({}, {c: np.full((2, 2), 0.5, np.float32) for c in "RGB"}).write(str(tmp_path / "skins" / "a.7.exr"))
+    texture = '<texture name="reflectance" type="bitmap"><string name="filename" value="a.$frame.exr"/></texture>'
+    text = LAMP.replace("</scene>", f'<shape type="sphere"><bsdf type="diffuse">{texture}</bsdf></shape></scene>')
+    text = text.replace('<rgb name="radiance" value="9"/>', '<spectrum name="radiance" filename="skins/$kind.spd"/>')
+    lamp.write_text(text.replace("<sensor", '<path value="skins"/><default name="kind" value="lamp"/><sensor', 1))
+    keys = []
+    for line in "400 9\n700 9\n", "400 9\n700 8\n":
+        (tmp_path / "skins" / "lamp.spd").write_text(line)
+        parcel = Parcel.of(opening.SceneFile(lamp, tmp_path, definitions={"frame": "7"}))
+        assert set(parcel.contents) == {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
+        keys.append(parcel.key)
+    assert keys[0] != keys[1]
+    (tmp_path / "skins").rename(tmp_path / "gone")
+    assert len(parcel.load()[0].shapes()) == 3
 
 
 @pytest.mark.parametrize(

@@ -71,4 +71,5 @@ def travelling(file: opening.SceneFile) -> Iterator[tuple[Path, Path]]:
                 f"{file.path} names {name} by its place on this machine; a scene that is rendered by a cluster names "
                 "its files from its own folder on."
             )
-        yield Path(os.path.abspath(path if (name, path) in names else home / name)), path
+        place = Path(os.path.abspath(path))
+        yield place if place.is_relative_to(home) or (name, path) in names else home / name, path

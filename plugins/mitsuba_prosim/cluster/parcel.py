@@ -72,4 +72,6 @@ def travelling(file: opening.SceneFile) -> Iterator[tuple[Path, Path]]:
                 "its files from its own folder on."
             )
         place = Path(os.path.abspath(path))
-        yield place if place.is_relative_to(home) or (name, path) in names else home / name, path
+        if (name, path) not in names and not place.is_relative_to(home):
+            place = Path(os.path.abspath(home / name))
+        yield place, path

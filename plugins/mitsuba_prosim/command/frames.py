@@ -162,6 +162,7 @@ class Film:
             about = job.about(file) if self.keep else None
             if self.keep:
                 refuse_to_keep(scene.integrator())
+            sources = [path.resolve() for _, path in file.named_files()]
             parcel = pack(helping.helpers, file, scene.integrator(), job.sensor)
         begin = None if about is None or self.anew else unfinished(stem, about)
         facts = {DIGEST: made_of, "prosim.frame": str(number)}
@@ -175,6 +176,7 @@ class Film:
             frame=facts,
             bar=lambda *_: progress(scene, bar),
             by=partial(helping, parcel),
+            sources=sources,
         )
         if made.interrupted:
             return made.lost or INTERRUPTED

@@ -113,7 +113,7 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
         ("origin", text["origin"] | {"variant": "llvm_other"}, "llvm_other"),
         ("about", {}, "was not kept by prosim render"),
     ]:
-        header[files.ATTRIBUTE] = json.dumps(text | {name: value})
+        header |= files.attributes(text | {name: value})
         file.write(str(state))
         refused(says, "resume", state)
 

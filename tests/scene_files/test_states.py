@@ -48,7 +48,7 @@ def change(path, **values):
     """Another value of what a state says of itself."""
     file = OpenEXR.File(str(path), separate_channels=True)
     header = file.parts[0].header
-    header[files.ATTRIBUTE] = json.dumps(json.loads(header[files.ATTRIBUTE]) | values)
+    header |= files.attributes(json.loads(header[files.ATTRIBUTE]) | values)
     file.write(str(path))
 
 
@@ -76,6 +76,9 @@ def test_what_is_no_whole_state_is_refused(variant_rgb, tmp_path, capfd):
     place = content.rindex(np.uint32(0x7FC12345).tobytes())
     path.write_bytes(content[:place] + b"\0" + content[place + 1 :])
     with pytest.raises(saved.StateError, match="is damaged"):
+        saved.load(path)
+    path.write_bytes(content.replace(b'"seed": 0', b'"seed": 2'))
+    with pytest.raises(saved.StateError, match="is damaged: what it says of itself"):
         saved.load(path)
     OpenEXR.File({}, {"R": np.zeros((2, 2), np.float32)}).write(str(path))
     with pytest.raises(saved.StateError, match="no state of a render"):

@@ -17,8 +17,8 @@ from ..rendering.record import Record
 from ..scene_files import writing
 from . import origin
 
-#: Name of the attribute that holds all that is no pixels; and the number of this way to write it.
-ATTRIBUTE, FORMAT = "prosim.state", 2
+#: Names of the attributes that hold all that is no pixels, and the CRC-32 of this; the number of this way to write it.
+ATTRIBUTE, SUM, FORMAT = "prosim.state", "prosim.state.checksum", 3
 
 #: What there is one of for each of some pixels is folded into rows of so many.
 FOLD = 1024
@@ -61,11 +61,17 @@ def encode(record: Record) -> memoryview:
         if planes:
             header = {"type": OpenEXR.scanlineimage, "compression": compression, "displayWindow": window}
             if name == "pixels":
-                header |= {"dataWindow": window, ATTRIBUTE: json.dumps(text)}
+                header |= {"dataWindow": window, **attributes(text)}
             parts.append(OpenEXR.Part(header, {k: np.ascontiguousarray(v) for k, v in planes.items()}, name))
     file = io.BytesIO()
     OpenEXR.File(parts).write(file)
     return file.getbuffer()
+
+
+def attributes(text: Mapping[str, Any]) -> dict[str, str]:
+    """All that is no pixels, as attributes of the file."""
+    said = json.dumps(text)
+    return {ATTRIBUTE: said, SUM: str(zlib.crc32(said.encode()))}
 
 
 def about(path: str | Path) -> dict[str, Any]:
@@ -77,11 +83,15 @@ def about(path: str | Path) -> dict[str, Any]:
     size = path.stat().st_size  # whose error is kinder than OpenEXR's
     try:
         header = OpenEXR.File(str(path), header_only=True).parts[0].header
-        text: dict[str, Any] = json.loads(header[ATTRIBUTE])
-    except (RuntimeError, ValueError, KeyError):
+        said = header[ATTRIBUTE]
+        text: dict[str, Any] = json.loads(said)
+        number = text["format"]
+    except (RuntimeError, ValueError, KeyError, TypeError):
         raise StateError(f"{path} is no state of a render, or a part of one; what --keep and --part write is") from None
-    if text["format"] != FORMAT:
-        raise StateError(f"{path} was written in another way ({text['format']}) than this version's ({FORMAT})")
+    if number != FORMAT:
+        raise StateError(f"{path} was written in another way ({number}) than this version's ({FORMAT})")
+    if header.get(SUM) != str(zlib.crc32(said.encode())):
+        raise StateError(f"{path} is damaged: what it says of itself is not what was written")
     left, top, right, bottom = text["facts"]["known"]
     if text["facts"]["part"] is None and size < 4 * len(header["channels"]) * (right - left) * (bottom - top):
         raise StateError(f"{path} is not whole")

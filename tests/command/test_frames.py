@@ -134,6 +134,19 @@ def test_what_is_finished_is_kept_where_it_is_interrupted(film, monkeypatch, kee
         assert film.with_name("film" + name).read_bytes() == film.with_name("whole" + name).read_bytes()
 
 
+def test_a_scene_that_changes_meanwhile(film, monkeypatch):
+    take = making.take
+
+    def changing(*arguments):
+        film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
+        return take(*arguments)
+
+    monkeypatch.setattr(making, "take", changing)
+    done = prosim("render", film, "--frames", "1:4")
+    assert done.exit_code == 0 and done.stderr.count("was changed meanwhile: frame 2 is of what it says now") == 1
+    assert rendered(film, "--frames", "1:4") == (1, 2)
+
+
 def test_scenes_in_xml_have_frames_too(scene):
     scene.write_text(XML.replace("$radiance", "$time").replace('name="radiance" value="0.5"', 'name="time" value="9"'))
     assert rendered(scene, "--frames", "12:14", "--fps", 48) == (2, 0)

@@ -123,6 +123,7 @@ class Film:
         self.keep, self.denoise, self.anew = keep, denoise, anew
         self.kept = prosim_scene.Kept()
         self.made = self.left = 0
+        self.text = Path(job.scene).read_bytes()
         with wrong_input():
             self.names = opening.uses(job.scene, {**job.definitions, **definitions(0, fps)}, (FRAME, TIME))
             if not self.names and len(frames) > 1:
@@ -151,6 +152,7 @@ class Film:
         job, stem = of_frame(self.job, number, self.fps, self.names), path(self.stem, number)
         with wrong_input():
             file = job.file(folder, self.kept)
+            self.see_changes(number)
             made_of = digest(job, file, self.denoise)
             if not self.anew and is_there(stem, made_of):
                 self.left += 1
@@ -183,6 +185,16 @@ class Film:
         tqdm.write(made.said, file=sys.stderr)
         self.made += 1
         return None
+
+    def see_changes(self, number: int) -> None:
+        """Says so where the scene is another than at the frame before, which is as it was then."""
+        text = Path(self.job.scene).read_bytes()
+        if text != self.text:
+            self.text = text
+            warn(
+                f"{self.job.scene} was changed meanwhile: frame {number} is of what it says now, frames before it are "
+                "not; the same command renders these anew"
+            )
 
     def bar(self) -> tqdm:
         """The progress over all frames."""

@@ -51,9 +51,6 @@ SCENE = """<scene version="3.0.0">
 """
 
 
-pytestmark = pytest.mark.xdist_group("report")
-
-
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     """(page, facts, folder) of a comparison at tiny size."""

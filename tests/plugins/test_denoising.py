@@ -332,3 +332,55 @@ def test_films_without_colours_are_refused(variant_spectral):
     film = mi.load_dict({"type": "specfilm", "width": 4, "height": 4, "band": {"type": "d65"}})
     with pytest.raises(ValueError, match="take an hdrfilm"):
         halves.check(film)
+
+
+# ---------------------------------------------------------------- as an integrator
+
+
+def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb):
+    """To the bit, with alpha, in a crop, beside the nested integrator's own channels."""
+    needs_oidn()
+    scene = penumbra(type="prosim", samples=2, aovs="samples")
+    scene["sensor"]["film"] |= {
+        "pixel_format": "rgba", "crop_offset_x": 4, "crop_offset_y": 2, "crop_width": 24, "crop_height": 20,
+    }  # fmt: skip
+    whole = {**scene, "integrator": {"type": "prosim_denoised", "nested": scene["integrator"]}}
+    image = np.array(mi.render(loaded := mi.load_dict(whole), seed=3))
+    wanted = denoising.render(mi.load_dict(scene), seed=3)
+    names = [field.name for field in loaded.sensors()[0].film().bitmap().struct_()]
+    planes = dict(zip(names, np.moveaxis(image, 2, 0)))
+    for layer, expected in (("", wanted.final), ("raw.", wanted.raw), ("denoised.", wanted.denoised)):
+        np.testing.assert_array_equal(np.stack([planes[layer + c] for c in "RGB"], axis=2), expected)
+    for layer in ("error", "error_raw", "error_denoised"):
+        map_ = {"error": "final_error"}.get(layer, "_".join(reversed(layer.split("_"))))
+        np.testing.assert_array_equal(planes[layer + ".Y"], getattr(wanted, map_))
+    assert planes["A"].max() == 1 and np.all(planes["samples"] == 2) and image.shape[:2] == (20, 24)
+
+
+def test_the_integrator_denoises_a_luminance_film_and_refuses_others(variant_rgb):
+    needs_oidn()
+    scene = penumbra(type="prosim_denoised", nested={"type": "path"})
+    scene["sensor"]["film"]["pixel_format"] = "luminance"
+    image = np.array(mi.render(mi.load_dict(scene), spp=4))
+    plain = denoising.render(mi.load_dict({**scene, "integrator": {"type": "path"}}), spp=4)
+    np.testing.assert_allclose(image[..., 0], plain.final[..., 0], rtol=1e-5)
+    scene["sensor"]["film"]["pixel_format"] = "xyz"
+    scene = mi.load_dict(scene)
+    with pytest.raises(ValueError, match="its colours are X, Y, Z"):
+        scene.integrator().render(scene, spp=4)
+
+
+@pytest.mark.parametrize("nested", [{}, {"a": {"type": "ptracer"}}, {"a": {"type": "path"}, "b": {"type": "path"}}])
+def test_the_integrator_takes_one_that_samples(variant_rgb, nested):
+    with pytest.raises((ValueError, RuntimeError), match="takes samples from a sensor"):
+        mi.load_dict({"type": "prosim_denoised", **nested})
+
+
+def test_the_integrator_has_no_derivatives_and_is_not_nested(variant_rgb):
+    needs_oidn()
+    scene = mi.load_dict(penumbra(type="prosim_denoised", nested={"type": "path"}))
+    params = mi.traverse(scene)
+    with pytest.raises(RuntimeError, match="has no derivatives"):
+        scene.integrator().render_forward(scene, params)
+    with pytest.raises(RuntimeError, match="can't be nested"):
+        scene.integrator().sample(scene, scene.sensors()[0].sampler(), mi.RayDifferential3f())

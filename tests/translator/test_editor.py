@@ -3,7 +3,6 @@
 import json
 import random
 import re
-import time
 from pathlib import Path
 
 import prosim_scene
@@ -218,18 +217,15 @@ def large(count):
 
 
 @pytest.mark.slow
-def test_a_keystroke_in_a_long_scene_is_answered_at_once():
-    """10,000 lines: no more than a fifth of the time that the whole takes; on a machine at rest 40 to 60 ms."""
+def test_a_keystroke_in_a_long_scene_reads_one_statement_anew():
+    """Of 10,000 lines; on a machine at rest it takes 40 to 60 ms."""
     text = large(1250)
-    begun = time.process_time()
     reading = Reading(text)
     assert not judge(reading)[0]
-    whole = time.process_time() - begun
     for word in ("kd = ", "SCALE (", "position "):
         at = text.index(word, 0 if word == "position " else len(text) // 2) + len(word)
-        text = text[:at] + "1" + text[at:]
-        begun = time.process_time()
+        text = text[:at] + "0" + text[at:]
+        before = {id(unit) for unit in reading.units}
         reading.change(text)
-        found, _ = judge(reading)
-        assert time.process_time() - begun < whole / 5
-        assert len(found) <= 1
+        assert sum(id(unit) not in before for unit in reading.units) == 1 and len(reading.units) == len(before)
+        assert not judge(reading)[0]

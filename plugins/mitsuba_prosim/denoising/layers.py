@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mitsuba as mi
 import numpy as np
 
@@ -17,12 +19,38 @@ def bitmap(halves: Halves, denoised: Denoised) -> mi.Bitmap:
     planes = dict(zip(colours, np.moveaxis(denoised.final, 2, 0))) | halves.others()
     for layer, image in (("raw", denoised.raw), ("denoised", denoised.denoised)):
         planes |= {f"{layer}.{name}": plane for name, plane in zip(colours, np.moveaxis(image, 2, 0))}
-    planes |= {
+    planes |= errors(denoised)
+    return of_channels(planes)
+
+
+def put(halves: Halves, denoised: Denoised, film: mi.Film, names: Sequence[str]) -> None:
+    """Makes the final image what ``film`` holds, with the channels ``names`` beside it: the integrator's own, and those
+    layers. Raises ValueError where the film's colours are not R, G, B or one Y.
+    """
+    if halves.names[0] not in ("R", "Y"):
+        raise ValueError(
+            f"{film.class_name()}: its colours are {', '.join(halves.names[:3])}; take pixel_format rgb, rgba, "
+            "luminance or luminance_alpha to denoise"
+        )
+    planes = halves.others() | {"W": np.ones(denoised.raw_error.shape)}
+    for layer, image in (("", denoised.final), ("raw.", denoised.raw), ("denoised.", denoised.denoised)):
+        # Films store three colours, and make one of them in the end.
+        planes |= {f"{layer}{c}": image[..., k % image.shape[2]] for k, c in enumerate("RGB")}
+    planes |= errors(denoised)
+    alpha = ["A"] * bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
+    values = np.stack([planes[name] for name in (*"RGB", *alpha, "W", *names)], axis=2, dtype=np.float32)
+    film.prepare(names)
+    film.clear()
+    film.put_block(mi.ImageBlock(mi.TensorXf(values), mi.ScalarPoint2i(film.crop_offset()), border=False))
+
+
+def errors(denoised: Denoised) -> dict[str, np.ndarray]:
+    """The maps of errors as layers."""
+    return {
         "error.Y": denoised.final_error,
         "error_raw.Y": denoised.raw_error,
         "error_denoised.Y": denoised.denoised_error,
     }
-    return of_channels(planes)
 
 
 def undenoised(halves: Halves) -> mi.Bitmap:

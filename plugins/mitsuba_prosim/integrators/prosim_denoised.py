@@ -1,0 +1,115 @@
+"""Another integrator's image, denoised, as an integrator."""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+import drjit as dr
+import mitsuba as mi
+
+from ..parameters import describe, reject
+from ..registry import plugin
+
+#: The channels that tell of the denoised image, as :mod:`..denoising.layers` has them.
+LAYERS = (
+    *(f"{layer}.{colour}" for layer in ("raw", "denoised") for colour in "RGB"),
+    *("error.Y", "error_raw.Y", "error_denoised.Y"),
+)
+
+
+@plugin("integrator", "prosim_denoised")
+class ProsimDenoised(mi.SamplingIntegrator):
+    r"""
+    .. _integrator-prosim_denoised:
+
+    The denoised image of another integrator (:monosp:`prosim_denoised`)
+    --------------------------------------------------------------------
+
+    .. pluginparameters::
+
+     * - (Nested plugin)
+       - :paramtype:`integrator`
+       - What renders the image: :monosp:`prosim`, :monosp:`prosim_adaptive`, or any of Mitsuba's that take samples from
+         a sensor.
+
+     * - fast
+       - |bool|
+       - With smaller networks, several times as fast, for a first look (Default: |false|)
+
+    Renders two halves of the samples and follows Open Image Denoise as far as these agree, see :doc:`/denoising`. The
+    image is the final one; further channels have the :monosp:`raw` and the :monosp:`denoised` image, and the estimated
+    standard error of each pixel of the three: :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised`. What
+    :monosp:`noise` or :monosp:`time` of the nested integrator say is said of the raw image.
+
+    It is rendered as a whole: there are no derivatives (take those of the nested integrator), and it can't be nested in
+    another. It needs the package :monosp:`mitsuba-oidn`, which the extra :monosp:`denoise` brings.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <integrator type="prosim_denoised">
+                <integrator type="prosim">
+                    <integer name="samples" value="4"/>
+                </integrator>
+            </integrator>
+
+        .. code-tab:: python
+
+            'type': 'prosim_denoised',
+            'nested': {
+                'type': 'prosim',
+                'samples': 4
+            }
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        self.fast = props.get("fast", False)
+        nested = [child for _, child in props.objects()]
+        if len(nested) != 1 or not isinstance(nested[0], mi.SamplingIntegrator) or type(nested[0]) is type(self):
+            found = ", ".join(child.class_name() for child in nested) or "nothing"
+            raise reject(props, "integrator", found, "one that takes samples from a sensor: prosim or path, say")
+        (self.nested,) = nested
+
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
+
+    def aov_names(self) -> list[str]:
+        return [*self.nested.aov_names(), *LAYERS]
+
+    def cancel(self) -> None:
+        """Ends a rendering in progress; what was finished is not denoised."""
+        self.nested.cancel()
+
+    def to_string(self) -> str:
+        return describe(self, nested=self.nested, fast=self.fast)
+
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> mi.TensorXf:
+        # With the first image: few denoise, and what it takes is slow to load.
+        from ..denoising import halves, layers
+
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
+        both = halves.halves(scene, sensor, self.nested, seed, spp)
+        layers.put(both, both.denoised(self.fast), sensor.film(), self.aov_names())
+        return sensor.film().develop() if develop else mi.TensorXf()
+
+    def sample(self, *_: Any, **__: Any) -> NoReturn:
+        raise RuntimeError(
+            "prosim_denoised: a denoised image is one of all of its pixels, so it can't be nested in another "
+            "integrator; nest the other in it."
+        )
+
+    def render_forward(self, *_: Any, **__: Any) -> NoReturn:
+        raise RuntimeError("prosim_denoised: a denoised image has no derivatives; take those of the nested integrator.")
+
+    render_backward = render_forward

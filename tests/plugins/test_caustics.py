@@ -125,6 +125,7 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
 
 def test_the_command_asks_for_them_in_a_word():
     assert parameters(False, None, True) == {"caustics": True}
+    assert parameters(False, None, False) == {"caustics": False}
     assert parameters(False, None) == {}
 
 

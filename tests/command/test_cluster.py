@@ -7,15 +7,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
+import OpenEXR
 import pytest
 from mitsuba_prosim import cluster
-from mitsuba_prosim.cluster import local
+from mitsuba_prosim.cluster import local, worker
 from mitsuba_prosim.cluster.parcel import Parcel
+from mitsuba_prosim.command import making
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene_files import opening
 from running import names, prosim
+from test_frames import FILM
 from test_resume_and_merge import LAMP, alike
 
 LAMP = LAMP.replace('"32"', '"64"').replace('"24"', '"48"')
@@ -81,6 +85,24 @@ def test_a_scene_travels_with_what_it_names(lamp, tmp_path):
         (moved / "lamp.xml").write_text(LAMP.replace("</scene>", picture.format(name)))
         with pytest.raises(ValueError, match=says):
             Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path))
+
+
+def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path):
+    (tmp_path / "skins").mkdir()
+    OpenEXR.File({}, {c: np.full((2, 2), 0.5, np.float32) for c in "RGB"}).write(str(tmp_path / "skins" / "a.7.exr"))
+    texture = '<texture name="reflectance" type="bitmap"><string name="filename" value="a.$frame.exr"/></texture>'
+    text = LAMP.replace("</scene>", f'<shape type="sphere"><bsdf type="diffuse">{texture}</bsdf></shape></scene>')
+    text = text.replace('<rgb name="radiance" value="9"/>', '<spectrum name="radiance" filename="skins/$kind.spd"/>')
+    lamp.write_text(text.replace("<sensor", '<path value="skins"/><default name="kind" value="lamp"/><sensor', 1))
+    keys = []
+    for line in "400 9\n700 9\n", "400 9\n700 8\n":
+        (tmp_path / "skins" / "lamp.spd").write_text(line)
+        parcel = Parcel.of(opening.SceneFile(lamp, tmp_path, definitions={"frame": "7"}))
+        assert set(parcel.contents) == {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
+        keys.append(parcel.key)
+    assert keys[0] != keys[1]
+    (tmp_path / "skins").rename(tmp_path / "gone")
+    assert len(parcel.load()[0].shapes()) == 3
 
 
 @pytest.mark.parametrize(
@@ -159,6 +181,61 @@ def test_two_renders_on_one_cluster(client, lamp):
     assert images and all(np.array_equal(image, expected) for image in images)
     assert prosim("render", lamp, "--noise", 0.02, "--seed", 2, "-o", lamp.parent / "b").exit_code == 0
     assert alike(lamp.parent / "a", lamp.parent / "b")
+
+
+def watch_kernels(client, on):
+    """Begins or ends to note the kernels that workers launch."""
+    client.run(lambda: worker.hand().submit(dr.set_flag, dr.JitFlag.KernelHistory, on).result())
+
+
+def kernels(client):
+    """How many kernels each worker has launched since this was asked last, each once, but for trivial ones."""
+
+    def launched():
+        history = worker.hand().submit(dr.kernel_history).result()
+        return {one["hash"] for one in history if one["type"] == dr.KernelType.JIT and one["operation_count"] > 100}
+
+    return [len(hashes) for hashes in client.run(launched).values()]
+
+
+@pytest.mark.slow
+def test_a_film(client, lamp, monkeypatch):
+    """One client for all frames, which have the bytes of one process; workers compile for the first of them alone."""
+    film = lamp.with_name("film.scn")
+    film.write_text(FILM)
+    many, one = (["render", film, "--frames", "0:4", "-o", film.with_name(name)] for name in ("many", "one"))
+    many += ["--cluster", client.scheduler.address]
+    clients, scheduler, take = [], local.scheduler, making.take
+    monkeypatch.setattr(local, "scheduler", lambda address: clients.append(address) or scheduler(address))
+    frames = []
+
+    def ending(scene, sensor, job, denoise, tell, *others):
+        """Ctrl-C in the second frame; when that is begun anew, the scheduler goes away."""
+        frames.append(scene)
+        taker = scene.integrator().taker
+
+        def ended(_):
+            if len(frames) == 2:
+                os.kill(os.getpid(), signal.SIGINT)
+            elif len(frames) == 3:
+                taker.gone = "the scheduler has gone away"
+                taker.stop()
+
+        return take(scene, sensor, job, denoise, ended, *others)
+
+    watch_kernels(client, True)
+    with monkeypatch.context() as patch:
+        patch.setattr(making, "take", ending)
+        for why in ("frames rendered; interrupted", "rendered before; the scheduler has gone away"):
+            result = prosim(*many)
+            assert result.exit_code == 1 and f"{why}. The same command goes on" in result.stdout, result.output
+    kernels(client)
+    result = prosim(*many)
+    assert result.exit_code == 0 and "3 of 4 frames rendered, 1 had been rendered before" in result.stdout
+    assert len(clients) == len(frames) == 3 and max(kernels(client)) == 1
+    watch_kernels(client, False)
+    assert prosim(*one).exit_code == 0
+    assert all(alike(film.with_name(f"many.000{n}.exr"), film.with_name(f"one.000{n}.exr")) for n in range(4))
 
 
 #: A cluster in a process of its own, which says where it is.

@@ -163,7 +163,7 @@ def test_a_wrong_frame_is_named_and_those_before_it_are_kept(film):
         (["--frames", "0:3", "-D", "frame=3"], "-D frame=... and --frames both say what $frame stands for"),
         (["--frames", "0:3", "--part", "1/2"], "--part is for single images"),
         (["--frames", "0:3", "-o", "turn.%04d.exr"], "frames number themselves, such as name.0007.exr"),
-        (["--frames", "0:3", "--workers", "2"], "a film is rendered by one process"),
+        (["--frames", "0:3", "--workers", "2", "-m", "scalar_rgb"], "--workers: scalar_rgb"),
         (["--fps", "3"], "--fps is for films"),
         (["--anew"], "--anew is for films"),
         (["-D", "turn=3"], "nothing in the scene says $turn"),

@@ -2,11 +2,14 @@
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 
+import mitsuba as mi
+import numpy as np
 import OpenEXR
 import pytest
 from mitsuba_prosim.command import making, output
@@ -50,6 +53,25 @@ def test_the_scene_is_not_overwritten(palito):
     scene = palito.rename(palito.with_name("listing.png"))
     done = prosim("render", scene)
     assert done.exit_code == 2 and "is the scene itself" in done.stderr
+
+
+def test_nothing_that_the_image_is_made_of_is_overwritten(palito, variant_rgb):
+    """A picture under the scene's own name; a part, and a state, under that of the image."""
+    sky = palito.with_name("listing.png")
+    mi.Bitmap(np.full((2, 4, 3), 9, np.uint8)).write(str(sky))
+    before = sky.read_bytes()
+    palito.write_text(re.sub("(BACKGROUND:.*) NULL", r"\1 listing.png", palito.read_text()))
+    options = ["--resolution", "16x16", "--samples", 1]
+    done = prosim("render", palito, *options)
+    assert done.exit_code == 2 and f"{sky} is what the image is made of" in done.stderr and sky.read_bytes() == before
+    assert prosim("render", palito, *options, "--part", "1/1").exit_code == 0
+    assert prosim("render", palito, *options, "--keep", "-o", palito.with_name("kept")).exit_code == 0
+    for command, name in ("merge", "listing.1-of-1.exr"), ("resume", "kept.state.exr"):
+        path = palito.with_name(name)
+        before = path.read_bytes()
+        done = prosim(command, path, "-o", path)
+        assert done.exit_code == 2 and f"{path} is what the image is made of" in done.stderr
+        assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -165,19 +165,23 @@ def test_a_state_is_written_every_few_seconds_and_seldom_where_that_takes_long(t
 def test_the_digest_is_that_of_the_content(variant_rgb, tmp_path):
     """Of the text and of all that it names, wherever these lie; comments have no say."""
 
-    def made(folder, text="", colour=1.0, name="picture.exr"):
+    def made(folder, text="", colour=1.0, name="picture.exr", said=None, **definitions):
         folder.mkdir()
         OpenEXR.File({}, {c: np.full((2, 2), colour, np.float32) for c in "RGB"}).write(str(folder / name))
         (folder / "more.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
         (folder / "scene.xml").write_text(
             '<scene version="3.0.0"><default name="x" value="1"/><include filename="more.xml"/><emitter type="envmap">'
-            f'<string name="filename" value="{name}"/></emitter></scene>'
+            f'<string name="filename" value="{said or name}"/></emitter></scene>'
         )
-        return opening.SceneFile(folder / "scene.xml", folder).digest()
+        file = opening.SceneFile(folder / "scene.xml", folder, definitions=definitions)
+        assert name in dict(file.named_files())
+        return file.digest()
 
     first = made(tmp_path / "a")
     assert made(tmp_path / "b") == first == made(tmp_path / "c", "<!-- nothing -->")
     assert made(tmp_path / "d", name=str(tmp_path / "another.exr")) == first
     assert made(tmp_path / "e", colour=0.5) != first
     assert made(tmp_path / "f", '<emitter type="constant"/>') != first
+    named = {"name": "sky.7.exr", "said": "sky.$x.exr", "x": "7"}
+    assert made(tmp_path / "g", **named) == made(tmp_path / "h", **named) != made(tmp_path / "i", **named, colour=0.5)
     assert digest.COMMENT.sub(b"", b"a<!-- b -->c<!---->d") == b"acd"

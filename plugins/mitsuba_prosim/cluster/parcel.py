@@ -71,4 +71,7 @@ def travelling(file: opening.SceneFile) -> Iterator[tuple[Path, Path]]:
                 f"{file.path} names {name} by its place on this machine; a scene that is rendered by a cluster names "
                 "its files from its own folder on."
             )
-        yield Path(os.path.abspath(path if (name, path) in names else home / name)), path
+        place = Path(os.path.abspath(path))
+        if (name, path) not in names and not place.is_relative_to(home):
+            place = Path(os.path.abspath(home / name))
+        yield place, path

@@ -49,6 +49,7 @@ class Remote:
 
     def __init__(self, client: distributed.Client, parcel: Parcel, say: Callable[[str], None] = lambda _: None) -> None:
         self.client, self.parcel, self.say = client, parcel, say
+        self.before: str | None = None  # key of the scene before this one
         self.variant, self.ours = mi.variant() or "", origin.here()
         self.fleet = Fleet()
         #: Why the cluster is there no more; and what is called then.
@@ -67,6 +68,17 @@ class Remote:
         self.warned: set[str] = set()
         self.address = getattr(client.scheduler, "address", "of the cluster")
         self.watch = self._begin(self._watch())
+
+    def turn_to(self, parcel: Parcel) -> None:
+        """Goes on with another scene, between two images. Of its files the workers are sent what they have not got."""
+        self.before = self.parcel.key if self.parcel.key != parcel.key else self.before
+        self.parcel, self.fallen, self.since = parcel, 0, time.perf_counter()
+        self.refused.clear()  # who could not take part is asked again
+        for key in set(self.contents) - {content_key(content) for content in parcel.contents.values()}:
+            self.contents.pop(key).release()
+        for address in list(self.fleet.workers):
+            self.fleet.remove(address)
+            self._join(address)
 
     def close(self) -> None:
         """Lets the workers go; they keep the scene for the next time."""
@@ -218,7 +230,7 @@ class Remote:
         if not greeting.loaded:
             futures = [self._travelling(content) for content in self.parcel.contents.values()]
             bare, names = replace(self.parcel, contents={}), list(self.parcel.contents)
-            loading = self._submit(address, worker.load, self.variant, bare, names, *futures)
+            loading = self._submit(address, worker.load, self.variant, bare, self.before, names, *futures)
             if address in self.joining:
                 self.joining[address].append(loading)
             if isinstance(error := await self._outcome(loading), BaseException):
@@ -227,7 +239,7 @@ class Remote:
 
     def _travelling(self, content: bytes) -> distributed.Future:
         """A file's content, which the workers pass on to each other."""
-        key = f"prosim-{hashlib.sha256(content).hexdigest()}"
+        key = content_key(content)
         if key not in self.contents:
             self.contents[key] = self._submit(None, bytes, content, key=key)
         return self.contents[key]
@@ -240,7 +252,7 @@ class Remote:
                 self.fallen += 1
             else:
                 self.refused[address] = f"{address}: {said(greeting)}"
-                self.say(f"a worker can't take part, {self.refused[address]}")
+                self._warn_once(f"a worker can't take part, {self.refused[address]}")
             return
         self.fleet.workers[address] = Worker(address, greeting.threads)
         if different := origin.differences(greeting.origin, self.ours, origin.CLOSE):
@@ -297,6 +309,11 @@ class Remote:
         finally:
             if release:
                 future.release()
+
+
+def content_key(content: bytes) -> str:
+    """Name of a file's content among what Dask keeps."""
+    return f"prosim-{hashlib.sha256(content).hexdigest()}"
 
 
 def lost(error: BaseException) -> bool:

@@ -6,6 +6,7 @@ was given, and two renders take turns.
 
 from __future__ import annotations
 
+import gc
 import time
 import warnings
 from collections import OrderedDict
@@ -99,11 +100,16 @@ def greet(variant: str, key: str) -> Greeting:
     return hand().submit(greeted).result()
 
 
-def load(variant: str, parcel: Parcel, names: list[str], *contents: bytes) -> None:
-    """Loads a scene, of which the ``contents`` by ``names`` are not in the ``parcel`` itself."""
+def load(variant: str, parcel: Parcel, before: str | None, names: list[str], *contents: bytes) -> None:
+    """Loads a scene, of which the ``contents`` by ``names`` are not in the ``parcel`` itself. ``before``: key of one
+    that is needed no more, so that this one has its place, and its kernels: their code goes by where things lie in
+    Dr.Jit's tables.
+    """
 
     def loaded() -> Loaded:
         choose(variant)
+        scenes.pop((variant, before or ""), None)
+        gc.collect()  # scenes go round in circles
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # who asks has seen them
             whole = Parcel(parcel.key, parcel.main, dict(zip(names, contents)), parcel.changes, parcel.sensor)
@@ -138,11 +144,11 @@ def planned(said: tuple[Any, ...]) -> tuple[Plan, Any]:
 
 
 def recent(kept: OrderedDict, key: Any, make: Callable[[], Any], most: int) -> Any:
-    """What is ``kept`` under ``key``, or is made; the ones that were used longest ago make room."""
+    """What is ``kept`` under ``key``, or is made; before, the ones that were used longest ago make room."""
     if key not in kept:
-        kept[key] = make()
-        while len(kept) > most:
+        while len(kept) >= most:
             kept.popitem(last=False)
+        kept[key] = make()
     kept.move_to_end(key)
     return kept[key]
 

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +24,18 @@ from .. import saved
 from ..rendering.record import Record
 from ..saved import origin
 from ..scene_files import opening, rendering, session, writing
+from .helping import Helping, pack
 from .job import Job
 from .log import log
-from .making import STATE, refuse_to_keep
+from .making import STATE, refuse_to_keep, refuse_waves, warn
 from .making import render as render_image
-from .options import wrong_input
+from .options import Helpers, wrong_input
 
 #: What a frame's EXR says of what it was made of; see :func:`digest`.
 DIGEST = "prosim.digest"
+
+#: What is said of a film that was ended by a signal.
+INTERRUPTED = "interrupted"
 
 #: Beyond this a film is a mistake: an hour and a half at 24 frames a second.
 LAST = 2**17
@@ -126,22 +131,23 @@ class Film:
                     f"such as {{360 * ${FRAME} / {len(frames)}}}"
                 )
 
-    def render(self, threads: int | None, verbose: int) -> bool:
-        """Renders what is missing; whether it was interrupted."""
-        with log(verbose), session.threads(threads), writing.scratch() as folder, self.bar() as bar:
+    def render(self, threads: int | None, verbose: int, helpers: Helpers | None = None) -> str | None:
+        """Renders what is missing, or lets ``helpers`` do so; returns by what it was interrupted, in words."""
+        helping = Helping(helpers, threads, warn)
+        with log(verbose), session.threads(threads), writing.scratch() as folder, helping, self.bar() as bar:
             for number in self.frames:
                 bar.set_description_str(f"frame {number}")
                 try:
-                    if self.frame(number, folder, bar):
-                        return True
+                    if interruption := self.frame(number, folder, helping, bar):
+                        return interruption
                 except KeyboardInterrupt:
-                    return True
+                    return INTERRUPTED
                 except click.ClickException as error:
                     raise type(error)(f"frame {number}: {error.message}") from None
-        return False
+        return None
 
-    def frame(self, number: int, folder: Path, bar: tqdm) -> bool:
-        """Renders one frame, if need be; whether it was interrupted."""
+    def frame(self, number: int, folder: Path, helping: Helping, bar: tqdm) -> str | None:
+        """Renders one frame, if need be; returns by what it was interrupted, in words."""
         job, stem = of_frame(self.job, number, self.fps, self.names), path(self.stem, number)
         with wrong_input():
             file = job.file(folder, self.kept)
@@ -150,21 +156,33 @@ class Film:
                 self.left += 1
                 bar.total -= 100
                 bar.refresh()
-                return False
+                return None
             scene = file.load()
             opened = file, scene, opening.pick_sensor(scene, job.sensor)
             about = job.about(file) if self.keep else None
             if self.keep:
                 refuse_to_keep(scene.integrator())
+            sources = [path.resolve() for _, path in file.named_files()]
+            parcel = pack(helping.helpers, file, scene.integrator(), job.sensor)
         begin = None if about is None or self.anew else unfinished(stem, about)
         facts = {DIGEST: made_of, "prosim.frame": str(number)}
         made = render_image(
-            job, opened, stem, begin, about, denoise=self.denoise, frame=facts, bar=lambda *_: progress(scene, bar)
+            job,
+            opened,
+            stem,
+            begin,
+            about,
+            denoise=self.denoise,
+            frame=facts,
+            bar=lambda *_: progress(scene, bar),
+            by=partial(helping, parcel),
+            sources=sources,
         )
-        if not made.interrupted:
-            tqdm.write(made.said, file=sys.stderr)
-            self.made += 1
-        return made.interrupted
+        if made.interrupted:
+            return made.lost or INTERRUPTED
+        tqdm.write(made.said, file=sys.stderr)
+        self.made += 1
+        return None
 
     def bar(self) -> tqdm:
         """The progress over all frames."""
@@ -202,6 +220,7 @@ def render(
     keep: bool,
     denoise: bool,
     anew: bool,
+    helpers: Helpers | None = None,
 ) -> None:
     """Renders the frames of ``job`` and says what was done; ends the process where it was interrupted.
 
@@ -209,6 +228,8 @@ def render(
     """
     if given := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(given)}=... and --frames both say what ${min(given)} stands for; give one.")
+    if helpers is not None:
+        refuse_waves([str(helpers)], job.variant)
     if "%" in stem.name:
         raise click.BadParameter(
             f"{stem.name!r}: frames number themselves, such as name.0007.exr; give the name alone.", param_hint="-o"
@@ -216,8 +237,8 @@ def render(
     with warnings.catch_warnings():
         warnings.simplefilter("once", prosim_scene.SceneWarning)  # not for every frame
         film = Film(job, stem, frames, fps or FPS, keep, denoise, anew)
-        interrupted = film.render(threads, verbose)
-    if interrupted:
-        click.echo(f"{film.said()}; interrupted. The same command goes on with the others.")
+        interruption = film.render(threads, verbose, helpers)
+    if interruption:
+        click.echo(f"{film.said()}; {interruption}. The same command goes on with the others.")
         sys.exit(1)
     click.echo(film.said())

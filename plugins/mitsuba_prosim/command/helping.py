@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -40,26 +40,51 @@ def pack(helpers: Helpers | None, file: opening.SceneFile, integrator: mi.Integr
     return Parcel.of(file, sensor)
 
 
-@contextmanager
-def helping(
-    helpers: Helpers | None, parcel: Parcel | None, threads: int | None, say: Callable[[str], None], integrator: Any
-) -> Iterator[Remote | None]:
-    """Lets ``helpers`` take the samples of ``integrator``, for a while. ``threads``: of all on this
-    machine; ``say``: is told what is wrong with some of them. Raises ClickException.
+class Helping:
+    """What lets ``helpers`` take samples: their cluster, from the first image that they are needed for until the end.
+    ``threads``: of all on this machine; ``say``: is told what is wrong with some of them.
     """
-    if helpers is None or parcel is None:
-        yield None
-        return
-    from ..cluster import local
-    from ..cluster.remote import ClusterError, Remote
 
-    there = local.scheduler(helpers.cluster) if helpers.cluster else local.workers(helpers.workers or 1, threads)
-    try:
-        with there as client, Remote(client, parcel, say) as taker:
+    def __init__(self, helpers: Helpers | None, threads: int | None, say: Callable[[str], None]) -> None:
+        self.helpers, self.threads, self.say = helpers, threads, say
+        self.until = ExitStack()
+        self.taker: Remote | None = None
+
+    def __enter__(self) -> Helping:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.until.close()
+
+    @contextmanager
+    def __call__(self, parcel: Parcel | None, integrator: Any) -> Iterator[Remote | None]:
+        """Lets them take the samples of ``integrator``, whose scene is ``parcel``, for a while; this process does it
+        where that is None. Raises ClickException.
+        """
+        if self.helpers is None or parcel is None:
+            yield None
+            return
+        from ..cluster.remote import ClusterError
+
+        try:
+            taker = self._turned_to(self.helpers, parcel)
             integrator.taker, taker.stop = taker, integrator.cancel
             try:
                 yield taker
             finally:
-                integrator.taker = None
-    except ClusterError as error:
-        raise click.ClickException(str(error)) from None
+                integrator.taker, taker.stop = None, lambda: None
+        except ClusterError as error:
+            raise click.ClickException(str(error)) from None
+
+    def _turned_to(self, helpers: Helpers, parcel: Parcel) -> Remote:
+        if self.taker is not None:
+            self.taker.turn_to(parcel)
+            return self.taker
+        from ..cluster import local
+        from ..cluster.remote import Remote
+
+        there = (
+            local.scheduler(helpers.cluster) if helpers.cluster else local.workers(helpers.workers or 1, self.threads)
+        )
+        self.taker = self.until.enter_context(Remote(self.until.enter_context(there), parcel, self.say))
+        return self.taker

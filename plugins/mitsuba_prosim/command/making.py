@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +23,7 @@ from ..saved.keeper import Keeper
 from ..scene_files import images, opening, rendering, session, writing
 from . import black, denoised, reached, tev
 from . import output as files
-from .helping import helping, pack
+from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
 from .log import log
@@ -42,6 +42,8 @@ class Made:
 
     said: str
     interrupted: bool
+    #: Why the cluster is there no more, if that has interrupted it.
+    lost: str | None
     keeper: Keeper | None
 
 
@@ -56,6 +58,7 @@ def make(
     denoise: bool = False,
     helpers: Helpers | None = None,
     view: tuple[str, int] | None = None,
+    sources: Collection[Path] = (),
 ) -> None:
     """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
 
@@ -63,7 +66,8 @@ def make(
     write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
     which the state is all that is written; ``denoise``: whether the image is denoised, where none of these is asked
     for; ``helpers``: who takes the samples, if not this process; ``view``: where the viewer tev is, if it shows the
-    image. Raises InputError, where nothing has been written, and ClickException; ends the process where it was
+    image; ``sources``: the files of ``begin``, which no image may overwrite.
+    Raises InputError, where nothing has been written, and ClickException; ends the process where it was
     interrupted.
     """
     with log(verbose), session.threads(threads):
@@ -75,10 +79,13 @@ def make(
             refuse_another_scene(job, begin, about)
             if helpers is not None:
                 refuse_waves([str(helpers)], job.variant)
+            sources = [*sources, *(path.resolve() for _, path in opened[0].named_files())]
             parcel = pack(helpers, opened[0], opened[1].integrator(), job.sensor)
-        by = partial(helping, helpers, parcel, threads, warn)
-        with tev.beside(progress_bar, view, job.scene, opened[2].film(), warn) as bar:
-            made = render(job, opened, stem, begin, about if keep else None, part, denoise, bar=bar, by=by)
+        beside = tev.beside(progress_bar, view, job.scene, opened[2].film(), warn)
+        with Helping(helpers, threads, warn) as helping, beside as bar:
+            by = partial(helping, parcel)
+            kept = about if keep else None
+            made = render(job, opened, stem, begin, kept, part, denoise, bar=bar, by=by, sources=sources)
     click.echo(made.said)
     if made.interrupted:
         if made.keeper is not None:
@@ -97,12 +104,14 @@ def render(
     frame: Mapping[str, str] | None = None,
     bar: Callable[[mi.Integrator, str], AbstractContextManager[Callable[[float], None] | None]] | None = None,
     by: Callable[[mi.Integrator], AbstractContextManager[Remote | None]] = lambda _: nullcontext(),
+    sources: Collection[Path] = (),
 ) -> Made:
     """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does.
 
     ``keep``: what the state says that it is about, where it is kept; ``frame``: further metadata of a frame of a film,
     whose image is written only if it is finished; ``bar``: what shows the progress, in the place of
-    :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while.
+    :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while; ``sources``: files
+    that no image may overwrite.
     """
     file, loaded, chosen = opened
     width, height = chosen.film().crop_size()
@@ -116,6 +125,7 @@ def render(
         suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film(), part)
         keeper = Keeper(stem.with_name(stem.name + state), keep, warn)
     files.check(Path(job.scene), stem, suffixes, size)
+    files.spare(sources, "what the image is made of", stem, () if part else SUFFIXES)
 
     with by(integrator) as taker, interruptible(integrator.cancel) as signals:
         start = perf_counter()
@@ -153,7 +163,7 @@ def render(
         None if part else reached.sentence(integrator, interrupted, "the loss of the cluster" if lost else "a signal"),
         picture.said,
     ]
-    return Made("\n".join(filter(None, said)), interrupted, keeper)
+    return Made("\n".join(filter(None, said)), interrupted, lost, keeper)
 
 
 def take(

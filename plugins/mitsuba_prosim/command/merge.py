@@ -45,4 +45,4 @@ def merge(
     All parts have to be there, each once, in any order. Nothing is rendered.
     """
     record, job = opened(parts[0], scene, exposure, lambda: saved.merge(parts))
-    make(job, files.stem(output, named(parts[0]), SUFFIXES), threads, verbose, record, keep)
+    make(job, files.stem(output, named(parts[0]), SUFFIXES), threads, verbose, record, keep, sources=parts)

@@ -180,8 +180,6 @@ def helped(command: Callable) -> Callable:
             )
         if (cluster or workers) and options.get("part"):
             raise click.UsageError("--part is for processes that know nothing of each other; leave it to the cluster.")
-        if (cluster or workers) and options.get("frames"):
-            raise click.UsageError("a film is rendered by one process; leave --frames, --cluster or --workers out.")
         return command(helpers=Helpers(cluster, workers) if cluster or workers else None, **options)
 
     cluster = click.option(

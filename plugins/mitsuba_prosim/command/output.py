@@ -1,7 +1,7 @@
 """Where a command writes, seen to before the work, and what it does if that fails all the same."""
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 import click
@@ -61,9 +61,16 @@ def check(scene: Path, stem: Path, suffixes: Collection[str], size: int) -> None
         writing.check(paths, size)
     except OSError as error:
         raise InputError(f"the result can't be written: {said(error)}. Choose another place with -o.") from None
-    for path in paths:
-        if path.exists() and path.samefile(scene):
-            raise InputError(f"{path} is the scene itself; choose another name with -o.")
+    spare([scene], "the scene itself", stem, suffixes)
+
+
+def spare(needed: Iterable[Path], what: str, stem: Path, suffixes: Collection[str]) -> None:
+    """Raises InputError if files that are ``needed`` would be overwritten; ``what``: they are, in words."""
+    paths = [path for suffix in suffixes if (path := stem.with_name(stem.name + suffix)).exists()]
+    for other in needed if paths else ():
+        for path in paths:
+            if other.exists() and path.samefile(other):
+                raise InputError(f"{path} is {what}; choose another name with -o.")
 
 
 def save(stem: Path, contents: Mapping[str, bytes | memoryview]) -> list[Path]:

@@ -229,7 +229,7 @@ def render(
         exposure=exposure,
     )
     if frames is not None:
-        film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew)
+        film.render(job, stem, frames, fps, threads, verbose, keep, denoise, anew, helpers)
     else:
         kept = keep or part is not None
         make(job, stem, threads, verbose, keep=kept, part=part, denoise=denoise, helpers=helpers, view=view)

@@ -88,7 +88,7 @@ def resume(
     if record.part and helpers:
         raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})
-    make(job, stem, threads, verbose, record, keep=True, part=record.part, helpers=helpers)
+    make(job, stem, threads, verbose, record, keep=True, part=record.part, helpers=helpers, sources=[state])
 
 
 def opened(

@@ -75,8 +75,9 @@ class SceneFile:
             "samples": samples,
             "integrator": dict(integrator or {}),
         }
-        with self._search_paths():
+        with session.search_paths(first=[self.xml.parent, self.path.parent]):
             self.state = parse(self.xml, self.definitions if self.xml is self.path else {})
+            self._resolver = mi.file_resolver()  # knows the scene's own <path> as well
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
@@ -90,12 +91,12 @@ class SceneFile:
     def digest(self) -> str:
         """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
         with self._search_paths():
-            return digest(self.state)
+            return digest(self.state, self.changes["definitions"])
 
     def named_files(self) -> list[tuple[str, Path]]:
         """The files that the scene names, each as it is named; see :func:`.digest.named_files`."""
         with self._search_paths():
-            return list(named_files(self.state))
+            return list(named_files(self.state, self.changes["definitions"]))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""
@@ -144,7 +145,7 @@ class SceneFile:
                     )
 
     def _search_paths(self):
-        return session.search_paths(first=[self.xml.parent, self.path.parent])
+        return session.resolving(self._resolver)
 
 
 def check_size(width: int, height: int) -> None:

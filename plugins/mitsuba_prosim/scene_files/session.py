@@ -74,12 +74,19 @@ def message(error: BaseException) -> str:
 @contextmanager
 def search_paths(first: Iterable[str | Path] = (), last: Iterable[str | Path] = ()) -> Iterator[None]:
     """Adds folders to both ends of Mitsuba's search path, for a while."""
-    before = mi.file_resolver()
-    resolver = mi.FileResolver(before)
+    resolver = mi.FileResolver(mi.file_resolver())
     for path in reversed(list(first)):
         resolver.prepend(str(path))
     for path in last:
         resolver.append(str(path))
+    with resolving(resolver):
+        yield
+
+
+@contextmanager
+def resolving(resolver: mi.FileResolver) -> Iterator[None]:
+    """Looks for files by another search path, for a while."""
+    before = mi.file_resolver()
     mi.set_file_resolver(resolver)
     try:
         yield

@@ -60,6 +60,7 @@ RENDERED = {
     "5.18-path": partial(scenes.render_path, "caustica", spp=1024),
     "6-absorcao": partial(scenes.render, "garrafas"),
     "6-dispersao": partial(scenes.render, "prisma"),
+    "6-lente": partial(scenes.render, "lupa"),
     "palito": partial(scenes.render, "palito"),
 }
 

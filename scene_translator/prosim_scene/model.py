@@ -122,6 +122,7 @@ class Scene:
     max_level: int = 3
     samples: int = 5
     shadows: bool = True
+    caustics: bool = False
     air_index: float = 1.0
     ambient: Vector = (0.0, 0.0, 0.0)
     lights: tuple[Light, ...] = ()

@@ -25,8 +25,6 @@ from test_resume_and_merge import LAMP, alike
 LAMP = LAMP.replace('"32"', '"64"').replace('"24"', '"48"')
 NOISE = {"noise": 0.007, "max_samples": 400}
 
-pytestmark = pytest.mark.xdist_group("cluster")
-
 
 @pytest.fixture(scope="module")
 def client():

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.compare import measures, runs
+from mitsuba_prosim.compare import facts, measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
 from mitsuba_prosim.scene_files.opening import SceneFile
 from prosim_start.group import prosim
@@ -49,9 +49,6 @@ SCENE = """<scene version="3.0.0">
     </shape>
 </scene>
 """
-
-
-pytestmark = pytest.mark.xdist_group("report")
 
 
 @pytest.fixture(scope="module")
@@ -198,6 +195,18 @@ def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
         reference = runs.reference(tmp_path, transport, pair, 0)
         assert 0.6 < reference.disagreement < 1.5
         assert abs(reference.mean_difference) < 10  # Student's t, two degrees of freedom: 1 %
+
+
+@pytest.mark.slow
+def test_caustics_that_a_scene_asks_for_are_not_left_out(tmp_path, variant_rgb):
+    path = tmp_path / "little.xml"
+    path.write_text(
+        SCENE.replace('<integer name="samples"', '<boolean name="caustics" value="true"/><integer name="samples"')
+    )
+    scene = FileScene(SceneFile(path, tmp_path))
+    image = np.ones((12, 16, 3))
+    difference, _ = facts.difference(scene, Spec("prosim,caustic_photons=64"), image, image, 1.0)
+    assert difference["effects"]["caustics"] is False and difference["effects"]["interreflection"] is True
 
 
 def test_references_are_kept_and_continued(tmp_path, variant_rgb):

@@ -97,6 +97,22 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
         assert (loaded.integrator().ambient is None) == asked[0]
 
 
+@pytest.mark.parametrize("said", ["", "CAUSTICS TRUE\n"])
+@pytest.mark.parametrize("asked", [None, True, False])
+def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant_rgb, said, asked):
+    palito.write_text(said + palito.read_text(encoding="utf-8"), encoding="utf-8")
+    loaded = opening.SceneFile(palito, tmp_path / "out", integrator=render.parameters(False, None, asked)).load()
+    assert loaded.integrator().caustics is (bool(said) if asked is None else asked)
+
+
+def test_caustics_are_asked_for_or_left_out_in_a_word(scene, monkeypatch):
+    jobs = []
+    monkeypatch.setattr(render, "make", lambda job, *_, **__: jobs.append(dict(job.integrator)))
+    for option in ([], ["--caustics"], ["--no-caustics"]):
+        assert prosim("render", scene, *option).exit_code == 0
+    assert jobs == [{}, {"caustics": True}, {"caustics": False}]
+
+
 @pytest.mark.slow
 def test_paths_are_rendered(palito):
     done = prosim("render", palito, "--resolution", "8x8", "--samples", 1, "--paths")

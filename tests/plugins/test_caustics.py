@@ -125,6 +125,7 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
 
 def test_the_command_asks_for_them_in_a_word():
     assert parameters(False, None, True) == {"caustics": True}
+    assert parameters(False, None, False) == {"caustics": False}
     assert parameters(False, None) == {}
 
 
@@ -188,6 +189,65 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
     assert abs((images[0] - images[1]).mean() / radiance.mean() - 1) < 0.02  # some thousand photons
 
 
+def cap(curvature, radius, side, bsdf, rings=8, sectors=96):
+    """A face of a lens: the part of a sphere within ``radius`` of the z axis, its rim at z = 0; ``side``: 1 or -1."""
+    rho, phi = np.meshgrid(radius * np.arange(1, rings + 1) / rings, 2 * np.pi * np.arange(sectors) / sectors)
+    x, y = (np.append(0, (rho * f(phi)).T.ravel()) for f in (np.cos, np.sin))
+    depth = np.sqrt(curvature**2 - x**2 - y**2)
+    p = np.stack([x, y, side * (depth - np.sqrt(curvature**2 - radius**2))])
+    n = np.stack([x, y, side * depth]) / curvature
+    i = np.arange(sectors)
+    j = (i + 1) % sectors
+    faces = [np.stack([0 * i, 1 + i, 1 + j])]
+    for k in range(rings - 1):
+        inner, outer = 1 + k * sectors, 1 + (k + 1) * sectors
+        faces += [np.stack([inner + i, outer + i, outer + j]), np.stack([inner + i, outer + j, inner + j])]
+    faces = np.concatenate(faces, axis=1)[::side]
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    mesh = mi.Mesh("cap", len(x), faces.shape[1], properties, has_vertex_normals=True)
+    parameters = mi.traverse(mesh)
+    for name, values in (("vertex_positions", p), ("vertex_normals", n), ("faces", faces)):
+        parameters[name] = values.T.ravel()
+    parameters.update()
+    return mesh
+
+
+@pytest.mark.slow
+def test_a_thin_lens_gathers_a_point_source_as_the_lens_makers_equation_says(variant_rgb):
+    """What no path finds: a circle of even light, as wide as rays towards the image of the source are apart there."""
+    curvature, radius, n, intensity = 400.0, 16.0, 1.5, 1e5
+    thickness = 2 * (curvature - np.sqrt(curvature**2 - radius**2))
+    focal_length = 1 / ((n - 1) * (2 / curvature - (n - 1) * thickness / (n * curvature**2)))
+    lamp = 1.5 * focal_length
+    image = 1 / (1 / focal_length - 1 / lamp)
+    let_through = (1 - ((n - 1) / (n + 1)) ** 2) ** 2
+    flux = intensity * 2 * np.pi * (1 - lamp / np.hypot(lamp, radius)) * let_through
+    glass = {"type": "dielectric", "int_ior": n, "ext_ior": 1.0}
+    faces = {f"face_{side}": cap(curvature, radius, side, glass) for side in (-1, 1)}
+    source = {"type": "point", "position": [0, 0, lamp], "intensity": intensity}
+    integrator = {"type": "prosim", "samples": 3, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 16}
+    white = {"type": "diffuse", "reflectance": 1.0}
+    size, T = 32, mi.ScalarTransform4f()
+    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    x = (2 * np.arange(size) + 1) / size - 1
+    for distance in (0.5 * image, 1.4 * image):  # before the image and behind it
+        circle = radius * abs(1 - distance / image)
+        half = 1.25 * circle
+        r2 = half**2 * (x**2 + x[:, None] ** 2)
+        screen = {"type": "rectangle", "to_world": T.translate((0, 0, -distance)).scale(100), "bsdf": white}
+        world = mi.load_dict({"type": "scene", "lamp": source, "screen": screen} | faces)
+        place = T.look_at(origin=(0, 0, 10 - distance), target=(0, 0, -distance), up=(0, 1, 0)).scale((half, half, 1))
+        sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
+        radiance = mi.render(world, sensor=sensor, integrator=mi.load_dict(integrator), seed=1)
+        irradiance = np.pi * np.array(radiance)[..., 1]
+        # What is reflected twice within the lens, 0.16 %, is spread far around.
+        assert irradiance.sum() * (2 * half / size) ** 2 == pytest.approx(flux, rel=3e-3)
+        assert np.sqrt(2 * np.average(r2, weights=irradiance)) == pytest.approx(circle, rel=0.015)
+        assert irradiance[r2 < (0.8 * circle) ** 2].mean() == pytest.approx(flux / (np.pi * circle**2), rel=0.025)
+        assert irradiance[r2 > (1.2 * circle) ** 2].max() < 0.01 * irradiance.max()
+
+
 def compared(world, seeds, ours, theirs, mask):
     """``(z, ratio)``: differences of 12 parts of the image over their error, and of the whole as a ratio."""
     a = np.stack([np.array(ours(world, seed))[..., 1] for seed in range(seeds)])
@@ -223,7 +283,16 @@ CASES = {
     "rough glass": (lambda: ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}), lamp),
     "rough metal": (lambda: ball({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}), lamp),
     "sky": (lambda: ball({"type": "dielectric"}), lambda: {"type": "constant", "radiance": 1.0}),
+    "through a slab": (lambda: ball({"type": "dielectric"}), lamp),
 }
+
+
+def slab():
+    """A pane of glass that the camera looks through, at right angles, so that what is behind it stays in its place."""
+    place = (
+        mi.ScalarTransform4f().look_at(origin=(0, 10 / 3, 5), target=(0, 0, 0), up=(0, 1, 0)).scale((0.6, 0.6, 0.05))
+    )
+    return {"type": "cube", "to_world": place, "bsdf": {"type": "dielectric"}}
 
 
 @pytest.mark.slow
@@ -232,14 +301,13 @@ def test_the_light_is_that_of_paths_region_by_region(variant_rgb, case):
     """On a floor so dark that it lights nothing itself, the tree and its photons know all of the light."""
     thing, source = (make() for make in CASES[case])
     world = scene(24, reflectance=3e-4, thing=thing, lamp=source)
+    seen = floor_alone(world, 24)
+    if case == "through a slab":
+        world = scene(24, reflectance=3e-4, thing=thing, lamp=source, slab=slab())
     kind = "volpath" if case == "green glass" else "path"
     paths = mi.load_dict({"type": kind, "max_depth": 20, "rr_depth": 50})
     z, ratio = compared(
-        world,
-        10,
-        render,
-        lambda world, seed: mi.render(world, integrator=paths, seed=1000 + seed, spp=400),
-        floor_alone(world, 24),
+        world, 10, render, lambda world, seed: mi.render(world, integrator=paths, seed=1000 + seed, spp=400), seen
     )
     assert np.abs(z).max() < 6  # t with some 15 degrees of freedom: 12 parts go beyond by chance once in 4000
     assert abs(ratio) < 0.01

@@ -118,6 +118,7 @@ def scenes(draw):
         words("MAX-LEVEL", st.just("2.")),
         words("NSAMPLES", st.just("3")),
         words("DO-SHADOW", flag),
+        words("CAUSTICS", flag),
         words("AIR-INDEX", positive),
         words("AMBIENT", three(positive)),
         words("BACKGROUND", three(positive), st.sampled_from([[], ["NULL"], ["ceu.exr"], ['"o céu.exr"']])),
@@ -251,14 +252,14 @@ def test_examples(path):
 
 
 def test_both_languages_say_the_same():
-    english = """NAME: a MAX-LEVEL: 2 DO-SHADOW: TRUE BACKGROUND: 1000 2000 3000 NONE
+    english = """NAME: a MAX-LEVEL: 2 DO-SHADOW: TRUE CAUSTICS: YES BACKGROUND: 1000 2000 3000 NONE
     LIGHTS AREA position 1 2 3 Intensity 4000 5000 6000 radius 7 SPOT direction 0 -1 0 angle 30 exponent 8
     VIEW RESOLUTION 10 10 OBSERVER 0 0 9
     CSG-TREE + + + CUBE 0 SPHERE 1 CYLINDER 2 CONE 3
     SURFACE 0 material conductor silver roughness = 5  SURFACE 1 material dielectric n-refr = 1.5
     SURFACE 2 material lambertian kd = .5  SURFACE 3 material composite n-refr = 1.5
     TRANSFORM 0 SCALE (1 2 3)  TRANSFORM 1 ROTATE-X (90)  TRANSFORM 2 TRANSLATE (1 2 3)  TRANSFORM 3 END"""
-    portuguese = """NOME: a NÍVEL-MÁXIMO: 2 SOMBRA: SIM FUNDO: 1000 2000 3000 NENHUM
+    portuguese = """NOME: a NÍVEL-MÁXIMO: 2 SOMBRA: SIM CÁUSTICAS: SIM FUNDO: 1000 2000 3000 NENHUM
     FONTES EXTENSA posição 1 2 3 intensidade 4000 5000 6000 raio 7 SPOT direção 0 -1 0 ângulo 30 expoente 8
     VISTA RESOLUÇÃO 10 10 OBSERVADOR 0 0 9
     ÁRVORE-CSG + + + CUBO 0 ESFERA 1 CILINDRO 2 CONE 3

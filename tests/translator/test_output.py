@@ -197,6 +197,21 @@ def test_each_approximation_is_said_once(everything, tmp_path):
     assert len(said) == len(set(said)) > 8
 
 
+@pytest.mark.parametrize("said, asked", [("", False), ("CAUSTICS FALSE", False), ("CÁUSTICAS: SIM", True)])
+def test_caustics_are_said_where_a_scene_asks_for_them(said, asked, tmp_path, recwarn):
+    text = f"{said} LIGHTS POINT position 0 5 5 CSG-TREE SPHERE 0 SURFACE 0 material dieletrico bk7 TRANSFORM 0 END"
+    path = tmp_path / "a.scn"
+    path.write_text(text, encoding="utf-8")
+    assert prosim_scene.parse(text).caustics is prosim_scene.parse(prosim_scene.format(text)).caustics is asked
+    assert prosim_scene.load(path, transform=list)["integrator"].get("caustics") == (asked or None)
+    xml = prosim_scene.translate(path).read_text()
+    assert ('<boolean name="caustics" value="true"/>' in xml) is ("DO-SHADOW, CAUSTICS, AMBIENT" in xml) is asked
+    assert ("caustics" in xml) is ("CAUSTICS" in xml) is asked
+    stock = prosim_scene.translate(path, target="stock").read_text()
+    left = [w for w in recwarn if "caustics are left to 'path', whose rays meet them by chance" in str(w.message)]
+    assert len(left) == asked and "caustics" not in stock
+
+
 def test_alike_surfaces_share_a_mesh(tmp_path):
     path = tmp_path / "a.scn"
     path.write_text(

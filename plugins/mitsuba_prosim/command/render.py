@@ -70,7 +70,10 @@ from .options import (
     help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
 )
 @click.option(
-    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
+    "--caustics/--no-caustics",
+    default=None,
+    show_default=False,
+    help="Follow light from the sources through glass and mirrors to diffuse surfaces. [default: what the scene says]",
 )
 @click.option(
     "--max-level",
@@ -160,7 +163,7 @@ def render(
     seed: int,
     crop: tuple[int, int, int, int] | None,
     paths: bool,
-    caustics: bool,
+    caustics: bool | None,
     max_level: int | None,
     threshold: float | None,
     noise: float | None,
@@ -232,10 +235,10 @@ def render(
         make(job, stem, threads, verbose, keep=kept, part=part, denoise=denoise, helpers=helpers, view=view)
 
 
-def parameters(paths: bool, max_level: int | None, caustics: bool = False) -> dict[str, Any]:
+def parameters(paths: bool, max_level: int | None, caustics: bool | None = None) -> dict[str, Any]:
     """Parameters of the ``prosim`` integrator that the options ask for; None takes one away."""
     result: dict[str, Any] = {"diffuse_bounces": -1, "max_level": -1, "ambient": None} if paths else {}
-    result |= {"caustics": True} if caustics else {}
+    result |= {} if caustics is None else {"caustics": caustics}
     return result | ({} if max_level is None else {"max_level": max_level})
 
 

@@ -52,7 +52,10 @@ from .render import parameters, sampling
     help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
 )
 @click.option(
-    "--caustics", is_flag=True, help="Follow light from the sources through glass and mirrors to diffuse surfaces."
+    "--caustics/--no-caustics",
+    default=None,
+    show_default=False,
+    help="Follow light from the sources through glass and mirrors to diffuse surfaces. [default: what the scene says]",
 )
 @click.option(
     "--max-level",
@@ -99,7 +102,7 @@ def watch(
     spp: int | None,
     seed: int,
     paths: bool,
-    caustics: bool,
+    caustics: bool | None,
     max_level: int | None,
     threshold: float | None,
     noise: float | None,

@@ -131,6 +131,7 @@ def difference(
     flags = scene_flags(scene.scene())
     specular = lobes.has_any(flags, "GlossyReflection", "DeltaReflection", "GlossyTransmission", "DeltaTransmission")
     diffuse = lobes.has_any(flags, "DiffuseReflection", "DiffuseTransmission")
+    followed = bool((scene.settings.get(spec.integrator, {}) | spec.parameters).get("caustics"))
     return {
         "paths_mean": float(paths.mean()),
         "own_mean": float(own.mean()),
@@ -141,7 +142,7 @@ def difference(
         "left_out_share": float(left_out.mean() / paths.mean()) if paths.mean() > 0 else 0.0,
         "effects": {
             "interreflection": bool(diffuse),
-            "caustics": bool(specular and diffuse),
+            "caustics": bool(specular and diffuse) and not followed,
             "light of the background": bool(
                 scene.background is not None and dr.any(mi.Float(scene.background.mean()) > 0)
             ),

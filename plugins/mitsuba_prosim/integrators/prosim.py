@@ -214,7 +214,8 @@ class Prosim(WaveIntegrator):
                 props,
                 "caustics",
                 True,
-                f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like",
+                f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like, and "
+                "prosim render --no-caustics leaves them out",
             )
         self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 

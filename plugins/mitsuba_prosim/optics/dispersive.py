@@ -10,19 +10,16 @@ has its own facet for a direction, and its own value; the density is the mean of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from . import fresnel, half_vectors
 
-if TYPE_CHECKING:
-    from ..bsdfs.dielectric import Dielectric
-
 
 def sample(
-    bsdf: Dielectric,
+    bsdf: Any,
     ctx: mi.BSDFContext,
     si: mi.SurfaceInteraction3f,
     sample1: mi.Float,
@@ -31,7 +28,7 @@ def sample(
     weights: Sequence[mi.Float] | None = None,
     together: bool = False,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """What ``Dielectric.sample`` returns, for indices that depend on the wavelength.
+    """What ``sample`` of ``bsdf``, a :ref:`bsdf-prosim_dielectric`, returns for indices that depend on the wavelength.
 
     ``weights``: probabilities with which a smooth interface chooses a wavelength, that sum up to 1 (default: all
     alike). ``together``: all wavelengths go the way of the middle one, which is wrong, but without noise.
@@ -78,9 +75,9 @@ def sample(
 
 
 def eval_pdf(
-    bsdf: Dielectric, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    bsdf: Any, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """What ``Dielectric.eval_pdf`` returns for a rough interface: a value for each wavelength, and one density."""
+    """What its ``eval_pdf`` returns for a rough interface: a value for each wavelength, and one density."""
     reflected = (si.wi.z > 0) == (wo.z > 0)
     reflection, transmission = bsdf.enabled(ctx)
     active &= (dr.abs(si.wi.z) > half_vectors.GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)

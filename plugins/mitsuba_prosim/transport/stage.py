@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,8 +13,8 @@ from .ray import Ray
 from .scene_facts import SceneFacts
 from .settings import Settings
 
-if TYPE_CHECKING:
-    from ..caustics.caustics import Caustics
+#: Radiance of the caustics at a surface: of the interaction, its BSDF, the number of the sample, and a mask.
+Gather = Callable[[Any, Any, Any, Any], Any]
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
 PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
@@ -37,7 +38,7 @@ class Stage:
     attached: bool = False
     #: The medium that the camera is in, or None.
     around: mi.Medium | None = None
-    caustics: Caustics | None = None
+    caustics: Gather | None = None
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""

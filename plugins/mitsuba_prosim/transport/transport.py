@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import mitsuba as mi
 
@@ -12,9 +12,6 @@ from . import path, tree
 from .scene_facts import SceneFacts
 from .settings import Settings
 from .stage import Stage
-
-if TYPE_CHECKING:
-    from ..caustics.caustics import Caustics
 
 #: Diffuse reflections of paths without end.
 ANY = (1 << 31) - 1
@@ -25,7 +22,7 @@ class Transport:
 
     ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
     (:mod:`.moving`), and their weights evaluated anew. ``around``: the medium that the camera is in; ``caustics``: what
-    gathers light that comes to diffuse surfaces by way of specular ones, in the place of the rays.
+    gathers light that comes to diffuse surfaces by way of specular ones, in the place of the rays (:mod:`..caustics`).
     """
 
     def __init__(
@@ -34,7 +31,7 @@ class Transport:
         scene: mi.Scene,
         attached: bool = False,
         around: mi.Medium | None = None,
-        caustics: Caustics | None = None,
+        caustics: Any | None = None,
     ) -> None:
         if caustics is not None and settings.diffuse_bounces < 0:
             # A path must know its diffuse reflections from the others, which a ray drawn from the whole BRDF does not.

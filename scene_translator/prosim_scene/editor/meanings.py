@@ -10,6 +10,7 @@ MEANINGS = {
     ("SETTING", "max_level"): "Deepest level of reflected and refracted rays; 0: what is seen directly. Default: 3.",
     ("SETTING", "samples"): "N: the initial samples a pixel; adaptive sampling takes up to N². Default: 5.",
     ("SETTING", "shadows"): "Whether shadow rays are cast. Default: TRUE.",
+    ("SETTING", "caustics"): "Whether light is followed through glass and by mirrors to matt surfaces. Default: FALSE.",
     ("SETTING", "air_index"): "Index of refraction outside every object. Default: 1.",
     ("SETTING", "ambient"): "Ambient intensity; a surface adds ka times it. 65535 is 1.0. Default: 0 0 0.",
     ("LIGHTS", "lights"): "The sources: AREA and POINT, each with its parameters. The camera does not see them.",

@@ -102,6 +102,7 @@ WORDS = (
     _word("SETTING", "MAX-LEVEL NIVEL-MAX NIVEL-MAXIMO", "max_level", Numbers(1, "a level", 0, 24, whole=True)),
     _word("SETTING", "NSAMPLES NAMOSTRAS", "samples", Numbers(1, "the number N", 1, 1000, whole=True)),
     _word("SETTING", "DO-SHADOW SHADOW SOMBRA SOMBRAS", "shadows", Flags()),
+    _word("SETTING", "CAUSTICS CAUSTICAS", "caustics", Flags()),
     _word("SETTING", "AIR-INDEX INDICE-AR", "air_index", Numbers(1, "the index of refraction", *INDEX_OF_REFRACTION)),
     _word("SETTING", "AMBIENT AMBIENTE", "ambient", INTENSITY),
     _word("LIGHTS", "LIGHTS LUZES FONTES", "lights"),

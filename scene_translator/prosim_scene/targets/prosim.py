@@ -15,13 +15,16 @@ def settings(context: Context) -> Node:
     background = rgb(lights.radiometric(scene.background.color))
     if scene.background.image is not None:
         background = {"type": "bitmap", "filename": context.image(scene.background.image, "background", "image")}
+    # What is ours alone is said only where a scene asks for it.
+    word, ours = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
     return {
-        "comment": Comment(f"{scene.name}: SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW, AMBIENT, BACKGROUND"),
+        "comment": Comment(f"{scene.name}: SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW{word}, AMBIENT, BACKGROUND"),
         "integrator": {
             "type": "prosim",
             "samples": Default("samples", context.samples),
             "max_level": scene.max_level,
             "shadows": scene.shadows,
+            **ours,
             "ambient": rgb(lights.radiometric(scene.ambient)),
             "background": background,
             "hide_emitters": True,

@@ -38,6 +38,10 @@ def settings(context: Context) -> Node:
         )
     if not scene.shadows:
         context.approximate("stock target: shadows are cast all the same", "shadows")
+    if scene.caustics:
+        context.approximate(
+            f"stock target: caustics are left to {integrator!r}, whose rays meet them by chance", "caustics"
+        )
     if not all(scene.channels):
         context.approximate("stock target: all channels are written", "channels")
     if scene.background.image is not None:

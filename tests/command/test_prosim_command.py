@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import llvm
-from mitsuba_prosim.command import compare, link, stand_in
+from mitsuba_prosim.command import compare, doctor, link, stand_in
 from mitsuba_prosim.scene_files import session
 from prosim_start import group
 from running import PALITO, XML, names, pixels, prosim
@@ -172,10 +172,12 @@ def test_doctor_says_what_an_installation_lacks(monkeypatch, tmp_path):
     monkeypatch.setattr(stand_in, "compiler", lambda: None)
     monkeypatch.setattr(session, "has_backend", lambda variant: variant.startswith("scalar"))
     monkeypatch.setattr(compare, "NEEDED", {"no_such_module": "no-such-package"})
+    monkeypatch.setitem(doctor.EXTRAS, "watch", ["starlette", "no_such_module"])
     done = prosim("doctor")
     said = " ".join(done.stdout.split())
     assert "not cuda_ad_rgb" in said and "which need an NVIDIA GPU with its driver" in said and "need LLVM" in said
     assert "lacks no-such-package; to get them: pip install 'mitsuba-prosim[compare]'" in said
+    assert "watch lacks no_such_module; to get it: pip install 'mitsuba-prosim[watch]'" in said
     if sys.platform == "linux":
         assert done.exit_code == 1 and "can't run nrook, prosim," in said and "prosim link" in said
         assert "C compiler none" in said and "apt install gcc" in said

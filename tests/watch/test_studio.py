@@ -176,6 +176,7 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         studio.compare(True)
         until(lambda: "path" in studio.board.pictures and is_done(studio)())
         path_image = final(studio, "path")
+        assert studio.errand(lambda subject: subject.seen(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
         assert np.array_equal(final(studio), home)
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.

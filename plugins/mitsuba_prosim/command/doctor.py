@@ -4,6 +4,7 @@ import os
 import platform
 import sys
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 import click
@@ -15,6 +16,15 @@ from ..scene_files import session
 from . import stand_in
 from .compare import missing_packages
 from .link import misplaced_folder
+
+#: What only some need, and the modules that it brings.
+EXTRAS = {
+    "cluster": ["distributed"],
+    "editors": ["pygls"],
+    "watch": ["starlette", "uvicorn", "watchfiles"],
+    "tev": ["tevclient"],
+    "notebooks": ["ipywidgets"],
+}
 
 
 @click.command()
@@ -65,6 +75,12 @@ def doctor() -> None:
         say("denoise", f"Open Image Denoise {oidn.load().oidn_version()}")
     except oidn.MissingError:
         say("denoise", "lacks mitsuba-oidn; to get it: pip install 'mitsuba-prosim[denoise]'")
+    for extra, modules in EXTRAS.items():
+        lacking = [name for name in modules if find_spec(name) is None]
+        say(
+            extra,
+            f"lacks {', '.join(lacking)}; to get it: pip install 'mitsuba-prosim[{extra}]'" if lacking else "ready",
+        )
 
     for trouble in troubles:
         click.echo(f"\n{trouble}")

@@ -125,7 +125,12 @@ def seen_by(sensor: mi.Sensor, scene: mi.Scene, **more: Any) -> mi.Scene:
     """
     parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
     parts |= {f"emitter_{i}": e for i, e in enumerate(scene.emitters()) if e.get_shape() is None}
-    return mi.load_dict({"type": "scene", "sensor": sensor, **parts, **more})
+    ids = {part: part.id() for part in parts.values()}
+    try:
+        return mi.load_dict({"type": "scene", "sensor": sensor, **parts, **more})
+    finally:
+        for part, name in ids.items():  # load_dict calls them after its keys
+            part.set_id(name)
 
 
 class Spec:

@@ -135,10 +135,11 @@ class SceneFile:
                 ratio = (right - left) / (top - bottom)
                 rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
                 if not rounding and abs(width / (height * ratio) - 1) > 0.01:
+                    shape = "square" if ratio == 1 else f"{ratio:.4g} times as wide as high"
                     warnings.warn(
                         prosim_scene.SceneWarning(
                             f"{self.path}: {width}x{height} pixels distort the image, because the scene's window is "
-                            f"{ratio:.4g} times as wide as high; {width}x{max(round(width / ratio), 1)} or "
+                            f"{shape}; {width}x{max(round(width / ratio), 1)} or "
                             f"{max(round(height * ratio), 1)}x{height} would not"
                         ),
                         stacklevel=3,

@@ -97,6 +97,9 @@ class View:
         self._box = widgets.VBox([self._shown, widgets.HBox([stop, self._part, self._said]), self._layer])
         self._place = display(self._box, display_id=True)
 
+    def __repr__(self) -> str:
+        return f"<{self._said.value}>"
+
     @property
     def layers(self) -> dict[str, np.ndarray]:
         """The image after the last wave, ``final`` (height, width, 3), linear, and the maps ``error``, the standard

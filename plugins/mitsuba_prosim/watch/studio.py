@@ -268,6 +268,7 @@ class Studio:
             self.board.say(doing="rendering")
 
     def _compare(self, subject: Subject, compared: bool) -> None:
+        self._begun = time.perf_counter()
         self._shown = replace(self._shown, compared=compared)
         self._takes = {"own": self._takes["own"]}
         if compared and takes.alone(self._takes["own"].integrator) is None:

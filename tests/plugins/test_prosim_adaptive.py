@@ -77,7 +77,7 @@ def test_the_expectation_is_that_of_volpath_in_a_medium(variant_rgb, inside):
     scene = foggy(inside)
     clear = {key: value for key, value in penumbra(COPPER).items() if key != "integrator"}
     clear["light"] = scene["light"]
-    assert compare(scene, {"type": "volpath", "max_depth": 6}, spp=36, count=8)
+    assert compare(scene, {"type": "volpath", "max_depth": 6}, spp=25, count=8)
     foggy_mean, clear_mean = (
         renderings({**s, "integrator": adaptive({"type": "volpath", "max_depth": 6})}, 2).mean() for s in (scene, clear)
     )

@@ -216,7 +216,7 @@ def test_a_lone_pixel_goes_on_step_by_step(variant_rgb):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "ball, nested, asked",
-    [(None, None, 0.006), (COPPER, None, 0.006), (None, "path", 0.01), (COPPER, "path", 0.012)],
+    [(None, None, 0.006), (COPPER, None, 0.006), (None, "path", 0.015), (COPPER, "path", 0.02)],
     ids=["matt", "copper", "matt, path", "copper, path"],
 )
 def test_the_noise_that_is_asked_for_is_reached(variant_rgb, ball, nested, asked):

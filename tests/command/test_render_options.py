@@ -5,7 +5,7 @@ import re
 import OpenEXR
 import prosim_scene
 import pytest
-from mitsuba_prosim.command import render
+from mitsuba_prosim.command import render, sampled
 from mitsuba_prosim.scene_files import opening, rendering, session
 from running import XML, names, prosim
 from tqdm.auto import tqdm
@@ -91,7 +91,7 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
             scene,
             tmp_path / "out",
             samples=samples,
-            integrator=render.parameters(*asked[:2]) | render.sampling(asked[2], {}, None, None),
+            integrator=sampled.parameters(*asked[:2]) | sampled.sampling(asked[2], {}, None, None),
         ).load()
         assert [text for text in said if text not in str(loaded.integrator())] == []
         assert (loaded.integrator().ambient is None) == asked[0]
@@ -101,7 +101,7 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
 @pytest.mark.parametrize("asked", [None, True, False])
 def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant_rgb, said, asked):
     palito.write_text(said + palito.read_text(encoding="utf-8"), encoding="utf-8")
-    loaded = opening.SceneFile(palito, tmp_path / "out", integrator=render.parameters(False, None, asked)).load()
+    loaded = opening.SceneFile(palito, tmp_path / "out", integrator=sampled.parameters(False, None, asked)).load()
     assert loaded.integrator().caustics is (bool(said) if asked is None else asked)
 
 

@@ -6,7 +6,7 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
 from mitsuba_prosim.caustics.targets import Targets, merged
-from mitsuba_prosim.command.render import parameters
+from mitsuba_prosim.command.sampled import parameters
 from mitsuba_prosim.rendering.record import Record
 
 

@@ -12,14 +12,13 @@ import click
 from prosim_scene import Kept
 
 from ..denoising import oidn
-from ..rendering.policies import POLICIES
 from ..scene_files import images, session, writing
 from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .making import metadata, refuse_waves
-from .options import SCENE, Finite, aims, choose_variant, defines, running, translation
-from .render import parameters, sampling
+from .options import SCENE, choose_variant, defines, running, translation
+from .sampled import parameters, sampled, sampling
 
 
 @click.command()
@@ -39,51 +38,7 @@ from .render import parameters, sampling
     "--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine; 0: any that is free."
 )
 @click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or only print its address.")
-@click.option(
-    "--spp",
-    type=click.IntRange(1, 2**24),
-    help="Samples per pixel, as Mitsuba counts them, instead of --samples. [default: what the scene says]",
-    show_default=False,
-)
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples.")
-@click.option(
-    "--paths",
-    is_flag=True,
-    help="Follow every path of light, diffuse reflections included, in place of the ambient term.",
-)
-@click.option(
-    "--caustics/--no-caustics",
-    default=None,
-    show_default=False,
-    help="Follow light from the sources through glass and mirrors to diffuse surfaces. [default: what the scene says]",
-)
-@click.option(
-    "--max-level",
-    type=click.IntRange(-1, 2**16),
-    show_default=False,
-    help="Deepest level of reflected and refracted rays; -1, with --paths: any. "
-    "[default: what the scene says; with --paths: -1]",
-)
-@click.option(
-    "--threshold",
-    type=Finite(min=0),
-    show_default=False,
-    help="Noise of a pixel that is small enough, white being 1; smaller takes longer. [default: what the scene says]",
-)
-@aims(
-    noise="Render until the error of the displayed pixels, its root mean square, is so small, white being 1: 0.02 is "
-    "rough, 0.005 is good.",
-    noise_99="Render until 99 displayed pixels in 100 have no greater error, too.",
-    time="Render for so long; with --noise: at most.",
-    max_samples="Most samples that a pixel may get. [default: what the scene says; with --noise or --time: any number]",
-)
-@click.option(
-    "--adaptive",
-    type=click.Choice(tuple(POLICIES)),
-    show_default=False,
-    help="Which pixels get how many samples. [default: what the scene says; with --noise or --time: graded, which "
-    "makes the most of them]",
-)
+@sampled
 @click.option(
     "--denoise",
     is_flag=True,

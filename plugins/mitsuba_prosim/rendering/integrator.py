@@ -13,7 +13,7 @@ from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
 from . import collector
 from .film import Channels, asked_aovs, with_more_channels
-from .plan import Plan, Sampling
+from .plan import SAMPLING, Plan, Sampling
 from .policies import POLICIES
 from .scalar import take_back_interrupts
 
@@ -85,18 +85,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
 
     def parameter_names(self) -> list[str]:
         """Names of the parameters that ``str()`` shows."""
-        return [
-            "samples",
-            "adaptive",
-            "threshold",
-            "min_passes",
-            "max_samples",
-            "noise",
-            "noise_99",
-            "time",
-            "jitter",
-            "channels",
-        ]
+        return [*(name for name in SAMPLING if name != "band"), "channels"]
 
     def to_string(self) -> str:
         return describe(self, **{name: getattr(self, name) for name in self.parameter_names()}, aovs=self.aov_names())
@@ -243,23 +232,7 @@ class WaveIntegrator(mi.SamplingIntegrator):
         from .growth import Growth
 
         self.cancelled = False  # before the work: what is cancelled during it stays so
-        plan = Plan.of(
-            Sampling(
-                self.samples,
-                self.adaptive,
-                self.threshold,
-                self.min_passes,
-                self.max_samples,
-                self.noise,
-                self.noise_99,
-                self.time,
-                self.jitter,
-                self.band,
-            ),
-            sensor.film(),
-            seed,
-            spp,
-        )
+        plan = Plan.of(Sampling(**{name: getattr(self, name) for name in SAMPLING}), sensor.film(), seed, spp)
         return Growth(plan, self.estimator(plan, scene, sensor), own_aovs, part, self.taker)
 
     # ---------------------------------------------------------------- derivatives

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -41,6 +41,10 @@ class Sampling:
     time: float
     jitter: str
     band: int
+
+
+#: Names of these parameters.
+SAMPLING = tuple(field.name for field in fields(Sampling))
 
 
 @dataclass(frozen=True)

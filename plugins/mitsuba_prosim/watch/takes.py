@@ -10,24 +10,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..compare.scenes import seen_by
+from ..rendering.plan import SAMPLING
 from ..rendering.snapshot import Snapshot
 from ..scene_files import rendering
 from .picture import of_snapshot
 from .subject import Subject
-
-#: What an integrator is told of how it samples.
-SAMPLING = (
-    "samples",
-    "adaptive",
-    "threshold",
-    "min_passes",
-    "max_samples",
-    "noise",
-    "noise_99",
-    "time",
-    "jitter",
-    "channels",
-)
 
 #: Into how many parts a step of about a second is cut, as something else may be wished between two of them. More would
 #: cost more than they spare.
@@ -104,7 +91,7 @@ def rival(subject: Subject, integrator: Any, spp: int, seed: int) -> Take:
     """The image of Mitsuba's ``path``, sampled as ``integrator`` is, and lit by its background, which is no source to
     ``prosim``.
     """
-    sampling = {name: getattr(integrator, name) for name in SAMPLING}
+    sampling = {name: getattr(integrator, name) for name in (*SAMPLING, "channels")}
     path = mi.load_dict({"type": "prosim_adaptive", "nested": {"type": "path"}, **sampling})
     scene, background = subject.scene, getattr(integrator, "background", None)
     if background is not None:

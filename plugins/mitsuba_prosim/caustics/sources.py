@@ -23,6 +23,19 @@ from .targets import Targets
 FACING = 0.9
 
 
+@dataclass(frozen=True)
+class Draw:
+    """Which photons start: the numbers of their sources and targets, how many photons each pair has (``shares``, one
+    entry a pair), and the points in [0, 1)² that they are drawn by.
+    """
+
+    number: mi.UInt32
+    target: mi.UInt32
+    shares: mi.Float
+    position: mi.Point2f
+    aimed: mi.Point2f
+
+
 @dataclass
 class Start:
     """Photons as they leave their sources."""
@@ -84,57 +97,41 @@ class Sources:
         target = pair - number * self.targets.count
         emitter = dr.gather(mi.EmitterPtr, self.pointers, number)
         kinds = dr.gather(mi.UInt32, self.kind, number)
+        draw = Draw(number, target, shares, position, aimed)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0))
         for k, (name, method) in enumerate((("point", self._point), ("surface", self._surface), ("far", self._far))):
             if name in self.kinds:
                 active = kinds == k
-                one = method(emitter, number, target, shares, position, aimed, active)
+                one = method(emitter, draw, active)
                 start = Start(dr.select(active, one.ray, start.ray), dr.select(active, one.flux, start.flux))
         start.flux = dr.select(dr.all(dr.isfinite(start.flux)), start.flux, 0)
         return start
 
-    def _point(
-        self,
-        emitter: mi.EmitterPtr,
-        number: mi.UInt32,
-        target: mi.UInt32,
-        shares: mi.Float,
-        position: mi.Point2f,
-        aimed: mi.Point2f,
-        active: mi.Bool,
-    ) -> Start:
-        center, radius = self.targets.at(target)
+    def _point(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        center, radius = self.targets.at(draw.target)
         seen = dr.zeros(mi.SurfaceInteraction3f)
         seen.p = center
-        x = emitter.sample_direction(seen, position, active)[0].p
-        ray = mi.Ray3f(x, aim.direction(x, center, radius, aimed))
-        density = self._density(
-            number, target, shares, lambda c, r: (aim.meets(x, ray.d, c, r), dr.rcp(aim.solid_angle(x, c, r)))
-        )
+        x = emitter.sample_direction(seen, draw.position, active)[0].p
+        ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
+        density = self._density(draw, lambda c, r: (aim.meets(x, ray.d, c, r), dr.rcp(aim.solid_angle(x, c, r))))
         met, lit = self._met(ray, active)
-        weight = emitter.sample_direction(met, position, lit)[1]
+        weight = emitter.sample_direction(met, draw.position, lit)[1]
         return Start(ray, dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0))
 
-    def _surface(
-        self,
-        emitter: mi.EmitterPtr,
-        number: mi.UInt32,
-        target: mi.UInt32,
-        shares: mi.Float,
-        position: mi.Point2f,
-        aimed: mi.Point2f,
-        active: mi.Bool,
-    ) -> Start:
-        center, radius = self.targets.at(target)
-        ps, _ = emitter.sample_position(0.0, position, active)
+    def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        center, radius = self.targets.at(draw.target)
+        ps, _ = emitter.sample_position(0.0, draw.position, active)
         per_area = mi.Float(ps.pdf)
         is_ball, middle, own_radius = mi.Bool(False), mi.Point3f(0), mi.Float(1)
         if self.has_balls:
-            middle, own_radius = dr.gather(mi.Point3f, self.centers, number), dr.gather(mi.Float, self.radii, number)
+            middle, own_radius = (
+                dr.gather(mi.Point3f, self.centers, draw.number),
+                dr.gather(mi.Float, self.radii, draw.number),
+            )
             is_ball = own_radius > 0
-            ps = dr.select(is_ball, on_ball(ps, middle, own_radius, center, position), ps)
+            ps = dr.select(is_ball, on_ball(ps, middle, own_radius, center, draw.position), ps)
         x, n = ps.p, ps.n
-        d = aim.direction(x, center, radius, aimed)
+        d = aim.direction(x, center, radius, draw.aimed)
 
         def density_of(c: mi.Point3f, r: mi.Float) -> tuple[mi.Bool, mi.Float]:
             area = per_area
@@ -142,7 +139,7 @@ class Sources:
                 area = dr.select(is_ball, per_area_of_ball(n, middle, own_radius, c), area)
             return aim.meets(x, d, c, r), area / aim.solid_angle(x, c, r)
 
-        density = self._density(number, target, shares, density_of)
+        density = self._density(draw, density_of)
         cos = dr.dot(n, d)
         active = active & (cos > 0) & (density > 0)
         ray = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths).spawn_ray(d)
@@ -152,46 +149,29 @@ class Sources:
         L = emitter.eval_direction(met, ds, lit)
         return Start(ray, dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0))
 
-    def _far(
-        self,
-        emitter: mi.EmitterPtr,
-        number: mi.UInt32,
-        target: mi.UInt32,
-        shares: mi.Float,
-        position: mi.Point2f,
-        aimed: mi.Point2f,
-        active: mi.Bool,
-    ) -> Start:
-        center, radius = self.targets.at(target)
+    def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        center, radius = self.targets.at(draw.target)
         seen = dr.zeros(mi.SurfaceInteraction3f)
         seen.p = center
-        ds, weight = emitter.sample_direction(seen, position, active)
+        ds, weight = emitter.sample_direction(seen, draw.position, active)
         d = -ds.d
-        disk = mi.warp.square_to_uniform_disk_concentric(aimed) * radius
+        disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
-        density = self._density(
-            number, target, shares, lambda c, r: (aim.line_meets(x, d, c, r), dr.rcp(dr.pi * dr.square(r)))
-        )
+        density = self._density(draw, lambda c, r: (aim.line_meets(x, d, c, r), dr.rcp(dr.pi * dr.square(r))))
         back = dr.dot(x - self.middle, d) + self.far
         return Start(mi.Ray3f(x - d * back, d), dr.select(active, weight / density, 0))
 
-    def _density(
-        self,
-        number: mi.UInt32,
-        own: mi.UInt32,
-        shares: mi.Float,
-        density_of: Callable[[mi.Point3f, mi.Float], tuple[mi.Bool, mi.Float]],
-    ) -> mi.Float:
-        """Density of a ray among the photons of all pairs of the source ``number``. ``density_of``: from center and
+    def _density(self, draw: Draw, density_of: Callable[[mi.Point3f, mi.Float], tuple[mi.Bool, mi.Float]]) -> mi.Float:
+        """Density of a ray among the photons of all pairs of the source of ``draw``. ``density_of``: from center and
         radius of a target, whether the ray meets it, and the density with which one photon of that pair takes it.
         """
-        first, count = number * self.targets.count, dr.opaque(mi.UInt32, self.targets.count)
+        first, count = draw.number * self.targets.count, dr.opaque(mi.UInt32, self.targets.count)
 
         def step(k: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
             met, density = density_of(*self.targets.at(k))
-            share = dr.gather(mi.Float, shares, first + k)
+            share = dr.gather(mi.Float, draw.shares, first + k)
             # A ray meets its own target whatever rounding says.
-            return k + 1, total + dr.select(met | (k == own), share * density, 0)
+            return k + 1, total + dr.select(met | (k == draw.target), share * density, 0)
 
         return dr.while_loop((mi.UInt32(0), mi.Float(0)), lambda k, total: k < count, step, labels=("k", "total"))[1]
 

@@ -96,7 +96,8 @@ class Record:
         """How the image is cut that it is a part of; None for all."""
         if self.part is None:
             return None
-        return Tiles(tuple(self.facts["region"]), *self.facts["tiles"], self.part.of)
+        (left, top, right, bottom), (columns, rows) = self.facts["region"], self.facts["tiles"]
+        return Tiles((left, top, right, bottom), columns, rows, self.part.of)
 
     def difference(self, state: State) -> str | None:
         """Why the samples are not those of ``state``, in words; None where they are."""

@@ -26,7 +26,7 @@ FACING = 0.9
 @dataclass(frozen=True)
 class Draw:
     """Which photons start: the numbers of their sources and targets, how many photons each pair has (``shares``, one
-    entry a pair), and the points in [0, 1)² that they are drawn by.
+    entry a pair), the points in [0, 1)² that they are drawn by, and their wavelengths.
     """
 
     number: mi.UInt32
@@ -34,6 +34,13 @@ class Draw:
     shares: mi.Float
     position: mi.Point2f
     aimed: mi.Point2f
+    wavelengths: mi.Color0f
+
+    def receiver(self, p: mi.Point3f) -> mi.SurfaceInteraction3f:
+        """The point ``p`` as what receives light of its wavelengths."""
+        result = dr.zeros(mi.SurfaceInteraction3f)
+        result.p, result.wavelengths = p, self.wavelengths
+        return result
 
 
 @dataclass
@@ -89,15 +96,17 @@ class Sources:
         """Number of pairs."""
         return self.count * self.targets.count
 
-    def start(self, pair: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f) -> Start:
+    def start(
+        self, pair: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
+    ) -> Start:
         """Photons of the pairs ``pair``. ``shares``: the number of photons that each pair has, one entry a pair;
-        ``position``, ``aimed``: points in [0, 1)².
+        ``position``, ``aimed``: points in [0, 1)²; ``wavelengths``: what the flux is wanted at.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count
         emitter = dr.gather(mi.EmitterPtr, self.pointers, number)
         kinds = dr.gather(mi.UInt32, self.kind, number)
-        draw = Draw(number, target, shares, position, aimed)
+        draw = Draw(number, target, shares, position, aimed, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0))
         for k, (name, method) in enumerate((("point", self._point), ("surface", self._surface), ("far", self._far))):
             if name in self.kinds:
@@ -105,16 +114,15 @@ class Sources:
                 one = method(emitter, draw, active)
                 start = Start(dr.select(active, one.ray, start.ray), dr.select(active, one.flux, start.flux))
         start.flux = dr.select(dr.all(dr.isfinite(start.flux)), start.flux, 0)
+        start.ray.wavelengths = wavelengths
         return start
 
     def _point(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
-        seen = dr.zeros(mi.SurfaceInteraction3f)
-        seen.p = center
-        x = emitter.sample_direction(seen, draw.position, active)[0].p
+        x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
         density = self._density(draw, lambda c, r: (aim.meets(x, ray.d, c, r), dr.rcp(aim.solid_angle(x, c, r))))
-        met, lit = self._met(ray, active)
+        met, lit = self._met(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         return Start(ray, dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0))
 
@@ -142,8 +150,8 @@ class Sources:
         density = self._density(draw, density_of)
         cos = dr.dot(n, d)
         active = active & (cos > 0) & (density > 0)
-        ray = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths).spawn_ray(d)
-        met, lit = self._met(ray, active)
+        ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
+        met, lit = self._met(draw, ray, active)
         ds = mi.DirectionSample3f(ps)
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
         L = emitter.eval_direction(met, ds, lit)
@@ -151,9 +159,7 @@ class Sources:
 
     def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
-        seen = dr.zeros(mi.SurfaceInteraction3f)
-        seen.p = center
-        ds, weight = emitter.sample_direction(seen, draw.position, active)
+        ds, weight = emitter.sample_direction(draw.receiver(center), draw.position, active)
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
@@ -175,15 +181,13 @@ class Sources:
 
         return dr.while_loop((mi.UInt32(0), mi.Float(0)), lambda k, total: k < count, step, labels=("k", "total"))[1]
 
-    def _met(self, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
+    def _met(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """Where ``ray`` ends, as the receiver of its light, and whether it does: of a source of 1992, which looks the
         same at any distance, it matters how far that is.
         """
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
-        met = dr.zeros(mi.SurfaceInteraction3f)
-        met.p = ray(dr.select(lit, pi.t, 1))
-        return met, lit
+        return draw.receiver(ray(dr.select(lit, pi.t, 1))), lit
 
 
 def on_ball(

@@ -5,6 +5,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
+from mitsuba_prosim.caustics.sources import left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.command.sampled import parameters
 from mitsuba_prosim.rendering.record import Record
@@ -146,33 +147,59 @@ def test_refusals_say_what_to_do(variant_rgb):
     assert "known to its own render() alone" in str(refused.value.__cause__)
 
 
-def test_variants_that_know_no_photons_say_so(variant):
-    wanted = {"type": "prosim", "caustics": True}
-    if variant == "scalar_rgb" or mi.is_spectral:
-        with pytest.raises(RuntimeError, match=f'"caustics" is True; allowed: false in the variant {variant}'):
-            mi.load_dict(wanted)
-    else:
-        assert "caustics = True" in str(mi.load_dict(wanted))
+def test_variants_that_know_no_photons_say_so(variant_scalar):
+    with pytest.raises(RuntimeError, match=f'"caustics" is True; allowed: false in the variant {variant_scalar}'):
+        mi.load_dict({"type": "prosim", "caustics": True})
+
+
+def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, monkeypatch):
+    somewhere, nowhere = (mi.Emitter(mi.Properties()) for _ in range(2))
+    somewhere.m_flags = mi.EmitterFlags.DeltaPosition
+    nowhere.set_id("nowhere")
+    said = []
+    monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
+    left_out([somewhere, nowhere])
+    left_out([somewhere])
+    assert [level for level, _ in said] == [mi.LogLevel.Warn]
+    assert "'nowhere'" in said[0][1] and "DeltaPosition" in said[0][1]
 
 
 # ---------------------------------------------------------------- the right light
 
 
+def mirrored(kind, channel):
+    """A source without extent, in one colour, that lights the floor around (2, 0, 0) by a mirror at (0, 1.1, 0.1)."""
+    power = {"type": "rgb", "value": [3.0 * (k == channel) for k in range(3)]}
+    place = mi.ScalarTransform4f().look_at(origin=(1.5, 2, 0.2), target=(0, 1.1, 0.1), up=(0, 1, 0))
+    if kind == "directional":
+        return {"type": kind, "direction": (-2, -0.8, -0.1), "irradiance": power}
+    if kind == "directionalarea":
+        place = mi.ScalarTransform4f().look_at(origin=(6, 5.6, 0.4), target=(0, 1.4, 0.1), up=(0, 1, 0)).scale(0.5)
+        return {"type": "rectangle", "to_world": place, "emitter": {"type": kind, "radiance": power}}
+    if kind == "projector":
+        picture = mi.Bitmap(np.full((4, 4, 3), power["value"], dtype=np.float32))
+        power = {"type": "bitmap", "bitmap": picture, "raw": True}
+        return {"type": kind, "to_world": place, "irradiance": power, "fov": 100}
+    where = {"to_world": place, "cutoff_angle": 80, "beam_width": 79} if kind == "spot" else {"position": (1.5, 2, 0.2)}
+    return {"type": kind, "intensity": power} | where
+
+
 @pytest.mark.parametrize(
-    "kind", ["point", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("prosim_point", "spot"))]
+    "kinds",
+    [
+        ("point", "directional", "directionalarea"),
+        pytest.param(("prosim_point", "spot", "projector"), marks=pytest.mark.slow),
+    ],
+    ids="+".join,
 )
-def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kind):
-    """What no path finds: irradiance of a point source by way of a mirror, I cos / d² of its mirror image."""
-    p = np.array([1.5, 2, 0.2])
-    source = {"type": kind, "intensity": 10.0}
-    if kind == "spot":
-        place = mi.ScalarTransform4f().look_at(origin=p, target=(0, 1.1, 0.1), up=(0, 1, 0))
-        source |= {"to_world": place, "cutoff_angle": 80, "beam_width": 79}
-    else:
-        source["position"] = p
+def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kinds):
+    """What no path finds: light of sources without extent by way of a mirror. It comes to the floor as it would come to
+    the floor's mirror image without the mirror, each source in a colour of its own.
+    """
     upright = mi.ScalarTransform4f().translate((0, 1.1, 0.1)).rotate((0, 1, 0), 90).scale((0.6, 0.6, 1))
     mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}
-    world = scene(mirror=mirror, lamp=source, reflectance=1.0)
+    lamps = {f"lamp_{k}": mirrored(kind, k) for k, kind in enumerate(kinds)}
+    world = scene(mirror=mirror, reflectance=1.0, **lamps)
     place = mi.ScalarTransform4f().look_at(origin=(2, 5, 0), target=(2, 0, 0), up=(0, 0, 1)).scale((0.3, 0.3, 1))
     film = {"type": "hdrfilm", "width": 6, "height": 6, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
@@ -181,12 +208,19 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
         integrator = mi.load_dict(
             {"type": "prosim", "samples": 4, "adaptive": "none", "caustics": caustics, "caustic_photons": 1 << 17}
         )
-        images.append(np.array(mi.render(world, sensor=sensor, integrator=integrator, seed=1))[..., 0])
-    x = 2 + np.linspace(-0.3, 0.3, 61)
-    x, z = np.meshgrid((x[1:] + x[:-1]) / 2, (x[1:] + x[:-1]) / 2 - 2)
-    to_lamp = np.stack([-p[0] - x, np.full_like(x, p[1]), p[2] - z])
-    radiance = 10 * to_lamp[1] / np.sum(to_lamp**2, axis=0) ** 1.5 / np.pi
-    assert abs((images[0] - images[1]).mean() / radiance.mean() - 1) < 0.02  # some thousand photons
+        images.append(np.array(mi.render(world, sensor=sensor, integrator=integrator, seed=1)))
+    by_mirror = (images[0] - images[1]).mean(axis=(0, 1))
+    x, z = np.meshgrid(*[(np.arange(60) + 0.5) / 100 - 0.3] * 2)
+    it = dr.zeros(mi.SurfaceInteraction3f, x.size)
+    it.p = mi.Point3f(-2 - x.ravel(), 0, z.ravel())
+    for k, kind in enumerate(kinds):
+        if kind == "directionalarea":  # which tells nobody; its light comes along (-6, -4.2, -0.3)
+            expected = 3 * 4.2 / np.linalg.norm((6, 4.2, 0.3)) / np.pi
+        else:
+            emitter = next(e for e in world.emitters() if e.id() == f"lamp_{k}")
+            ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
+            expected = np.mean(np.array(irradiance)[k] * np.abs(np.array(ds.d.y))) / np.pi
+        assert abs(by_mirror[k] / expected - 1) < 0.02  # some thousand photons
 
 
 def cap(curvature, radius, side, bsdf, rings=8, sectors=96):

@@ -8,7 +8,7 @@ no photon is brighter than the best of its pairs would make it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..light.balls import Balls, ball
+from ..optics.nested import parts
 from . import targets as aim
 from .targets import Targets
 
@@ -52,17 +53,31 @@ class Start:
     flux: mi.Spectrum
 
 
+#: Kinds of sources, by how their photons start: all go out from one point; from a surface to all sides, or along its
+#: normals alone; or come from far away.
+KINDS = ("point", "surface", "beam", "far")
+
+
 def kind(emitter: mi.Emitter) -> str | None:
-    """``"point"``, ``"surface"`` or ``"far"``; None for what is no source of photons here (a surface that emits in one
-    direction).
-    """
+    """One of :data:`KINDS`; None for what says nothing of where it is."""
     flags = emitter.flags()
     if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == "DirectionalEmitter":
         return "far"
     if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
         return "point"
-    surface = mi.has_flag(flags, mi.EmitterFlags.Surface)
-    return "surface" if surface and not mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else None
+    if mi.has_flag(flags, mi.EmitterFlags.Surface):
+        return "beam" if mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else "surface"
+    return None
+
+
+def left_out(emitters: Sequence[mi.Emitter]) -> None:
+    """Warns of those that are no sources of photons."""
+    if names := ", ".join(repr(e.id()) for e in emitters if kind(e) is None):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: caustics leave out the light of the emitters {names}, whose flags do not say where they are. "
+            "Allowed are those with DeltaPosition, Surface or Infinite among them.",
+        )
 
 
 class Sources:
@@ -73,6 +88,7 @@ class Sources:
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets
         all_emitters = list(scene.emitters())
+        left_out(all_emitters)
         chosen = [(i, e) for i, e in enumerate(all_emitters) if kind(e) is not None]
         self.emitters = [e for _, e in chosen]
         self.count = len(chosen)
@@ -80,8 +96,7 @@ class Sources:
         if not chosen:
             return
         self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32([i for i, _ in chosen]))
-        order = ("point", "surface", "far")
-        self.kind = mi.UInt32([order.index(str(kind(e))) for e in self.emitters])
+        self.kind = mi.UInt32([KINDS.index(str(kind(e))) for e in self.emitters])
         balls = [ball(e) if kind(e) == "surface" and Balls.takes(e) else None for e in self.emitters]
         self.has_balls = any(balls)
         values = [[*np.ravel(np.array(b[0])), *np.ravel(np.array(b[1]))] if b else [0, 0, 0, 0] for b in balls]
@@ -108,7 +123,7 @@ class Sources:
         kinds = dr.gather(mi.UInt32, self.kind, number)
         draw = Draw(number, target, shares, position, aimed, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0))
-        for k, (name, method) in enumerate((("point", self._point), ("surface", self._surface), ("far", self._far))):
+        for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._beam, self._far))):
             if name in self.kinds:
                 active = kinds == k
                 one = method(emitter, draw, active)
@@ -157,6 +172,15 @@ class Sources:
         L = emitter.eval_direction(met, ds, lit)
         return Start(ray, dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0))
 
+    def _beam(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        """Not aimed: a point of the surface says where the photon goes."""
+        ps, _ = emitter.sample_position(0.0, draw.position, active)
+        density = self._density(draw, lambda c, r: (mi.Bool(True), mi.Float(ps.pdf)))
+        si = mi.SurfaceInteraction3f(ps, draw.wavelengths)
+        lit = active & (density > 0)
+        L = dr.dispatch(emitter, beam, si, lit)
+        return Start(si.spawn_ray(ps.n), dr.select(lit, L / dr.select(lit, density, 1), 0))
+
     def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
         ds, weight = emitter.sample_direction(draw.receiver(center), draw.position, active)
@@ -188,6 +212,14 @@ class Sources:
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
         return draw.receiver(ray(dr.select(lit, pi.t, 1))), lit
+
+
+def beam(emitter: mi.Emitter, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Spectrum:
+    """Power per area that ``emitter`` sends out along its normal at ``si``. It gives no ray at given wavelengths: its
+    texture is asked, where it has one.
+    """
+    radiance = parts(emitter).get("radiance")
+    return mi.Spectrum(0) if radiance is None else mi.Spectrum(radiance.eval(si, active))
 
 
 def on_ball(

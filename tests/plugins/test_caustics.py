@@ -42,8 +42,12 @@ def render(scene, seed=0, **parameters):
     return np.array(mi.render(scene, integrator=integrator, seed=seed))
 
 
-def small(size=16):
-    return scene(size, ball=ball({"type": "dielectric"}), lamp=lamp())
+#: Glass that turns light into a rainbow.
+DISPERSIVE = {"type": "prosim_dielectric", "int_material": "sf10"}
+
+
+def small(size=16, glass=None):
+    return scene(size, ball=ball(glass or {"type": "dielectric"}), lamp=lamp())
 
 
 # ---------------------------------------------------------------- what they are aimed at
@@ -70,7 +74,15 @@ def test_spheres_are_tight_around_what_is_specular(variant_rgb):
 
 
 def test_images_are_the_same_to_the_bit_under_bands_crops_and_threads(variant_rgb):
-    world = small()
+    the_same_bits(small())
+
+
+@pytest.mark.slow
+def test_so_are_those_of_spectral_variants(variant_spectral):
+    the_same_bits(small(glass=DISPERSIVE))
+
+
+def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
     assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
     parameters = mi.traverse(world.sensors()[0])
@@ -282,14 +294,27 @@ def test_a_thin_lens_gathers_a_point_source_as_the_lens_makers_equation_says(var
         assert irradiance[r2 > (1.2 * circle) ** 2].max() < 0.01 * irradiance.max()
 
 
-def compared(world, seeds, ours, theirs, mask):
-    """``(z, ratio)``: differences of 12 parts of the image over their error, and of the whole as a ratio."""
-    a = np.stack([np.array(ours(world, seed))[..., 1] for seed in range(seeds)])
-    b = np.stack([np.array(theirs(world, seed))[..., 1] for seed in range(seeds)])
+def compared(ours, theirs, mask):
+    """``(z, ratio)`` of images in the first channels: differences of 12 parts of the image over their error, and of the
+    whole as a ratio.
+    """
     parts = np.array_split(np.flatnonzero(mask), 12)
-    x, y = (np.stack([[image.ravel()[part].mean() for part in parts] for image in images]) for images in (a, b))
-    error = np.sqrt((x.var(axis=0, ddof=1) + y.var(axis=0, ddof=1)) / seeds)
+    x, y = (np.stack([[image.ravel()[part].mean() for part in parts] for image in images]) for images in (ours, theirs))
+    error = np.sqrt((x.var(axis=0, ddof=1) + y.var(axis=0, ddof=1)) / len(ours))
     return (x.mean(axis=0) - y.mean(axis=0)) / error, x.mean() / y.mean() - 1
+
+
+def agree(world, seen, seeds=10, kind="path"):
+    """Whether the light is that of paths in every colour, as far as these have colours of their own."""
+    paths = mi.load_dict({"type": kind, "max_depth": 20, "rr_depth": 50})
+    ours = np.stack([render(world, seed) for seed in range(seeds)])
+    theirs = np.stack(
+        [np.array(mi.render(world, integrator=paths, seed=1000 + seed, spp=400)) for seed in range(seeds)]
+    )
+    for channel in range(3) if mi.is_spectral else (1,):
+        z, ratio = compared(ours[..., channel], theirs[..., channel], seen)
+        assert np.abs(z).max() < 6  # t with some 15 degrees of freedom: 12 parts go beyond by chance once in 4000
+        assert abs(ratio) < 0.01
 
 
 def floor_alone(world, size):
@@ -304,16 +329,15 @@ def floor_alone(world, size):
 
 
 def green():
-    """Glass that absorbs, most of red."""
+    """Glass that absorbs, most of red, and disperses."""
     absorbed = {"type": "rgb", "value": [1.0, 0.3, 0.75]}
     medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": absorbed, "scale": 2.0}
-    return ball({"type": "prosim_dielectric", "int_ior": 1.5}) | {"interior": medium}
+    return ball(DISPERSIVE) | {"interior": medium}
 
 
 #: name -> (object, lamp): such that paths find their light often enough to be compared with.
 CASES = {
     "glass": (lambda: ball({"type": "dielectric"}), lamp),
-    "green glass": (green, lamp),
     "rough glass": (lambda: ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}), lamp),
     "rough metal": (lambda: ball({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}), lamp),
     "sky": (lambda: ball({"type": "dielectric"}), lambda: {"type": "constant", "radiance": 1.0}),
@@ -338,13 +362,14 @@ def test_the_light_is_that_of_paths_region_by_region(variant_rgb, case):
     seen = floor_alone(world, 24)
     if case == "through a slab":
         world = scene(24, reflectance=3e-4, thing=thing, lamp=source, slab=slab())
-    kind = "volpath" if case == "green glass" else "path"
-    paths = mi.load_dict({"type": kind, "max_depth": 20, "rr_depth": 50})
-    z, ratio = compared(
-        world, 10, render, lambda world, seed: mi.render(world, integrator=paths, seed=1000 + seed, spp=400), seen
-    )
-    assert np.abs(z).max() < 6  # t with some 15 degrees of freedom: 12 parts go beyond by chance once in 4000
-    assert abs(ratio) < 0.01
+    agree(world, seen)
+
+
+@pytest.mark.slow
+def test_wavelengths_go_their_ways_as_those_of_paths(variant_spectral):
+    """Glass that absorbs and disperses, under a white lamp: photons have the wavelengths of their samples."""
+    world = scene(24, reflectance=3e-4, thing=green(), lamp=lamp())
+    agree(world, floor_alone(world, 24), kind="volpath")
 
 
 @pytest.mark.slow
@@ -364,12 +389,8 @@ def test_nothing_is_counted_twice_by_paths(variant_rgb):
         }
     )
     every = {"diffuse_bounces": -1, "max_level": -1}
-    z, ratio = compared(
-        world,
-        10,
-        lambda world, seed: render(world, seed, samples=10, **every),
-        lambda world, seed: render(world, 1000 + seed, samples=16, caustics=False, **every),
-        np.ones((12, 12), dtype=bool),
-    )
+    ours = np.stack([render(world, seed, samples=10, **every)[..., 1] for seed in range(10)])
+    theirs = np.stack([render(world, 1000 + seed, samples=16, caustics=False, **every)[..., 1] for seed in range(10)])
+    z, ratio = compared(ours, theirs, np.ones((12, 12), dtype=bool))
     assert np.abs(z).max() < 6
     assert abs(ratio) < 0.01

@@ -34,8 +34,8 @@ class Triangles:
 class Faces:
     """What a tree comes to, whatever it looks like: all triangles, and the number of the ``kind`` (n,) of each.
 
-    ``kinds`` are the numbers of their leaf and of the media inside and outside. ``seen`` (kinds,) says of which there
-    is more than seams of no width.
+    ``kinds`` are the numbers of their leaf and of the media that lie inside and outside. ``seen`` (kinds,) says of
+    which there is more than seams of no width.
     """
 
     triangles: Triangles

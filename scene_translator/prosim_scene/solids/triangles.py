@@ -49,6 +49,7 @@ def tessellate(
     of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
     for number, (leaf, inside, outside) in enumerate(faces.kinds):
         seen[leaf] |= faces.seen[number]
+        inside, outside = _sides(media_of[leaf], inside, outside)
         alike.setdefault(Skin(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
     _report_vanished(document, seen)
     shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
@@ -83,7 +84,7 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
         }
 
     value = csg.evaluate(nodes, leaf_value)
-    own, count = np.array(media_of), max(media_of) + 2
+    count = max(media_of) + 2
     collected = [
         [np.empty(0, int), np.empty(0, bool), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)]
     ]
@@ -98,7 +99,7 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
             keys = (((corner + vertices) * len(media_of) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
-            kind = _kinds(leaf, own[leaf], shell.inside[part], shell.outside[part], count)
+            kind = (leaf * count + shell.inside[part]) * count + shell.outside[part] + 1
             high = shell.heights(part) > 2 * table.planes.step
             collected.append([kind, high, positions + table.origin, found.normals, found.uv, keys])
         vertices += len(shell.vertices)
@@ -109,13 +110,13 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
     return Faces(Triangles(*columns), kind, kinds, np.bincount(kind[high], minlength=len(kinds)) > 0)
 
 
-def _kinds(leaf: np.ndarray, own: np.ndarray, inside: np.ndarray, outside: np.ndarray, count: int) -> np.ndarray:
-    """A number for the leaf of each triangle and the media on its sides, of which only a dielectric's faces know:
-    ``own`` is the leaf's. A dielectric that has cut what is opaque is a dielectric's face all the same.
+def _sides(own: int, inside: int, outside: int) -> tuple[int, int]:
+    """What a face tells of the media on its sides, of which only a dielectric's faces know: ``own`` is its leaf's. A
+    dielectric that has cut what is opaque is a dielectric's face all the same.
     """
-    inside = np.where((own == media.OPAQUE) | (inside == media.OPAQUE), own, inside)
-    outside = np.where(own == media.OPAQUE, media.AIR, outside)
-    return np.asarray((leaf * count + inside) * count + outside + 1)
+    if own == media.OPAQUE:
+        return own, media.AIR
+    return own if inside == media.OPAQUE else inside, outside
 
 
 def _report_vanished(document: Document, seen: np.ndarray) -> None:

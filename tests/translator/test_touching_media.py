@@ -289,3 +289,20 @@ def test_a_metal_ball_in_a_ball_of_water_is_as_bright_as_fresnel_says(variant_rg
     water = ((n - 1) / (n + 1)) ** 2
     # The background, by way of any number of reflections between the two.
     assert image[1, 1] == pytest.approx(water + (1 - water) ** 2 * metal / (1 - water * metal), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "tree, surfaces, words",
+    [
+        ("- SPHERE 0 CUBE 1", (GLASS, ""), "3:12: CUBE 1 cuts glass, .* SURFACE 1 is opaque, .*material dieletrico"),
+        ("* SPHERE 0 CUBE 1", (GLASS, ""), "3:12: CUBE 1 cuts glass"),
+        ("- SPHERE 0 CUBE 1", ("", GLASS), "3:12: CUBE 1 cuts what is opaque, .* SURFACE 1 is a dieletrico"),
+        ("- SPHERE 0 CUBE 1", (GLASS, WATER), None),
+        ("+ SPHERE 0 CUBE 1", (GLASS, ""), None),
+        ("- + SPHERE 0 CUBE 2 CUBE 1", (GLASS, "", ""), "3:21: CUBE 1 cuts glass"),
+    ],
+)
+def test_what_lines_glass_is_told(tree, surfaces, words, recwarn):
+    skins(scene(tree, ["", "", "TRANSLATE (5 5 5)"][: 2 + ("2" in tree)], surfaces), 0.2)
+    said = [str(w.message) for w in recwarn]
+    assert len(said) == bool(words) and all(re.search(words, message) for message in said)

@@ -49,14 +49,16 @@ def tessellate(
     faces = kept(
         (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects)
     )
-    seen = np.zeros(len(leaves), bool)
+    seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     alike: dict[Skin, list[int]] = {}
     of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
     for number, (leaf, inside, outside) in enumerate(faces.kinds):
         seen[leaf] |= faces.seen[number]
+        lining[leaf] |= faces.seen[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
         inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
         alike.setdefault(Skin(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
     _report_vanished(document, seen)
+    _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
     shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
     return dict(zip(shown, faces.chosen(list(shown.values()))))
 
@@ -125,6 +127,26 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     if own == media.OPAQUE:
         return own, outside if reflects else media.AIR
     return own if inside == media.OPAQUE else inside, outside
+
+
+def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:
+    """Warns of what is opaque and has cut glass, which it lines with its own surface; and of glass in its place."""
+    numbers = [n for n, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
+    said = set()
+    for leaf in np.flatnonzero(lining).tolist():
+        node = document.scene.csg[numbers[leaf]]
+        if isinstance(node, Leaf) and (node.shape, node.index) not in said:
+            said.add((node.shape, node.index))
+            document.warn(
+                f"{node.shape.upper()} {node.index} cuts glass, and the faces of the cut are its own: SURFACE "
+                f"{node.index} is opaque, and lines the glass; expected material dieletrico in SURFACE {node.index}"
+                if opaque[leaf]
+                else f"{node.shape.upper()} {node.index} cuts what is opaque, and the faces of the cut are its own: "
+                f"SURFACE {node.index} is a dieletrico, through which one looks into the solid; expected another "
+                f"material in SURFACE {node.index}",
+                "csg",
+                numbers[leaf],
+            )
 
 
 def _report_vanished(document: Document, seen: np.ndarray) -> None:

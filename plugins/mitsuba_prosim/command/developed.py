@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 
 import mitsuba as mi
 
 from ..rendering.part import Part
 from ..rendering.record import Record
 from ..saved.keeper import Keeper
-from ..scene_files import images, rendering
+from ..scene_files import images, opening, rendering
 from . import black, denoised, reached
 from .job import Job
 
@@ -28,10 +29,15 @@ class Developed:
     seconds: float
     said: tuple[str | None, ...]
 
-    def line(self, job: Job, what: str = "") -> str:
-        """What it is, in words; ``what``: before all else."""
+    def line(self, job: Job, file: opening.SceneFile, written: Sequence[Path], part: Part | None = None) -> str:
+        """What it is, and where, in words."""
         width, height = self.size
-        return f"{what}{width} x {height} pixels, {job.variant}, {self.seconds:.2f} s"
+        return (
+            f"{' and '.join(map(str, written))}: "
+            + (f"part {part.number} of {part.of}, " if part else "")
+            + f"{width} x {height} pixels, {job.variant}, {self.seconds:.2f} s"
+            + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
+        )
 
 
 def take(

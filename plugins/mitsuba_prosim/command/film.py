@@ -16,11 +16,12 @@ from prosim_scene.language.definitions import FPS, FRAME, TIME
 from tqdm.auto import tqdm
 
 from ..scene_files import opening, rendering, session, writing
-from .frames import DIGEST, definitions, digest, is_there, of_frame, path, unfinished
+from .apart import Apart
+from .frames import Frame, definitions, digest, is_there, naming, of_frame, path, unfinished
 from .helping import Helping, pack
 from .job import Job
 from .log import log
-from .making import refuse_to_keep, refuse_waves, warn
+from .making import refuse_to_keep, refuse_waves, size_of_image, warn
 from .making import render as render_image
 from .options import Helpers, wrong_input
 
@@ -29,7 +30,7 @@ INTERRUPTED = "interrupted"
 
 
 class Film:
-    """The frames of one job, rendered one after the other; finished ones that are there already are left."""
+    """The frames of one job, rendered in their order; finished ones that are there already are left."""
 
     def __init__(self, job: Job, stem: Path, frames: Sequence[int], fps: float, keep: bool, denoise: bool, anew: bool):
         """``keep``, ``denoise``: as for :func:`.making.make`; ``anew``: whether frames that are there are not left."""
@@ -50,55 +51,84 @@ class Film:
         """Renders what is missing, or lets ``helpers`` do so; returns by what it was interrupted, in words."""
         helping = Helping(helpers, threads, warn)
         with log(verbose), session.threads(threads), writing.scratch() as folder, helping, self.bar() as bar:
-            for number in self.frames:
-                bar.set_description_str(f"frame {number}")
-                try:
-                    if interruption := self.frame(number, folder, helping, bar):
+            missing = self.missing(folder, bar)
+            try:
+                for frame in missing:
+                    with naming(frame.number):
+                        apart, interruption = self.frame(frame, helping, bar)
+                    if apart is not None and not interruption:
+                        interruption = self.frames_apart(apart, missing, bar)
+                    if interruption:
                         return interruption
-                except KeyboardInterrupt:
-                    return INTERRUPTED
-                except click.ClickException as error:
-                    raise type(error)(f"frame {number}: {error.message}") from None
+            except KeyboardInterrupt:
+                return INTERRUPTED
         return None
 
-    def frame(self, number: int, folder: Path, helping: Helping, bar: tqdm) -> str | None:
-        """Renders one frame, if need be; returns by what it was interrupted, in words."""
-        job, stem = of_frame(self.job, number, self.fps, self.names), path(self.stem, number)
+    def missing(self, folder: Path, bar: tqdm) -> Iterator[Frame]:
+        """The frames that are to be made, each read when it is asked for. Raises ClickException."""
+        for number in self.frames:
+            bar.set_description_str(f"frame {number}")
+            job, stem = of_frame(self.job, number, self.fps, self.names), path(self.stem, number)
+            with naming(number), wrong_input():
+                file = job.file(folder, self.kept)
+                self.see_changes(number)
+                made_of = digest(job, file, self.denoise)
+            if self.anew or not is_there(stem, made_of):
+                yield Frame(number, job, stem, file, made_of)
+                continue
+            self.left += 1
+            bar.total -= 100
+            bar.refresh()
+
+    def frame(self, frame: Frame, helping: Helping, bar: tqdm) -> tuple[Apart | None, str | None]:
+        """Renders one frame. Returns those who should make the next ones, if each had better be made by one worker; and
+        by what it was interrupted, in words.
+        """
+        job = frame.job
         with wrong_input():
-            file = job.file(folder, self.kept)
-            self.see_changes(number)
-            made_of = digest(job, file, self.denoise)
-            if not self.anew and is_there(stem, made_of):
-                self.left += 1
-                bar.total -= 100
-                bar.refresh()
-                return None
-            scene = file.load()
-            opened = file, scene, opening.pick_sensor(scene, job.sensor)
-            about = job.about(file) if self.keep else None
+            scene = frame.file.load()
+            opened = frame.file, scene, opening.pick_sensor(scene, job.sensor)
+            about = job.about(frame.file) if self.keep else None
             if self.keep:
                 refuse_to_keep(scene.integrator())
-            sources = [path.resolve() for _, path in file.named_files()]
-            parcel = pack(helping.helpers, file, scene.integrator(), job.sensor)
-        begin = None if about is None or self.anew else unfinished(stem, about)
-        facts = {DIGEST: made_of, "prosim.frame": str(number)}
+            parcel = pack(helping.helpers, frame.file, scene.integrator(), job.sensor)
+        begin = None if about is None or self.anew else unfinished(frame.stem, about)
+        before = helping.spent()
         made = render_image(
             job,
             opened,
-            stem,
+            frame.stem,
             begin,
             about,
             denoise=self.denoise,
-            frame=facts,
+            frame=frame.facts,
             bar=lambda *_: progress(scene, bar),
             by=partial(helping, parcel),
-            sources=sources,
+            sources=frame.sources(),
         )
         if made.interrupted:
-            return made.lost or INTERRUPTED
+            return None, made.lost or INTERRUPTED
         tqdm.write(made.said, file=sys.stderr)
         self.made += 1
-        return None
+        integrator = scene.integrator()
+        # A state is kept here, so that nothing is lost with a worker; and a time is that of all of them.
+        if helping.taker is None or self.keep or integrator.time or (self.denoise and helping.elsewhere):
+            return None, None
+        seconds, work = (now - then for now, then in zip(helping.spent(), before))
+        size = size_of_image(integrator, opened[2].film(), self.denoise)
+        return Apart(helping.taker, self.denoise, size, seconds, int(work)), None
+
+    def frames_apart(self, apart: Apart, frames: Iterator[Frame], bar: tqdm) -> str | None:
+        """Lets each worker make some of the next frames, as long as they are small; returns by what it was interrupted,
+        in words.
+        """
+        for made, said in apart.write(frames):
+            if made.black:
+                warn(made.black)
+            tqdm.write(said, file=sys.stderr)
+            self.made += 1
+            bar.update(100)
+        return INTERRUPTED if apart.signals else apart.taker.gone
 
     def see_changes(self, number: int) -> None:
         """Says so where the scene is another than at the frame before, which is as it was then."""

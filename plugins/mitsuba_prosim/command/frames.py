@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +48,35 @@ class Frames(click.ParamType):
                 ctx,
             )
         return frames
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that is to be made. ``stem``: its path without suffix; ``made_of``: its :func:`digest`."""
+
+    number: int
+    job: Job
+    stem: Path
+    file: opening.SceneFile
+    made_of: str
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Its metadata, beside those of every image."""
+        return {DIGEST: self.made_of, "prosim.frame": str(self.number)}
+
+    def sources(self) -> list[Path]:
+        """The files that it is made of, but for the scene itself."""
+        return [path.resolve() for _, path in self.file.named_files()]
+
+
+@contextmanager
+def naming(number: int) -> Iterator[None]:
+    """Says of which frame an error is."""
+    try:
+        yield
+    except click.ClickException as error:
+        raise type(error)(f"frame {number}: {error.message}") from None
 
 
 def path(stem: Path, number: int) -> Path:

@@ -124,9 +124,9 @@ def render(
         suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film(), part)
         keeper = Keeper(stem.with_name(stem.name + state), keep, warn)
     files.check(Path(job.scene), stem, suffixes, size)
-    files.spare(sources, "what the image is made of", stem, () if part else SUFFIXES)
+    files.spare(sources, files.SOURCES, stem, () if part else SUFFIXES)
 
-    with by(integrator) as taker, interruptible(integrator.cancel) as signals:
+    with interruptible(integrator.cancel) as signals, by(integrator) as taker:
         start = perf_counter()
         try:
             with (bar or progress_bar)(integrator, job.variant) as tell:
@@ -154,9 +154,7 @@ def render(
             files.save(stem, {state: keeper.unwritten})
         written.append(keeper.path)
     said = [
-        made.line(job, f"{' and '.join(map(str, written))}: " + (f"part {part.number} of {part.of}, " if part else ""))
-        + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
-        + (f", {reached.interrupted(integrator)}" if interrupted else ""),
+        made.line(job, file, written, part) + (f", {reached.interrupted(integrator)}" if interrupted else ""),
         lost,
         *(made.said[1:] if part else made.said),
     ]

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import dask
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -119,6 +120,15 @@ def test_wrong_use(scene, options, says):
     assert result.exit_code == 2 and says in result.stderr and names(scene.parent) == ["scene.xml"]
 
 
+def test_workers_that_can_not_be_begun(lamp, monkeypatch):
+    def fails(**_):
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(local.distributed, "LocalCluster", fails)
+    result = prosim("render", lamp, "--workers", 1)
+    assert result.exit_code == 1 and "Error: the workers can't be begun here (Nanny failed to start.)" in result.output
+
+
 def test_no_scheduler(lamp, monkeypatch):
     monkeypatch.setattr(local, "ANSWER", 0.2)
     result = prosim("render", lamp, "--cluster", "tcp://127.0.0.1:1")
@@ -137,7 +147,9 @@ def test_two_workers_make_the_same_image(client, lamp):
 
 @pytest.mark.slow
 def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
-    """Another takes the place of the one that was killed, as Dask's nanny begins it anew."""
+    """Another takes the place of the one that was killed, as Dask's nanny begins it anew; and of one whose nanny has
+    given up.
+    """
     forget = "from mitsuba_prosim.cluster import worker; worker.scenes.clear()"
     acts = [
         lambda: os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL),
@@ -152,6 +164,11 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
 
     image = there(client, lamp, tell, integrator=NOISE)
     assert not acts and len(told) > 4 and np.array_equal(image, here(lamp, integrator=NOISE))
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
+        gone = next(iter(client.cluster.workers.values()))
+        client.cluster.sync(gone.close)
+        client.wait_for_workers(2, timeout=20)
+    assert gone not in client.cluster.workers.values()
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ FILTERS = ("box", "gaussian")
 #: ``prosim`` that writes its state after each portion, which takes a fifth of a second.
 HURRIED = (
     "from mitsuba_prosim.saved.keeper import Keeper; from mitsuba_prosim.rendering.pace import Pace; "
-    "Keeper.SHORTEST = Keeper.TIMES = Keeper.LEAST_TIMES = 0; Pace.SHORTEST, Pace.LONGEST = 0.1, 0.4; "
+    "Keeper.SHORTEST, Keeper.TIMES, Keeper.SHARE = 0, 0, 1e9; Pace.SHORTEST, Pace.LONGEST = 0.1, 0.4; "
     "from prosim_start import main; main()"
 )
 

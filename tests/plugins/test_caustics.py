@@ -166,7 +166,7 @@ def test_variants_that_know_no_photons_say_so(variant_scalar):
 
 def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, monkeypatch):
     somewhere, nowhere = (mi.Emitter(mi.Properties()) for _ in range(2))
-    somewhere.m_flags = mi.EmitterFlags.DeltaPosition
+    somewhere.m_flags, nowhere.m_flags = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.Empty  # else arbitrary
     nowhere.set_id("nowhere")
     said = []
     monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))

@@ -18,7 +18,7 @@ from ..language.builder import Builder
 from ..language.definitions import Definitions
 from ..language.document import Path
 from ..language.messages import Place, SceneError, SceneWarning, Source
-from ..language.parser import begin, syntax_error
+from ..language.parser import Parser, syntax_error
 from ..language.words import STATEMENTS, WORDS
 
 #: Lines that begin with the keyword of a statement: where reading goes on after an error.
@@ -163,7 +163,7 @@ def _value(definitions: Definitions, name: str) -> str | None:
 def read(source: Source, start: int, definitions: Definitions) -> Unit:
     """The unit that begins at ``start``."""
     unit = Unit(start, len(source.text))
-    parser = begin()
+    parser = Parser()
     definitions.uses = set()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 from lark import Token, UnexpectedToken
 
+from ..language.automaton import Parser
 from ..language.definitions import FRAME, TIME
 from ..language.expressions import CONSTANTS, FUNCTIONS
 from ..language.names import BUILT_IN, GLASSES, INDICES, METALS
-from ..language.parser import ORDER, Parser
+from ..language.parser import ORDER
 from ..language.words import ROLES, STATEMENTS, Numbers, Word, fold, of_role, row
 from . import meanings, places
 from .reading import Reading

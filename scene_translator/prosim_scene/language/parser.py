@@ -1,19 +1,11 @@
-"""Tokens -> lark's tree, and what is said of a token that has no place where it stands.
-
-The parser has the tables of lark's LALR for grammar.lark. It keeps its own stack, so that no input can exhaust Python's.
-"""
+"""Tokens -> lark's tree, and what is said of a token that has no place where it stands."""
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
-from typing import Any
 
-from lark import Lark, Token, Tree, UnexpectedToken
-from lark.parsers.lalr_analysis import Shift
+from lark import Token, Tree, UnexpectedToken
 
 from . import lexer
+from .automaton import Parser
 from .definitions import Definitions
 from .hints import meant
 from .messages import Place, SceneError, Source, listing, quote
@@ -25,93 +17,6 @@ ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FIL
 SEPARATED = re.compile(r"[-+.e\d]*[,;][-+.e\d,;]*", re.IGNORECASE)
 #: An operator, but for the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
-
-
-#: How many values a rule takes, what it makes of them, and the name of that.
-Reduction = tuple[int, Callable[[list[Any]], Any], str]
-
-
-@dataclass(frozen=True)
-class _Tables:
-    """What to do in each state at each terminal or name: go to a state, or reduce by a rule; and the terminals alone."""
-
-    actions: dict[int, dict[str, int | Reduction]]
-    terminals: dict[int, frozenset[str]]
-    start: int
-    end: int
-
-
-@cache
-def _tables() -> _Tables:
-    grammar = Path(__file__).with_name("grammar.lark").read_text(encoding="utf-8")
-    lark = Lark(grammar, parser="lalr").parse_interactive().parser_state.parse_conf
-
-    def action(kind: object, target: Any) -> int | Reduction:
-        return target if kind is Shift else (len(target.expansion), lark.callbacks[target], str(target.origin.name))
-
-    return _Tables(
-        {state: {str(name): action(*to) for name, to in row.items()} for state, row in lark.states.items()},
-        {state: frozenset(str(name) for name in row if name.isupper()) for state, row in lark.states.items()},
-        lark.start_state,
-        lark.end_state,
-    )
-
-
-class Parser:
-    """A parser at the beginning of a scene, or of a statement, to be fed token by token.
-
-    lark's own one does the same, and takes twice the time.
-    """
-
-    def __init__(self) -> None:
-        self._tables = _tables()
-        self._states, self._values = [self._tables.start], list[Any]()
-
-    def choices(self) -> frozenset[str]:
-        """The terminals for which there is an action; of some, only that a rule ends."""
-        return self._tables.terminals[self._states[-1]]
-
-    def accepts(self) -> set[str]:
-        """The terminals that have a place here."""
-        return {name for name in self.choices() if self._leads_on(name)}
-
-    def _leads_on(self, name: str) -> bool:
-        actions, states = self._tables.actions, self._states.copy()
-        while not isinstance(action := actions[states[-1]].get(name, -1), int):
-            size, _, origin = action
-            del states[len(states) - size :]
-            if (to := actions[states[-1]][origin]) == self._tables.end:
-                return True
-            states.append(to)
-        return action >= 0
-
-    def feed_token(self, token: Token) -> None:
-        """Takes a token; raises UnexpectedToken where it has no place."""
-        actions, states, values, name = self._tables.actions, self._states, self._values, token.type
-        while True:
-            action = actions[states[-1]].get(name)
-            if action.__class__ is int:
-                states.append(action)
-                values.append(token)
-                return
-            if action is None:
-                raise UnexpectedToken(token, set(self.choices()))
-            size, make, origin = action
-            if size:
-                parts = values[-size:]
-                del states[-size:], values[-size:]
-            else:
-                parts = []
-            values.append(make(parts))
-            states.append(actions[states[-1]][origin])
-            if states[-1] == self._tables.end:
-                return
-
-    def feed_eof(self) -> Tree[Token]:
-        """The tree of all tokens; raises UnexpectedToken where more are expected."""
-        self.feed_token(Token("$END", "", 0))
-        tree: Tree[Token] = self._values[-1]
-        return tree
 
 
 def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Token], Tree[Token]]:

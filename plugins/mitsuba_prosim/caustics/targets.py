@@ -49,11 +49,10 @@ def is_specular(shape: mi.Shape) -> bool:
     if shape.class_name() == "Instance":
         return True  # it does not tell
     bsdf = shape.bsdf()
-    return (
-        bsdf is not None
-        and bool(lobes.has_any(int(bsdf.flags()), *lobes.REFLECTED, *lobes.REFRACTED))
-        and not is_indivisible(bsdf)
-    )
+    if bsdf is None:
+        return False
+    names = lobes.IDEAL if is_indivisible(bsdf) else (*lobes.REFLECTED, *lobes.REFRACTED)
+    return bool(lobes.has_any(int(bsdf.flags()), *names))
 
 
 def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:

@@ -31,7 +31,7 @@ class Landed:
     d: mi.Vector3f
     #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
     flux: mi.Spectrum
-    #: Whether it lies on a diffuse surface, after one specular surface or more.
+    #: Whether it lies on a diffuse surface, or one that is taken whole, after one specular surface or more.
     lies: mi.Bool
 
 
@@ -54,7 +54,8 @@ class Walk:
     def __init__(self, scene: mi.Scene, deepest: int) -> None:
         self.scene, self.deepest = scene, dr.opaque(mi.UInt32, deepest)
         self.specular = lobes.specular()
-        self.specular.mode = mi.TransportMode.Importance
+        self.everything = lobes.everything()
+        self.specular.mode = self.everything.mode = mi.TransportMode.Importance
         self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), dispersion.disperses(scene)
         self.indivisible = any(is_indivisible(s.bsdf()) for s in scene.shapes() if s.bsdf() is not None)
 
@@ -79,13 +80,12 @@ class Walk:
             medium = before(si, medium, state.ray.d, surface & (state.level == 0))
             arrived = arrived * transmittance(medium, si.wavelengths, si.t, surface)
             surface &= dr.max(arrived) > 0
-        if self.indivisible:
-            surface = but_not(surface, is_whole(bsdf, surface))
+        whole = surface & is_whole(bsdf, surface) if self.indivisible else mi.Bool(False)
         flags = bsdf.flags()
-        lands = surface & (state.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
+        lands = surface & (state.level > 0) & (lobes.has_any(flags, *lobes.DIFFUSE) | whole)
         goes = surface & (state.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         first = state.level * NUMBERS
-        ray, weight, goes = self._scatter(si, bsdf, key, first, arrived, goes)
+        ray, weight, goes = self._scatter(si, bsdf, key, first, arrived, goes, whole)
         # One photon either lies or goes on, and keeps about the flux that it has.
         flux = arrived * weight
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
@@ -114,6 +114,7 @@ class Walk:
         first: mi.UInt32,
         flux: mi.Spectrum,
         active: mi.Bool,
+        whole: mi.Bool,
     ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Bool]:
         """The ray of a photon after a surface's specular lobes, what is left of its flux, and whether there is one.
 
@@ -125,7 +126,13 @@ class Walk:
             bs, weight = dispersion.sample(self.specular, si, bsdf, choice, sample, flux, active)
         else:
             bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
-        active = active & (bs.pdf > 0) & ((bs.sampled_type & self.specular.type_mask) != 0)
+        belongs = (bs.sampled_type & self.specular.type_mask) != 0
+        if self.indivisible:
+            # Of what is taken whole, only lobes of one direction are known apart; the others have gathered the photon.
+            of_all, weight_of_all = bsdf.sample(self.everything, si, choice, sample, active & whole)
+            bs, weight = dr.select(whole, of_all, bs), dr.select(whole, weight_of_all, weight)
+            belongs = dr.select(whole, lobes.has_any(of_all.sampled_type, *lobes.IDEAL), belongs)
+        active = active & (bs.pdf > 0) & belongs
         d = si.to_world(bs.wo)
         cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(bs.wo))
         true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))

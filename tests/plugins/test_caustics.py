@@ -17,9 +17,10 @@ def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
     return {"type": "perspective", "fov": fov, "to_world": place, "film": film}
 
 
-def floor(reflectance):
+def floor(reflectance, kind="diffuse"):
     place = mi.ScalarTransform4f().rotate((1, 0, 0), -90).scale(6)
-    return {"type": "rectangle", "to_world": place, "bsdf": {"type": "diffuse", "reflectance": reflectance}}
+    bsdf = {"type": kind, "reflectance" if kind == "diffuse" else "base_color": reflectance}
+    return {"type": "rectangle", "to_world": place, "bsdf": bsdf}
 
 
 def ball(bsdf, center=(0, 1.2, 0), radius=0.8):
@@ -340,8 +341,11 @@ CASES = {
     "glass": (lambda: ball({"type": "dielectric"}), lamp),
     "rough glass": (lambda: ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}), lamp),
     "rough metal": (lambda: ball({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}), lamp),
-    "sky": (lambda: ball({"type": "dielectric"}), lambda: {"type": "constant", "radiance": 1.0}),
-    "through a slab": (lambda: ball({"type": "dielectric"}), lamp),
+    "taken whole, under a sky": (
+        lambda: ball({"type": "principled", "base_color": 0.9, "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}),
+        lambda: {"type": "constant", "radiance": 1.0},
+    ),
+    "through a slab, on what is taken whole": (lambda: ball({"type": "dielectric"}), lamp),
 }
 
 
@@ -360,8 +364,8 @@ def test_the_light_is_that_of_paths_region_by_region(variant_rgb, case):
     thing, source = (make() for make in CASES[case])
     world = scene(24, reflectance=3e-4, thing=thing, lamp=source)
     seen = floor_alone(world, 24)
-    if case == "through a slab":
-        world = scene(24, reflectance=3e-4, thing=thing, lamp=source, slab=slab())
+    if case.startswith("through a slab"):
+        world = scene(24, thing=thing, lamp=source, slab=slab(), floor=floor(3e-4, "principled"))
     agree(world, seen)
 
 
@@ -374,8 +378,9 @@ def test_wavelengths_go_their_ways_as_those_of_paths(variant_spectral):
 
 @pytest.mark.slow
 def test_nothing_is_counted_twice_by_paths(variant_rgb):
-    """A white box with a glass ball: photons in the place of what paths would have found by themselves."""
+    """A white box with a glass ball, its floor taken whole: photons in the place of what paths would have found."""
     inside = mi.ScalarTransform4f().translate((0, 1, 0))
+    flat = mi.ScalarTransform4f().translate((0, 0.01, 0)).rotate((1, 0, 0), -90)
     above = mi.ScalarTransform4f().translate((0, 1.9, 0)).rotate((1, 0, 0), 90).scale(0.6)
     world = mi.load_dict(
         {
@@ -383,6 +388,7 @@ def test_nothing_is_counted_twice_by_paths(variant_rgb):
             "sensor": camera(12, (0, 1, 0.95), (0, 0.9, -1), 70),
             "box": {"type": "cube", "flip_normals": True, "to_world": inside}
             | {"bsdf": {"type": "diffuse", "reflectance": 0.7}},
+            "carpet": {"type": "rectangle", "to_world": flat, "bsdf": {"type": "principled", "base_color": 0.7}},
             "ball": ball({"type": "dielectric"}, (0.1, 0.5, -0.3), 0.4),
             "lamp": {"type": "rectangle", "to_world": above, "bsdf": {"type": "diffuse", "reflectance": 0.0}}
             | {"emitter": {"type": "area", "radiance": 5.0}},

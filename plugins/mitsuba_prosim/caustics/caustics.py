@@ -29,16 +29,15 @@ KEPT = 1 << 22
 
 
 class Caustics:
-    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, through up to ``deepest``
-    specular surfaces.
+    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, which go by ``walk``.
 
     A set has as many maps as a pattern has samples, :meth:`maps`, and each sample of a pixel gathers from its own:
     the ``t``-th from map ``t % maps`` of set ``t // maps``, which must have been drawn (:meth:`draw`). In spectral
     variants all photons of a map have the same wavelengths, which its samples have too (:meth:`wavelength`).
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, deepest: int) -> None:
-        self.sensor, self.sources, self.count, self.walk = sensor, sources, count, Walk(scene, deepest)
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk) -> None:
+        self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
         self.footprint = Footprint.of(scene, sensor)
         self.gathering = Gathering(scene, self.footprint)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
@@ -47,11 +46,15 @@ class Caustics:
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
-    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int) -> Caustics | None:
-        """Those of ``scene``; None where nothing is specular, or nothing shines."""
-        targets = Targets.of(scene)
+    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, wholes: bool) -> Caustics | None:
+        """Those of ``scene``, through up to ``deepest`` specular surfaces; None where nothing is specular, or nothing
+        shines. ``wholes``: of :class:`.Walk`, for trees.
+        """
+        targets = Targets.of(scene, wholes)
         sources = None if targets is None else Sources(scene, targets)
-        return cls(scene, sensor, sources, count, deepest) if sources is not None and sources.count else None
+        if sources is None or not sources.count:
+            return None
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
 
     @staticmethod
     def maps(n: int) -> int:

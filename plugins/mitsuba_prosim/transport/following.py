@@ -34,7 +34,7 @@ def follow(
     stratified = lobes.is_everything(lobe) or stage.facts.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     sample = points(stage.space(ray.node, k), active)
-    counts = mi.Bool(True)
+    counts, whole = mi.Bool(True), mi.Bool(False)
     with dr.suspend_grad(when=stage.attached):
         bs, weight = sample_lobe(stage, lobe, ray, si, bsdf, choice, sample, active)
         # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their
@@ -81,6 +81,9 @@ def follow(
         counts=counts,
         n=viewer_side(si),
     )
+    if ray.gathered is not None:
+        following.gathered = ray.gathered | but_not(whole, ideal)
+        following.counts = but_not(following.counts, following.gathered)
     if stage.facts.absorbs:
         following.medium = beyond(si, ray.medium, dr.detach(d), active)
         following.gap = dr.dot(o - si.p, d)

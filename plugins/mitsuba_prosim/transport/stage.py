@@ -46,6 +46,8 @@ class Stage:
         if self.facts.absorbs:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
             ray.gap = mi.Float(0)
+        if self.caustics is not None and self.facts.indivisible:
+            ray.gathered = mi.Bool(False)
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:

@@ -66,7 +66,8 @@ def radiance(
     waiting = Waiting([first] * ((max_level + 1) if facts.reflects and facts.refracts else 0), mi.UInt32(0))
 
     def step(state: State) -> State:
-        L, node = shade(stage, state.ray, camera, points, state.active)
+        scattered = False if state.ray.gathered is None else state.ray.gathered
+        L, node = shade(stage, state.ray, camera, points, state.active, scattered)
         ray = node.ray
         hit = state.hit | (ray.level == 0) & node.surface
         inside = node.surface & (ray.level <= max_level)

@@ -209,13 +209,13 @@ class Prosim(WaveIntegrator):
         self.rr_depth = whole(props, "rr_depth", 5, 0)
         self.caustics = props.get("caustics", False)
         self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
-        if self.caustics and (mi.is_spectral or not dr.is_jit_v(mi.Float)):
+        if self.caustics and not dr.is_jit_v(mi.Float):
             raise reject(
                 props,
                 "caustics",
                 True,
-                f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like, and "
-                "prosim render --no-caustics leaves them out",
+                f"false in the variant {mi.variant()}; llvm_ad_rgb, llvm_ad_spectral and the like know photons, "
+                "and prosim render --no-caustics leaves them out",
             )
         self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 

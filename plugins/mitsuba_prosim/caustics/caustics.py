@@ -11,6 +11,7 @@ from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
 from .gathering import Gathering
+from .merging import Merging
 from .photons import Photons
 from .sources import Sources
 from .targets import Targets
@@ -38,8 +39,10 @@ class Caustics:
         self.sources, self.count, self.walk = sources, count, Walk(scene, deepest)
         self.footprint = Footprint.of(scene, sensor)
         self.gathering = Gathering(scene, self.footprint)
+        walk = self.walk
+        self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible) if walk.merges else None
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
-        self._sets: dict[tuple[int, int, int], Photons] = {}
+        self._sets: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._drawn: Photons | None = None
 
     @classmethod
@@ -62,7 +65,9 @@ class Caustics:
             while len(self._sets) >= max(KEPT // self.count, 2):
                 del self._sets[next(iter(self._sets))]
             self._sets[which] = self._photons(*which)
-        self._drawn = self._sets[which]
+        self._drawn, glossy = self._sets[which]
+        if self.merging is not None and glossy is not None:
+            self.merging.draw(glossy, self._shares[maps][0])
 
     def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
@@ -70,17 +75,22 @@ class Caustics:
         number = t % dr.opaque(mi.UInt32, self._drawn.maps)
         return self.gathering(self._drawn, number, si, bsdf, active)
 
-    def _photons(self, seed: int, number: int, maps: int) -> Photons:
+    def _photons(self, seed: int, number: int, maps: int) -> tuple[Photons, Photons | None]:
+        """Those on diffuse surfaces, and on glossy ones where these gather any."""
         size = max(self.count // maps, 1)
         if maps not in self._shares:
             self._shares[maps] = self._shared(size)
         landed, map_of, _ = self._landed(seed, number, maps, *self._shares[maps])
-        return Photons.of(landed, map_of, maps, self.footprint)
+        diffuse, glossy = (None if one is None else Photons.of(one, map_of, maps, self.footprint) for one in landed)
+        assert diffuse is not None
+        return diffuse, glossy
 
     def _landed(
         self, seed: int, number: int, maps: int, shares: mi.Float, begins: mi.UInt32, pairs: mi.UInt32
-    ) -> tuple[Landed, mi.UInt32, mi.UInt32]:
-        """``(landed, map, pair)`` of all photons of a set. The last three are what :func:`placed` gives."""
+    ) -> tuple[tuple[Landed, Landed | None], mi.UInt32, mi.UInt32]:
+        """``(landed, map, pair)`` of all photons of a set, the first as :class:`.Walk` gives it.
+        The last three are what :func:`placed` does.
+        """
         size = dr.width(pairs)
         i = dr.arange(mi.UInt32, size * maps)
         map_of = i // dr.opaque(mi.UInt32, size)
@@ -102,8 +112,12 @@ class Caustics:
         pairs = self.sources.pairs
         even = np.full(pairs, max(PILOTS // pairs, 1), dtype=np.float64)
         landed, _, pair = self._landed(0, 0, 1, *placed(even))
-        flux = np.where(np.array(landed.lies), np.array(dr.max(landed.flux), dtype=np.float64), 0)
-        brought = np.bincount(np.array(pair), weights=flux, minlength=pairs)
+        flux = [
+            np.where(np.array(one.lies), np.array(dr.max(one.flux), dtype=np.float64), 0)
+            for one in landed
+            if one is not None
+        ]
+        brought = np.bincount(np.array(pair), weights=sum(flux), minlength=pairs)
         whole = brought.sum()
         part = (1 - EVEN) * brought / whole + EVEN / pairs if whole > 0 else np.full(pairs, 1 / pairs)
         return placed(np.maximum(np.round(part * size), 1))

@@ -17,11 +17,15 @@ import mitsuba as mi
 import numpy as np
 
 from ..light.balls import Balls, ball
+from ..masks import but_not
 from . import targets as aim
 from .targets import Targets
 
 #: How many of the photons of a ball start on the disk that its target sees; the others do anywhere on it.
 FACING = 0.9
+
+#: A density that no other comes near, and that can still be reckoned with.
+ENDLESS = 1e30
 
 #: What :func:`kind` tells apart.
 KINDS = ("point", "surface", "far")
@@ -50,8 +54,8 @@ class Start:
     ray: mi.Ray3f
     #: ``mi.Spectrum``: power that each of them carries, 0 where there is none.
     flux: mi.Spectrum
-    #: How close together they are: number per area at right angles to the ray and per solid angle; infinite from points
-    #: and from one direction.
+    #: How close together they are: number per area at right angles to the ray and per solid angle; :data:`ENDLESS` from
+    #: points and in a single direction.
     density: mi.Float
 
 
@@ -129,7 +133,7 @@ class Sources:
         density = self._density(draw.number, draw.shares, self._of_point(x, ray.d), draw.target)
         met, lit = self._met(ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
-        return Start(ray, dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0), mi.Float(dr.inf))
+        return Start(ray, dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0), mi.Float(ENDLESS))
 
     def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
@@ -162,7 +166,7 @@ class Sources:
         density = self._density(draw.number, draw.shares, self._from_afar(x, d), draw.target)
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
-        return Start(mi.Ray3f(x - d * back, d), flux, dr.select(ds.delta, dr.inf, density * ds.pdf))
+        return Start(mi.Ray3f(x - d * back, d), flux, dr.select(ds.delta, ENDLESS, density * ds.pdf))
 
     def density(self, ds: mi.DirectionSample3f, shares: mi.Float, active: mi.Bool) -> mi.Float:
         """How close together (:attr:`Start.density`) photons are on the ray of light that comes along ``ds``; 0 where
@@ -175,7 +179,15 @@ class Sources:
         if "surface" in self.kinds:
             cos = dr.dot(ds.n, d)
             lit = active & (kinds == KINDS.index("surface")) & (cos > 0)
-            per_area = ds.emitter.pdf_position(ds, lit)
+            # What varies over a surface is sampled by that, else by the surface itself.
+            varies = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
+            it = dr.zeros(mi.Interaction3f)
+            it.p = ds.p - ds.d * ds.dist
+            per_area = dr.select(
+                varies,
+                ds.emitter.pdf_direction(it, ds, lit & varies) * cos / dr.square(ds.dist),
+                ds.emitter.get_shape().pdf_position(ds, but_not(lit, varies)),
+            )
             density = self._density(number, shares, self._of_surface(number, per_area, ds.p, ds.n, d), active=lit)
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if "far" in self.kinds:

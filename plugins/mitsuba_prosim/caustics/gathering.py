@@ -7,7 +7,6 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
-from ..masks import but_not
 from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.indivisible import is_indivisible, is_whole
@@ -32,21 +31,23 @@ class Gathering:
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         self.indivisible = any(map(is_indivisible, bsdfs))
         #: Whether the diffuse lobes of all of them are Lambert's.
-        self.lambertian = not any(s.class_name() == "Instance" for s in scene.shapes()) and all(
-            map(is_lambertian, bsdfs)
+        self.lambertian = (
+            not any(s.class_name() == "Instance" for s in scene.shapes())
+            and not self.indivisible
+            and all(map(is_lambertian, bsdfs))
         )
 
     def __call__(
         self, photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, active: mi.Bool
     ) -> mi.Spectrum:
-        """Radiance towards the viewer of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``.
+        """Radiance towards the viewer of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``,
+        or by all of what is taken whole.
 
         They count within a pixel's width, those in the middle most (Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²)):
         what comes between the samples of a pixel is blurred by that, and no more.
         """
-        active = active & lobes.has_any(bsdf.flags(), *lobes.DIFFUSE)
-        if self.indivisible:
-            active = but_not(active, is_whole(bsdf, active))
+        whole = active & is_whole(bsdf, active) if self.indivisible else mi.Bool(False)
+        active = active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | whole)
 
         def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
             wo = -dr.gather(mi.Vector3f, photons.directions, i, near)
@@ -57,6 +58,8 @@ class Gathering:
                 return dr.select(near, flux * kernel, 0)
             near &= dr.abs(cos) > 1e-6
             f = bsdf.eval(lobes.diffuse(), si, si.to_local(wo), near)
+            if self.indivisible:
+                f = dr.select(whole, bsdf.eval(lobes.everything(), si, si.to_local(wo), near & whole), f)
             return dr.select(near, f * flux * (kernel / dr.select(near, dr.abs(cos), 1)), 0)
 
         L, per_area = within_reach(photons, number, self.footprint, si, light, active)

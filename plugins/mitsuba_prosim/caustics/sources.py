@@ -8,7 +8,7 @@ no photon is brighter than the best of its pairs would make it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from ..light.balls import Balls, ball
 from ..masks import but_not
+from ..optics.nested import parts
 from . import targets as aim
 from .targets import Targets
 
@@ -27,9 +28,6 @@ FACING = 0.9
 #: A density that no other comes near, and that can still be reckoned with.
 ENDLESS = 1e30
 
-#: What :func:`kind` tells apart.
-KINDS = ("point", "surface", "far")
-
 #: From center and radius of a target: whether a ray meets it, and with which density a photon of that pair takes it.
 DensityOf = Callable[[Any, Any], tuple[Any, Any]]
 
@@ -37,7 +35,7 @@ DensityOf = Callable[[Any, Any], tuple[Any, Any]]
 @dataclass(frozen=True)
 class Draw:
     """Which photons start: the numbers of their sources and targets, how many photons each pair has (``shares``, one
-    entry a pair), and the points in [0, 1)² that they are drawn by.
+    entry a pair), the points in [0, 1)² that they are drawn by, and their wavelengths.
     """
 
     number: mi.UInt32
@@ -45,6 +43,13 @@ class Draw:
     shares: mi.Float
     position: mi.Point2f
     aimed: mi.Point2f
+    wavelengths: mi.Color0f
+
+    def receiver(self, p: mi.Point3f) -> mi.SurfaceInteraction3f:
+        """The point ``p`` as what receives light of its wavelengths."""
+        result = dr.zeros(mi.SurfaceInteraction3f)
+        result.p, result.wavelengths = p, self.wavelengths
+        return result
 
 
 @dataclass
@@ -59,17 +64,31 @@ class Start:
     density: mi.Float
 
 
+#: Kinds of sources, by how their photons start: all go out from one point; from a surface to all sides, or along its
+#: normals alone; or come from far away.
+KINDS = ("point", "surface", "beam", "far")
+
+
 def kind(emitter: mi.Emitter) -> str | None:
-    """``"point"``, ``"surface"`` or ``"far"``; None for what is no source of photons here (a surface that emits in one
-    direction).
-    """
+    """One of :data:`KINDS`; None for what says nothing of where it is."""
     flags = emitter.flags()
     if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == "DirectionalEmitter":
         return "far"
     if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
         return "point"
-    surface = mi.has_flag(flags, mi.EmitterFlags.Surface)
-    return "surface" if surface and not mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else None
+    if mi.has_flag(flags, mi.EmitterFlags.Surface):
+        return "beam" if mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else "surface"
+    return None
+
+
+def left_out(emitters: Sequence[mi.Emitter]) -> None:
+    """Warns of those that are no sources of photons."""
+    if names := ", ".join(repr(e.id()) for e in emitters if kind(e) is None):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: caustics leave out the light of the emitters {names}, whose flags do not say where they are. "
+            "Allowed are those with DeltaPosition, Surface or Infinite among them.",
+        )
 
 
 class Sources:
@@ -80,6 +99,7 @@ class Sources:
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets
         all_emitters = list(scene.emitters())
+        left_out(all_emitters)
         chosen = [(i, e) for i, e in enumerate(all_emitters) if kind(e) is not None]
         self.emitters = [e for _, e in chosen]
         self.count = len(chosen)
@@ -106,32 +126,33 @@ class Sources:
         """Number of pairs."""
         return self.count * self.targets.count
 
-    def start(self, pair: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f) -> Start:
+    def start(
+        self, pair: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
+    ) -> Start:
         """Photons of the pairs ``pair``. ``shares``: the number of photons that each pair has, one entry a pair;
-        ``position``, ``aimed``: points in [0, 1)².
+        ``position``, ``aimed``: points in [0, 1)²; ``wavelengths``: what the flux is wanted at.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count
         emitter = dr.gather(mi.EmitterPtr, self.pointers, number)
         kinds = dr.gather(mi.UInt32, self.kind, number)
-        draw = Draw(number, target, shares, position, aimed)
+        draw = Draw(number, target, shares, position, aimed, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0))
-        for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._far))):
+        for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._beam, self._far))):
             if name in self.kinds:
                 active = kinds == k
                 one = method(emitter, draw, active)
                 start = dr.select(active, one, start)
         start.flux = dr.select(dr.all(dr.isfinite(start.flux)), start.flux, 0)
+        start.ray.wavelengths = wavelengths
         return start
 
     def _point(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
-        seen = dr.zeros(mi.SurfaceInteraction3f)
-        seen.p = center
-        x = emitter.sample_direction(seen, draw.position, active)[0].p
+        x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
         density = self._density(draw.number, draw.shares, self._of_point(x, ray.d), draw.target)
-        met, lit = self._met(ray, active)
+        met, lit = self._met(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         return Start(ray, dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0), mi.Float(ENDLESS))
 
@@ -147,19 +168,26 @@ class Sources:
         density = self._density(draw.number, draw.shares, self._of_surface(draw.number, per_area, x, n, d), draw.target)
         cos = dr.dot(n, d)
         active = active & (cos > 0) & (density > 0)
-        ray = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths).spawn_ray(d)
-        met, lit = self._met(ray, active)
+        ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
+        met, lit = self._met(draw, ray, active)
         ds = mi.DirectionSample3f(ps)
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
         L = emitter.eval_direction(met, ds, lit)
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
         return Start(ray, flux, density / dr.select(lit, cos, 1))
 
+    def _beam(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        """Not aimed: a point of the surface says where the photon goes."""
+        ps, _ = emitter.sample_position(0.0, draw.position, active)
+        density = self._density(draw.number, draw.shares, lambda c, r: (mi.Bool(True), mi.Float(ps.pdf)), draw.target)
+        si = mi.SurfaceInteraction3f(ps, draw.wavelengths)
+        lit = active & (density > 0)
+        L = dr.dispatch(emitter, beam, si, lit)
+        return Start(si.spawn_ray(ps.n), dr.select(lit, L / dr.select(lit, density, 1), 0), mi.Float(ENDLESS))
+
     def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
-        seen = dr.zeros(mi.SurfaceInteraction3f)
-        seen.p = center
-        ds, weight = emitter.sample_direction(seen, draw.position, active)
+        ds, weight = emitter.sample_direction(draw.receiver(center), draw.position, active)
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
@@ -246,15 +274,21 @@ class Sources:
             (mi.UInt32(0), mi.Float(0)), lambda k, total: active & (k < count), step, labels=("k", "total")
         )[1]
 
-    def _met(self, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
+    def _met(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """Where ``ray`` ends, as the receiver of its light, and whether it does: of a source of 1992, which looks the
         same at any distance, it matters how far that is.
         """
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
-        met = dr.zeros(mi.SurfaceInteraction3f)
-        met.p = ray(dr.select(lit, pi.t, 1))
-        return met, lit
+        return draw.receiver(ray(dr.select(lit, pi.t, 1))), lit
+
+
+def beam(emitter: mi.Emitter, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Spectrum:
+    """Power per area that ``emitter`` sends out along its normal at ``si``. It gives no ray at given wavelengths: its
+    texture is asked, where it has one.
+    """
+    radiance = parts(emitter).get("radiance")
+    return mi.Spectrum(0) if radiance is None else mi.Spectrum(radiance.eval(si, active))
 
 
 def on_ball(

@@ -50,6 +50,15 @@ class Helping:
         self.until = ExitStack()
         self.taker: Remote | None = None
 
+    @property
+    def elsewhere(self) -> bool:
+        """Whether they may be other machines."""
+        return self.helpers is not None and self.helpers.cluster is not None
+
+    def spent(self) -> tuple[float, int]:
+        """Seconds that they have taken samples for, all together, and how many these are."""
+        return (0.0, 0) if self.taker is None else (self.taker.taking, self.taker.work)
+
     def __enter__(self) -> Helping:
         return self
 

@@ -33,6 +33,9 @@ KNOWN = {
     ".xml",
 }
 
+#: What an image may not overwrite, in words.
+SOURCES = "what the image is made of"
+
 
 def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
     """Path without suffix of what is written with all of ``suffixes``.

@@ -84,6 +84,9 @@ def follow(
     )
     if stage.merging is not None:
         following = with_reach(stage, ray, node, following, bs, weight, whole)
+    if ray.gathered is not None:
+        following.gathered = ray.gathered | but_not(whole, ideal)
+        following.counts = but_not(following.counts, following.gathered)
     if stage.facts.absorbs:
         following.medium = beyond(si, ray.medium, dr.detach(d), active)
         following.gap = dr.dot(o - si.p, d)

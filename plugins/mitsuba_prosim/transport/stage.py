@@ -66,6 +66,8 @@ class Stage:
             ray.gap = mi.Float(0)
         if self.merging is not None:
             ray.reach = mi.Float(0)
+        if self.caustics is not None and self.facts.indivisible:
+            ray.gathered = mi.Bool(False)
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:

@@ -5,6 +5,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
+from mitsuba_prosim.caustics.sources import left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.command.sampled import parameters
 from mitsuba_prosim.rendering.record import Record
@@ -16,9 +17,10 @@ def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
     return {"type": "perspective", "fov": fov, "to_world": place, "film": film}
 
 
-def floor(reflectance):
+def floor(reflectance, kind="diffuse"):
     place = mi.ScalarTransform4f().rotate((1, 0, 0), -90).scale(6)
-    return {"type": "rectangle", "to_world": place, "bsdf": {"type": "diffuse", "reflectance": reflectance}}
+    bsdf = {"type": kind, "reflectance" if kind == "diffuse" else "base_color": reflectance}
+    return {"type": "rectangle", "to_world": place, "bsdf": bsdf}
 
 
 def ball(bsdf, center=(0, 1.2, 0), radius=0.8):
@@ -41,8 +43,12 @@ def render(scene, seed=0, **parameters):
     return np.array(mi.render(scene, integrator=integrator, seed=seed))
 
 
-def small(size=16):
-    return scene(size, ball=ball({"type": "dielectric"}), lamp=lamp())
+#: Glass that turns light into a rainbow.
+DISPERSIVE = {"type": "prosim_dielectric", "int_material": "sf10"}
+
+
+def small(size=16, glass=None):
+    return scene(size, ball=ball(glass or {"type": "dielectric"}), lamp=lamp())
 
 
 # ---------------------------------------------------------------- what they are aimed at
@@ -69,7 +75,15 @@ def test_spheres_are_tight_around_what_is_specular(variant_rgb):
 
 
 def test_images_are_the_same_to_the_bit_under_bands_crops_and_threads(variant_rgb):
-    world = small()
+    the_same_bits(small())
+
+
+@pytest.mark.slow
+def test_so_are_those_of_spectral_variants(variant_spectral):
+    the_same_bits(small(glass=DISPERSIVE))
+
+
+def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
     assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
     parameters = mi.traverse(world.sensors()[0])
@@ -146,33 +160,59 @@ def test_refusals_say_what_to_do(variant_rgb):
     assert "known to its own render() alone" in str(refused.value.__cause__)
 
 
-def test_variants_that_know_no_photons_say_so(variant):
-    wanted = {"type": "prosim", "caustics": True}
-    if variant == "scalar_rgb" or mi.is_spectral:
-        with pytest.raises(RuntimeError, match=f'"caustics" is True; allowed: false in the variant {variant}'):
-            mi.load_dict(wanted)
-    else:
-        assert "caustics = True" in str(mi.load_dict(wanted))
+def test_variants_that_know_no_photons_say_so(variant_scalar):
+    with pytest.raises(RuntimeError, match=f'"caustics" is True; allowed: false in the variant {variant_scalar}'):
+        mi.load_dict({"type": "prosim", "caustics": True})
+
+
+def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, monkeypatch):
+    somewhere, nowhere = (mi.Emitter(mi.Properties()) for _ in range(2))
+    somewhere.m_flags, nowhere.m_flags = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.Empty  # else arbitrary
+    nowhere.set_id("nowhere")
+    said = []
+    monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
+    left_out([somewhere, nowhere])
+    left_out([somewhere])
+    assert [level for level, _ in said] == [mi.LogLevel.Warn]
+    assert "'nowhere'" in said[0][1] and "DeltaPosition" in said[0][1]
 
 
 # ---------------------------------------------------------------- the right light
 
 
+def mirrored(kind, channel):
+    """A source without extent, in one colour, that lights the floor around (2, 0, 0) by a mirror at (0, 1.1, 0.1)."""
+    power = {"type": "rgb", "value": [3.0 * (k == channel) for k in range(3)]}
+    place = mi.ScalarTransform4f().look_at(origin=(1.5, 2, 0.2), target=(0, 1.1, 0.1), up=(0, 1, 0))
+    if kind == "directional":
+        return {"type": kind, "direction": (-2, -0.8, -0.1), "irradiance": power}
+    if kind == "directionalarea":
+        place = mi.ScalarTransform4f().look_at(origin=(6, 5.6, 0.4), target=(0, 1.4, 0.1), up=(0, 1, 0)).scale(0.5)
+        return {"type": "rectangle", "to_world": place, "emitter": {"type": kind, "radiance": power}}
+    if kind == "projector":
+        picture = mi.Bitmap(np.full((4, 4, 3), power["value"], dtype=np.float32))
+        power = {"type": "bitmap", "bitmap": picture, "raw": True}
+        return {"type": kind, "to_world": place, "irradiance": power, "fov": 100}
+    where = {"to_world": place, "cutoff_angle": 80, "beam_width": 79} if kind == "spot" else {"position": (1.5, 2, 0.2)}
+    return {"type": kind, "intensity": power} | where
+
+
 @pytest.mark.parametrize(
-    "kind", ["point", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("prosim_point", "spot"))]
+    "kinds",
+    [
+        ("point", "directional", "directionalarea"),
+        pytest.param(("prosim_point", "spot", "projector"), marks=pytest.mark.slow),
+    ],
+    ids="+".join,
 )
-def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kind):
-    """What no path finds: irradiance of a point source by way of a mirror, I cos / d² of its mirror image."""
-    p = np.array([1.5, 2, 0.2])
-    source = {"type": kind, "intensity": 10.0}
-    if kind == "spot":
-        place = mi.ScalarTransform4f().look_at(origin=p, target=(0, 1.1, 0.1), up=(0, 1, 0))
-        source |= {"to_world": place, "cutoff_angle": 80, "beam_width": 79}
-    else:
-        source["position"] = p
+def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kinds):
+    """What no path finds: light of sources without extent by way of a mirror. It comes to the floor as it would come to
+    the floor's mirror image without the mirror, each source in a colour of its own.
+    """
     upright = mi.ScalarTransform4f().translate((0, 1.1, 0.1)).rotate((0, 1, 0), 90).scale((0.6, 0.6, 1))
     mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}
-    world = scene(mirror=mirror, lamp=source, reflectance=1.0)
+    lamps = {f"lamp_{k}": mirrored(kind, k) for k, kind in enumerate(kinds)}
+    world = scene(mirror=mirror, reflectance=1.0, **lamps)
     place = mi.ScalarTransform4f().look_at(origin=(2, 5, 0), target=(2, 0, 0), up=(0, 0, 1)).scale((0.3, 0.3, 1))
     film = {"type": "hdrfilm", "width": 6, "height": 6, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
@@ -181,12 +221,19 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
         integrator = mi.load_dict(
             {"type": "prosim", "samples": 4, "adaptive": "none", "caustics": caustics, "caustic_photons": 1 << 17}
         )
-        images.append(np.array(mi.render(world, sensor=sensor, integrator=integrator, seed=1))[..., 0])
-    x = 2 + np.linspace(-0.3, 0.3, 61)
-    x, z = np.meshgrid((x[1:] + x[:-1]) / 2, (x[1:] + x[:-1]) / 2 - 2)
-    to_lamp = np.stack([-p[0] - x, np.full_like(x, p[1]), p[2] - z])
-    radiance = 10 * to_lamp[1] / np.sum(to_lamp**2, axis=0) ** 1.5 / np.pi
-    assert abs((images[0] - images[1]).mean() / radiance.mean() - 1) < 0.02  # some thousand photons
+        images.append(np.array(mi.render(world, sensor=sensor, integrator=integrator, seed=1)))
+    by_mirror = (images[0] - images[1]).mean(axis=(0, 1))
+    x, z = np.meshgrid(*[(np.arange(60) + 0.5) / 100 - 0.3] * 2)
+    it = dr.zeros(mi.SurfaceInteraction3f, x.size)
+    it.p = mi.Point3f(-2 - x.ravel(), 0, z.ravel())
+    for k, kind in enumerate(kinds):
+        if kind == "directionalarea":  # which tells nobody; its light comes along (-6, -4.2, -0.3)
+            expected = 3 * 4.2 / np.linalg.norm((6, 4.2, 0.3)) / np.pi
+        else:
+            emitter = next(e for e in world.emitters() if e.id() == f"lamp_{k}")
+            ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
+            expected = np.mean(np.array(irradiance)[k] * np.abs(np.array(ds.d.y))) / np.pi
+        assert abs(by_mirror[k] / expected - 1) < 0.02  # some thousand photons
 
 
 def cap(curvature, radius, side, bsdf, rings=8, sectors=96):
@@ -248,14 +295,27 @@ def test_a_thin_lens_gathers_a_point_source_as_the_lens_makers_equation_says(var
         assert irradiance[r2 > (1.2 * circle) ** 2].max() < 0.01 * irradiance.max()
 
 
-def compared(world, seeds, ours, theirs, mask):
-    """``(z, ratio)``: differences of 12 parts of the image over their error, and of the whole as a ratio."""
-    a = np.stack([np.array(ours(world, seed))[..., 1] for seed in range(seeds)])
-    b = np.stack([np.array(theirs(world, seed))[..., 1] for seed in range(seeds)])
+def compared(ours, theirs, mask):
+    """``(z, ratio)`` of images in the first channels: differences of 12 parts of the image over their error, and of the
+    whole as a ratio.
+    """
     parts = np.array_split(np.flatnonzero(mask), 12)
-    x, y = (np.stack([[image.ravel()[part].mean() for part in parts] for image in images]) for images in (a, b))
-    error = np.sqrt((x.var(axis=0, ddof=1) + y.var(axis=0, ddof=1)) / seeds)
+    x, y = (np.stack([[image.ravel()[part].mean() for part in parts] for image in images]) for images in (ours, theirs))
+    error = np.sqrt((x.var(axis=0, ddof=1) + y.var(axis=0, ddof=1)) / len(ours))
     return (x.mean(axis=0) - y.mean(axis=0)) / error, x.mean() / y.mean() - 1
+
+
+def agree(world, seen, seeds=10, kind="path"):
+    """Whether the light is that of paths in every colour, as far as these have colours of their own."""
+    paths = mi.load_dict({"type": kind, "max_depth": 20, "rr_depth": 50})
+    ours = np.stack([render(world, seed) for seed in range(seeds)])
+    theirs = np.stack(
+        [np.array(mi.render(world, integrator=paths, seed=1000 + seed, spp=400)) for seed in range(seeds)]
+    )
+    for channel in range(3) if mi.is_spectral else (1,):
+        z, ratio = compared(ours[..., channel], theirs[..., channel], seen)
+        assert np.abs(z).max() < 6  # t with some 15 degrees of freedom: 12 parts go beyond by chance once in 4000
+        assert abs(ratio) < 0.01
 
 
 def floor_alone(world, size):
@@ -270,20 +330,22 @@ def floor_alone(world, size):
 
 
 def green():
-    """Glass that absorbs, most of red."""
+    """Glass that absorbs, most of red, and disperses."""
     absorbed = {"type": "rgb", "value": [1.0, 0.3, 0.75]}
     medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": absorbed, "scale": 2.0}
-    return ball({"type": "prosim_dielectric", "int_ior": 1.5}) | {"interior": medium}
+    return ball(DISPERSIVE) | {"interior": medium}
 
 
 #: name -> (object, lamp): such that paths find their light often enough to be compared with.
 CASES = {
     "glass": (lambda: ball({"type": "dielectric"}), lamp),
-    "green glass": (green, lamp),
     "rough glass": (lambda: ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}), lamp),
     "rough metal": (lambda: ball({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}), lamp),
-    "sky": (lambda: ball({"type": "dielectric"}), lambda: {"type": "constant", "radiance": 1.0}),
-    "through a slab": (lambda: ball({"type": "dielectric"}), lamp),
+    "taken whole, under a sky": (
+        lambda: ball({"type": "principled", "base_color": 0.9, "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}),
+        lambda: {"type": "constant", "radiance": 1.0},
+    ),
+    "through a slab, on what is taken whole": (lambda: ball({"type": "dielectric"}), lamp),
 }
 
 
@@ -302,21 +364,23 @@ def test_the_light_is_that_of_paths_region_by_region(variant_rgb, case):
     thing, source = (make() for make in CASES[case])
     world = scene(24, reflectance=3e-4, thing=thing, lamp=source)
     seen = floor_alone(world, 24)
-    if case == "through a slab":
-        world = scene(24, reflectance=3e-4, thing=thing, lamp=source, slab=slab())
-    kind = "volpath" if case == "green glass" else "path"
-    paths = mi.load_dict({"type": kind, "max_depth": 20, "rr_depth": 50})
-    z, ratio = compared(
-        world, 10, render, lambda world, seed: mi.render(world, integrator=paths, seed=1000 + seed, spp=400), seen
-    )
-    assert np.abs(z).max() < 6  # t with some 15 degrees of freedom: 12 parts go beyond by chance once in 4000
-    assert abs(ratio) < 0.01
+    if case.startswith("through a slab"):
+        world = scene(24, thing=thing, lamp=source, slab=slab(), floor=floor(3e-4, "principled"))
+    agree(world, seen)
+
+
+@pytest.mark.slow
+def test_wavelengths_go_their_ways_as_those_of_paths(variant_spectral):
+    """Glass that absorbs and disperses, under a white lamp: photons have the wavelengths of their samples."""
+    world = scene(24, reflectance=3e-4, thing=green(), lamp=lamp())
+    agree(world, floor_alone(world, 24), kind="volpath")
 
 
 @pytest.mark.slow
 def test_nothing_is_counted_twice_by_paths(variant_rgb):
-    """A white box with a glass ball: photons in the place of what paths would have found by themselves."""
+    """A white box with a glass ball, its floor taken whole: photons in the place of what paths would have found."""
     inside = mi.ScalarTransform4f().translate((0, 1, 0))
+    flat = mi.ScalarTransform4f().translate((0, 0.01, 0)).rotate((1, 0, 0), -90)
     above = mi.ScalarTransform4f().translate((0, 1.9, 0)).rotate((1, 0, 0), 90).scale(0.6)
     world = mi.load_dict(
         {
@@ -324,18 +388,15 @@ def test_nothing_is_counted_twice_by_paths(variant_rgb):
             "sensor": camera(12, (0, 1, 0.95), (0, 0.9, -1), 70),
             "box": {"type": "cube", "flip_normals": True, "to_world": inside}
             | {"bsdf": {"type": "diffuse", "reflectance": 0.7}},
+            "carpet": {"type": "rectangle", "to_world": flat, "bsdf": {"type": "principled", "base_color": 0.7}},
             "ball": ball({"type": "dielectric"}, (0.1, 0.5, -0.3), 0.4),
             "lamp": {"type": "rectangle", "to_world": above, "bsdf": {"type": "diffuse", "reflectance": 0.0}}
             | {"emitter": {"type": "area", "radiance": 5.0}},
         }
     )
     every = {"diffuse_bounces": -1, "max_level": -1}
-    z, ratio = compared(
-        world,
-        10,
-        lambda world, seed: render(world, seed, samples=10, **every),
-        lambda world, seed: render(world, 1000 + seed, samples=16, caustics=False, **every),
-        np.ones((12, 12), dtype=bool),
-    )
+    ours = np.stack([render(world, seed, samples=10, **every)[..., 1] for seed in range(10)])
+    theirs = np.stack([render(world, 1000 + seed, samples=16, caustics=False, **every)[..., 1] for seed in range(10)])
+    z, ratio = compared(ours, theirs, np.ones((12, 12), dtype=bool))
     assert np.abs(z).max() < 6
     assert abs(ratio) < 0.01

@@ -196,9 +196,9 @@ class Sources:
         flux = dr.select(active, weight / density, 0)
         return Start(mi.Ray3f(x - d * back, d), flux, dr.select(ds.delta, ENDLESS, density * ds.pdf))
 
-    def density(self, ds: mi.DirectionSample3f, shares: mi.Float, active: mi.Bool) -> mi.Float:
-        """How close together (:attr:`Start.density`) photons are on the ray of light that comes along ``ds``; 0 where
-        none start. ``shares``: as for :meth:`start`.
+    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, shares: mi.Float, active: mi.Bool) -> mi.Float:
+        """How close together (:attr:`Start.density`) photons are on the ray of light that comes to ``it`` along ``ds``;
+        0 where none start. ``shares``: as for :meth:`start`.
         """
         number = dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
         active = active & (number < self.count)
@@ -209,8 +209,6 @@ class Sources:
             lit = active & (kinds == KINDS.index("surface")) & (cos > 0)
             # What varies over a surface is sampled by that, else by the surface itself.
             varies = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
-            it = dr.zeros(mi.Interaction3f)
-            it.p = ds.p - ds.d * ds.dist
             per_area = dr.select(
                 varies,
                 ds.emitter.pdf_direction(it, ds, lit & varies) * cos / dr.square(ds.dist),
@@ -220,8 +218,8 @@ class Sources:
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if "far" in self.kinds:
             lit = active & (kinds == KINDS.index("far"))
-            pdf = ds.emitter.pdf_direction(dr.zeros(mi.Interaction3f), ds, lit)
-            density = self._density(number, shares, self._from_afar(ds.p, d), active=lit)
+            pdf = ds.emitter.pdf_direction(it, ds, lit)
+            density = self._density(number, shares, self._from_afar(it.p, d), active=lit)
             result = dr.select(lit, density * pdf, result)
         return result
 

@@ -7,7 +7,16 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import dask
 import distributed
+
+#: Dask looks at itself many times in a second, which takes the scheduler and each worker of this machine a twenty-fifth
+#: of a processor; what it would learn, nobody asks.
+CALM = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "10s",
+}
 
 #: Seconds that a scheduler has to answer.
 ANSWER = 10
@@ -27,6 +36,7 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
     be_quiet()
     each = max(1, (threads or os.cpu_count() or 1) // number)
     with (
+        dask.config.set(CALM),
         distributed.LocalCluster(
             n_workers=number,
             threads_per_worker=each,

@@ -102,6 +102,12 @@ class Prosim(WaveIntegrator):
        - |int|
        - Level from which Russian roulette ends paths; only with :monosp:`diffuse_bounces` (Default: 5)
 
+     * - rr_throughput
+       - |float|
+       - A branch of the tree whose throughput is below this is followed by lot, as seldom as it is weaker, and counts as
+         much more: many reflections within glass matter little, and are most of its rays. 0: all are followed.
+         (Default: 0.01 with :monosp:`caustics`, else 0)
+
      * - hide_emitters
        - |bool|
        - Camera rays do not see light sources (Default: |false|)
@@ -208,6 +214,7 @@ class Prosim(WaveIntegrator):
         self.cutoff = number(props, "cutoff", 0.0, 0)
         self.rr_depth = whole(props, "rr_depth", 5, 0)
         self.caustics = props.get("caustics", False)
+        self.rr_throughput = number(props, "rr_throughput", 0.01 if self.caustics else 0.0, 0)
         self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
         if self.caustics and not dr.is_jit_v(mi.Float):
             raise reject(
@@ -235,6 +242,7 @@ class Prosim(WaveIntegrator):
             "diffuse_bounces",
             "cutoff",
             "rr_depth",
+            "rr_throughput",
             "caustics",
             "caustic_photons",
         ]
@@ -268,6 +276,7 @@ class Prosim(WaveIntegrator):
             self.diffuse_bounces,
             self.cutoff,
             self.rr_depth,
+            self.rr_throughput,
             self.hide_emitters,
         )
 

@@ -8,6 +8,7 @@ text a :class:`~prosim_scene.language.document.Document`, a scene with the place
 from collections.abc import Mapping
 from os import PathLike
 
+from ..collector import still
 from ..model import Scene
 from . import parentheses
 from .builder import Builder
@@ -26,10 +27,11 @@ def document_of(
         raise too_large(filename)
     source = Source(text, filename)
     definitions = Definitions(source, define)
-    pieces, tree = tokens_and_tree(source, definitions)
-    definitions.check_uses()
-    parentheses.judge(source, pieces, tree)
-    return Builder(source, frozenset(definitions.uses)).document(tree)
+    with still():
+        pieces, tree = tokens_and_tree(source, definitions)
+        definitions.check_uses()
+        parentheses.judge(source, pieces, tree)
+        return Builder(source, frozenset(definitions.uses)).document(tree)
 
 
 def parse(text: str, filename: str | PathLike[str] = "<string>", define: Mapping[str, object] | None = None) -> Scene:

@@ -13,6 +13,7 @@ from .inscribed import shrink_inscribed
 from .placing import corners, facet_planes, placed
 from .primitives import PRIMITIVES
 from .recognition import same_surfaces
+from .remains import clipped, remains
 from .sight import Sight
 from .solid import Solid
 from .transforms import matrix
@@ -51,12 +52,13 @@ class Leaves:
         matrices = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
         self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
         boxes = corners(self.solids)
-        warn_if_far(document, camera, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         self._share(cutters)
-        choose_segments(document, self.solids, camera, tolerance)
+        bounds = remains(document.scene.csg, self.solids, self.of_leaf.tolist())
+        warn_if_far(document, camera, clipped(corners(self.solids), bounds))
+        choose_segments(document, self.solids, bounds, camera, tolerance)
         shrink_inscribed(self.solids)
         for s in self.solids:
             s.to_world = s.to_world - np.pad(self.origin[:, None], ((0, 1), (3, 0)))

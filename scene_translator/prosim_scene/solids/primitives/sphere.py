@@ -28,7 +28,10 @@ class Sphere(Primitive):
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
         vertices, triangles = _octahedral(segments)
-        return Mesh(vertices @ frame[:3, :3].T, triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
+        placed = vertices @ frame[:3, :3].T
+        if frame[3, :3].any():  # a projective map
+            placed = (placed + frame[:3, 3]) / (vertices @ frame[3, :3] + frame[3, 3])[:, None]
+        return Mesh(placed, triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
 
     def count(self, segments: int) -> int:
         return max(segments, MIN_SEGMENTS) ** 2 // 2

@@ -146,14 +146,14 @@ class Prosim(WaveIntegrator):
     With :monosp:`caustics`, photons go from every source towards all that is specular, through it by at most
     :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse surfaces, where they count within a
     pixel's width. Each sample of a pixel has photons of its own, so that their noise falls with the samples. Paths
-    leave that light to them: nothing is counted twice. In spectral variants all pixels then have the same wavelengths, those
-    of the photons, other ones with each sample. Sources are all of this package's, and of Mitsuba's :monosp:`area`,
-    :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`, :monosp:`directionalarea`,
-    :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. (What a :monosp:`directionalarea` sends straight to a
-    diffuse surface remains unseen, as it does with :monosp:`path`.) Materials that are taken whole (below) count as
-    diffuse: they gather photons by all of their lobes. Without :monosp:`diffuse_bounces` their specular lobes send
-    photons on too, to other materials than their like. Not in scalar variants, not nested in another integrator, and
-    without derivatives.
+    leave that light to them: nothing is counted twice. In spectral variants all pixels then have the same wavelengths,
+    those of the photons, other ones with each sample. Sources are all of this package's, and of Mitsuba's
+    :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`,
+    :monosp:`directionalarea`, :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. (What a
+    :monosp:`directionalarea` sends straight to a diffuse surface remains unseen, as it does with :monosp:`path`.)
+    Materials that are taken whole (below) count as diffuse: they gather photons by all of their lobes. Without
+    :monosp:`diffuse_bounces` their specular lobes send photons on too, to other materials than their like. Not in
+    scalar variants, not nested in another integrator, and without derivatives.
 
     Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
     sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of

@@ -1,5 +1,7 @@
 """Caustics: photons that specular surfaces gather on diffuse ones, against paths and analytic irradiance."""
 
+from types import SimpleNamespace
+
 import drjit as dr
 import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
@@ -177,9 +179,11 @@ def test_variants_that_know_no_photons_say_so(variant_scalar):
 
 
 def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, monkeypatch):
-    somewhere, nowhere = (mi.Emitter(mi.Properties()) for _ in range(2))
-    somewhere.m_flags, nowhere.m_flags = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.Empty  # else arbitrary
-    nowhere.set_id("nowhere")
+    # Not emitters: whatever has been one is among those that kernels are made for.
+    somewhere, nowhere = (
+        SimpleNamespace(flags=lambda flags=flags: flags, id=lambda: "nowhere", class_name=lambda: "Lamp")
+        for flags in (int(mi.EmitterFlags.DeltaPosition), 0)
+    )
     said = []
     monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
     left_out([somewhere, nowhere])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 
+USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
 CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
 
 
@@ -55,6 +56,8 @@ class Source:
 
     def __init__(self, text: str, filename: str | PathLike[str]) -> None:
         self.text, self.filename = text, str(filename)
+        #: What ``$names`` stand for, and where that is from: ``'5', by -D x=5``. Messages about them say it.
+        self.names: dict[str, str] = {}
 
     @cached_property
     def line_starts(self) -> list[int]:
@@ -84,13 +87,21 @@ class Source:
         caret = " " * (len(before) + place.start - first) + "^" + "~" * (width - 1)
         return f"{self.filename}:{line}:{column}: {reason}\n    {quoted}\n    {caret}"
 
+    def _of_names(self, place: Place, reason: str) -> str:
+        """``; `` and what the names at a place stand for, of which the reason does not speak."""
+        found = dict.fromkeys(USE.findall(self.text[place.start : min(place.end, place.start + CLIP)]))
+        said = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
+        return f"; {listing(said[:3], 'and')}" if said else ""
+
     def error(self, place: Place, reason: str) -> SceneError:
         """The error to raise about what stands at ``place``."""
+        reason += self._of_names(place, reason)
         line, column = self.line_column(place.start)
         return SceneError(self.message(place, reason), self.filename, line, column, reason, place)
 
     def warning(self, place: Place, reason: str) -> SceneWarning:
         """The warning to emit about what stands at ``place``."""
+        reason += self._of_names(place, reason)
         return SceneWarning(self.message(place, reason), reason, place)
 
 

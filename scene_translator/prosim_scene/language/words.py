@@ -26,6 +26,10 @@ class Numbers:
     nonzero: bool = False  #: and 0 too
     unit: str = ""
 
+    def counted(self) -> str:
+        """How many there are, in words."""
+        return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
+
     def bounds(self) -> str:
         """What is allowed, in words."""
         kind = ("a whole number" if self.whole else "") + (f" of {self.unit}" if self.unit else "")
@@ -264,6 +268,11 @@ for _row in WORDS:
 def row(token: Token) -> Word:
     """The row of a keyword's token."""
     return next(word for word in ROWS[fold(token)] if word.role == token.type)
+
+
+def is_statement(word: str) -> bool:
+    """Whether a word may begin a statement."""
+    return any(row.role in STATEMENTS for row in ROWS.get(fold(word), ()))
 
 
 def of_role(role: str) -> list[Word]:

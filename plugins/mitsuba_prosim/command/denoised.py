@@ -29,9 +29,7 @@ def check(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
     ``integrator`` denoises by itself: twice would be once too often.
     """
     if integrator is not None and "denoised.R" in integrator.aov_names():
-        raise InputError(
-            "--denoise: the scene's integrator, prosim_denoised, denoises by itself; leave out --denoise."
-        )
+        raise InputError("--denoise: the scene's integrator, prosim_denoised, denoises by itself; leave out --denoise.")
     try:
         oidn.load()
         halves.check(film)

@@ -2,7 +2,8 @@
 
 ``words`` is the table of the language and ``grammar.lark`` its grammar. ``lexer``, ``parser`` and ``builder`` make of a
 text a :class:`~prosim_scene.language.document.Document`, a scene with the places of its values. ``checks`` judges it;
-``formatter`` lays a text out anew.
+``formatter`` lays a text out anew. ``reading`` reads each statement on its own, and ``judging`` says what is wrong in all
+of them.
 """
 
 from collections.abc import Mapping

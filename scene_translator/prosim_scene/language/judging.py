@@ -1,15 +1,12 @@
 """Statements that were read one by one -> what is wrong and what is doubtful in the scene that they make."""
 
-import tempfile
 import warnings
 from collections.abc import Iterator, MutableMapping
-from pathlib import Path as FilePath
 from typing import Any
 
-from ..language.builder import Builder
-from ..language.document import Document, Path
-from ..language.messages import Place, SceneError, SceneWarning, Source
-from ..translator import Options, assemble
+from .builder import Builder
+from .document import Document, Path
+from .messages import Place, SceneError, SceneWarning, Source
 from .reading import Reading, Said, Unit, said
 
 
@@ -79,18 +76,6 @@ def judge(reading: Reading) -> tuple[list[Said], Document | None]:
                 result.append(said(error))
         result += [said(w.message) for w in warned if isinstance(w.message, SceneWarning)]
     return result, document
-
-
-def evaluate(document: Document, folder: FilePath | None) -> list[Said]:
-    """What ``prosim_scene.check`` says of a document when it evaluates the tree; ``folder`` has its images."""
-    with warnings.catch_warnings(record=True) as warned, tempfile.TemporaryDirectory() as nowhere:
-        warnings.simplefilter("always", SceneWarning)
-        failed = []
-        try:
-            assemble(document, folder or FilePath(nowhere), Options(), lambda name, _: name, str)
-        except SceneError as error:
-            failed.append(said(error))
-    return [*failed, *(said(w.message) for w in warned if isinstance(w.message, SceneWarning))]
 
 
 def _twice(source: Source, unit: Unit, base: int, places: Places) -> Said | None:

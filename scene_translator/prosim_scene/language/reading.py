@@ -13,13 +13,13 @@ from typing import Any
 
 from lark import Token, UnexpectedToken
 
-from ..language import lexer, parentheses
-from ..language.builder import Builder
-from ..language.definitions import Definitions
-from ..language.document import Path
-from ..language.messages import Place, SceneError, SceneWarning, Source
-from ..language.parser import begin, syntax_error
-from ..language.words import STATEMENTS, WORDS
+from . import lexer, parentheses
+from .builder import Builder
+from .definitions import Definitions
+from .document import Path
+from .messages import Place, SceneError, SceneWarning, Source
+from .parser import begin, syntax_error
+from .words import STATEMENTS, WORDS
 
 #: Lines that begin with the keyword of a statement: where reading goes on after an error.
 STATEMENT_LINE = re.compile(

@@ -359,3 +359,50 @@ def test_encodings(tmp_path):
         path.write_bytes(text.encode(encoding))
         with pytest.raises(SceneError, match="no text in UTF-8"):
             prosim_scene.read(path)
+
+
+@pytest.mark.parametrize(
+    "lines, reasons",
+    [
+        # what cannot be read, and what the rest lacks
+        (
+            {5: "SURFACE 0 kkd = 1", 4: "CSG-TREE + CUBE 0 CONE 3"},
+            ["unknown word 'kkd'", "CONE 3 has no SURFACE 3 and no T"],
+        ),
+        (
+            {5: "SURFACE 0 kd = 7", 6: "TRANSFORM 1"},
+            ["found '7'", "CUBE 0 has no TRANSFORM 0; expected a statement TRANS"],
+        ),
+        (
+            {3: "VIEW OBS 1 2", 6: "TRANSFORM 0 SCALE (1 2)"},
+            ["found 2 numbers after OBS", "found 2 numbers after SCALE"],
+        ),
+        ({4: "CSG-TREE + CUBE 1 CUBE 2"}, ["CUBE 1 has no SURFACE 1 and no", "CUBE 2 has no SURFACE 2 and no"]),
+        # what only follows from another error
+        ({4: "CSG-TREE + CUBE 0 CONE"}, ["found 0 numbers after CONE"]),
+        ({5: "SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
+        ({5: "SURFACE 7 SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
+        ({6: "TRANSFORM 0 SCALE (1 2)"}, ["found 2 numbers after SCALE"]),
+        ({6: "TRANSFORM {0 SCALE (1 1 1)"}, ["this '{' is not closed"]),
+        ({1: "AMBIENT $x $x $x NSAMPLES $x"}, ["nothing above says what $x stands for"]),
+        ({1: "DEFAULT $x = (1", 3: "VIEW OBS 0 0 $x"}, ["this remark is not closed"]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_errors_are_told_together_but_not_what_follows_from_them(lines, reasons):
+    text = MINIMAL.splitlines()
+    for number, line in lines.items():
+        text[number - 1] = line
+    with pytest.raises(SceneError) as caught:
+        prosim_scene.parse("\n".join(text) + "\n", "s.scn")
+    told = [caught.value, *caught.value.others]
+    assert len(told) == len(reasons) and all(one.reason.startswith(begin) for one, begin in zip(told, reasons))
+    assert [line for line in str(caught.value).splitlines() if line.startswith("s.scn:")] == [
+        f"s.scn:{one.line}:{one.column}: {one.reason}" for one in told
+    ]
+
+
+def test_of_very_many_errors_some_are_told():
+    with pytest.raises(SceneError, match=r"and 5 more errors$") as caught:
+        prosim_scene.parse("".join(f"SURFACE {i} kd = 7\n" for i in range(10)) + MINIMAL)
+    assert len(caught.value.others) == 9 and str(caught.value).count("found '7'") == 5

@@ -1,10 +1,9 @@
 """What a scene needs as a whole, and what in it has no effect."""
 
 import functools
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Iterator, Sequence
 
-from ..model import GREY, Leaf, Surface, Vector
+from ..model import GREY, Leaf, Operator, Surface, Vector
 from .document import Document
 from .hints import nearest
 from .messages import listing, quote
@@ -98,23 +97,35 @@ def _glass(document: Document, index: int, surface: Surface) -> None:
         )
 
 
+def lacking(
+    csg: Sequence[Operator | Leaf], surfaces: Collection[int], transforms: Collection[int]
+) -> Iterator[tuple[int, str]]:
+    """The leaves without SURFACE or TRANSFORM, one for each index: their numbers in the tree, and what they lack."""
+    said = set()
+    for number, leaf in enumerate(csg):
+        if not isinstance(leaf, Leaf) or leaf.index in said:
+            continue
+        tables = (surfaces, f"SURFACE {leaf.index}"), (transforms, f"TRANSFORM {leaf.index}")
+        missing = [name for table, name in tables if leaf.index not in table]
+        if missing:
+            said.add(leaf.index)
+            yield (
+                number,
+                f"{leaf.shape.upper()} {leaf.index} has no {' and no '.join(missing)}; expected "
+                + (f"a statement {missing[0]}" if len(missing) == 1 else f"statements {' and '.join(missing)}"),
+            )
+
+
 def _leaves(document: Document) -> None:
     """Indices and texture names that lead nowhere."""
     scene = document.scene
+    for number, reason in lacking(scene.csg, scene.surfaces, scene.transforms):
+        given = sorted(scene.surfaces if "SURFACE" in reason else scene.transforms)
+        known = f"; there are {listing(given[:20], 'and')}" if given else ""
+        raise document.error(reason + known, "csg", number)
     for number, leaf in enumerate(scene.csg):
         if not isinstance(leaf, Leaf):
             continue
-        tables: tuple[tuple[Mapping[int, Any], str], ...] = (scene.surfaces, "SURFACE"), (scene.transforms, "TRANSFORM")
-        for table, keyword in tables:
-            if leaf.index not in table:
-                given = sorted(table)
-                known = f"; there are {listing(given[:20], 'and')}" if given else ""
-                raise document.error(
-                    f"{leaf.shape.upper()} {leaf.index} has no {keyword} {leaf.index}; "
-                    f"expected a statement {keyword} {leaf.index}{known}",
-                    "csg",
-                    number,
-                )
         for slot, texture in enumerate(leaf.textures):
             path = "csg", number, "textures", slot
             if texture and texture.name and texture.name not in scene.patterns:

@@ -2,13 +2,14 @@
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 
 USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
 CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
+OTHERS = 4  # so many errors are told beside the first one
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,10 @@ class SceneError(ValueError):
     """Wrong input. ``str()`` is the whole message: file, line, column, what was found and expected, and a caret.
 
     The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
-    text), ``reason``, and ``place``, or None.
+    text), ``reason``, and ``place``, or None. Where other errors are known as well, ``others``, the text has them too.
     """
+
+    others: tuple["SceneError", ...] = ()
 
     def __init__(
         self,
@@ -49,6 +52,17 @@ class SceneError(ValueError):
         super().__init__(message)
         self.filename, self.line, self.column, self.reason = filename, line, column, reason or message
         self.place = place
+
+
+def together(first: SceneError, others: Sequence[SceneError]) -> SceneError:
+    """The first error, whose text goes on with the others."""
+    if not others:
+        return first
+    more = len(others) - OTHERS
+    text = "\n".join([str(first), *map(str, others[:OTHERS]), *([f"and {more} more errors"] if more > 0 else [])])
+    result = type(first)(text, first.filename, first.line, first.column, first.reason, first.place)
+    result.others = tuple(others)
+    return result
 
 
 class Source:

@@ -7,7 +7,7 @@ what ``$names`` stand for; and an error in one does not hide the others.
 import re
 import warnings
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -71,10 +71,10 @@ class Unit:
 
 
 class Reading:
-    """A text and its statements: ``units``, and where each of them is now, ``bases``."""
+    """A text and its statements: ``units``, and where each of them is now, ``bases``. ``given``: see Definitions."""
 
-    def __init__(self, text: str = "", filename: str = "<string>") -> None:
-        self.source = Source("", filename)
+    def __init__(self, text: str = "", filename: str = "<string>", given: Mapping[str, object] | None = None) -> None:
+        self.source, self.given = Source("", filename), given
         self.units: list[Unit] = []
         self.bases: list[int] = []
         self.change(text)
@@ -90,7 +90,7 @@ class Reading:
         }
         self.source = Source(text, self.source.filename)
         self.units, self.bases = [], []
-        definitions = Definitions(self.source)
+        definitions = Definitions(self.source, self.given)
         position = i = 0
         while position < len(text):
             # An unchanged unit ends before the change, and so does the keyword that follows it.

@@ -14,7 +14,7 @@ from .reading import Reading, Said, Unit, said
 from .words import STATEMENTS, is_statement, of_role
 
 #: Longer texts are not read once more for the sake of a second error.
-LONGEST = 2**20
+LONGEST = 2**16
 BEGINNINGS = [spelling for role in STATEMENTS for row in of_role(role) for spelling in row.spellings]
 UNDEFINED = "nothing above says what"
 WORD, INDEX = re.compile(r"[^\s()#\":=]+"), re.compile(r"(?<![\w.])\d{1,9}(?![\w.])")
@@ -116,7 +116,7 @@ def _lacking(reading: Reading, fields: Mapping[str, Any], places: Places) -> lis
         text = reading.source.text[base : base + unit.end - unit.base]
         error = min(one.start for one in unit.said if one.error) - unit.base
         kind = "" if unit.keyword is None else unit.keyword.type
-        own = next((int(float(t)) for t in unit.tokens if t.type == "NUMBER"), None)
+        own = next((int(t) for t in unit.tokens if t.type == "NUMBER" and INDEX.fullmatch(t)), None)
         # What is wrong may be, or may hide, the beginning of another statement.
         begins = not text[text.rfind("\n", 0, error) + 1 : error].strip()
         words = WORD.findall(text, error)

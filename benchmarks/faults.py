@@ -2,9 +2,9 @@
 
     python benchmarks/faults.py [--renders 50] [--workers 50] [--parts 16] [--seed 1] [--size 96]
 
-``--renders``: so many times the whole render is killed (``SIGKILL``, at a random moment) and gone on with, until it is
-done; then the next begins, by another policy or with another filter. ``--workers``: so many times a random worker of two
-or three is, once there is a first portion. ``--parts``: the image is put together from 1, 2, ... so many parts, in any order. After each the bytes are
+``--renders``: so many times the whole render is killed (``SIGKILL``, at a random moment) and gone on with, by all
+policies and filters in turn. ``--workers``: so many times a random worker of two or three is, once there is a first
+portion. ``--parts``: the image is put together from 1, 2, ... so many parts, in any order. After each the bytes are
 compared with those of an undisturbed render, and the process ends with an error where they differ. States are written
 more often than usual, so that short renders have some to go on with.
 """

@@ -11,6 +11,7 @@ first, from the first sample on. ``--bare`` keeps nothing: for the memory and th
 from __future__ import annotations
 
 import argparse
+import itertools
 import resource
 import tempfile
 import time
@@ -72,7 +73,7 @@ def measure(asked: argparse.Namespace) -> None:
         print(f"{seconds:.1f} s, {used:.1f} s of the processors; {before} MB before, {most()} MB at most")
         if keeper is not None:
             moments, disk = keeper.moments, (folder / "a.state.exr").stat().st_size
-            ages = [end - then for (then, _), (_, end) in zip(moments, moments[1:])]
+            ages = [end - then for (then, _), (_, end) in itertools.pairwise(moments)]
             print(
                 f"state of {disk / 1e6:.0f} MB, written {len(moments)} times, the longest in "
                 f"{max(end - begun for begun, end in moments):.2f} s; {keeper.cpu:.2f} s of the processors, "

@@ -41,7 +41,10 @@ def same(a, b):
 
 def parts(of=3, **facts):
     empty = {"total": np.zeros((3, 5), np.float32), "count": np.zeros((3, 5), np.uint32)}
-    return [Record(FACTS | {"part": [k, of], **facts}, empty, {}, {}, {"digest": "a"}) for k in range(1, of + 1)]
+    return [
+        Record(FACTS | {"part": [k, of], "tiles": [2, 1], **facts}, empty, {}, {}, {"digest": "a"})
+        for k in range(1, of + 1)
+    ]
 
 
 def change(path, **values):

@@ -138,7 +138,8 @@ def render(
     if part and any(ends.values()):
         raise click.UsageError(
             "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
-            "then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr --noise X."
+            "with --adaptive none, then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr "
+            "--noise X --adaptive graded. Where machines can talk to each other, --cluster does it in one step."
         )
     if denoise and (keep or part):
         raise click.UsageError(

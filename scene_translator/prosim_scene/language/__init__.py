@@ -9,6 +9,7 @@ all of them.
 from collections.abc import Mapping
 from os import PathLike
 
+from ..collector import still
 from ..model import Scene
 from . import parentheses
 from .builder import Builder
@@ -29,10 +30,11 @@ def document_of(
     source = Source(text, filename)
     definitions = Definitions(source, define)
     try:
-        pieces, tree = tokens_and_tree(source, definitions)
-        definitions.check_uses()
-        parentheses.judge(source, pieces, tree)
-        return Builder(source, frozenset(definitions.uses)).document(tree)
+        with still():
+            pieces, tree = tokens_and_tree(source, definitions)
+            definitions.check_uses()
+            parentheses.judge(source, pieces, tree)
+            return Builder(source, frozenset(definitions.uses)).document(tree)
     except SceneError as error:
         raise together(error, others(error, text, str(filename), define)) from None
 

@@ -14,7 +14,7 @@ from .messages import Place, SceneError, Source, listing, quote
 
 #: A name, without its ``$``.
 NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?", re.IGNORECASE)
 #: The names that need no value from anybody: the number of a picture in a film, and its second.
 FRAME, TIME = "frame", "time"
 #: Frames a second, where nothing else is said: those of the cinema.

@@ -3,17 +3,16 @@
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
+from typing import NamedTuple
 
 USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
 CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
 OTHERS = 4  # so many errors are told beside the first one
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """Where something stands in the text: character offsets ``start`` and ``end``."""
 
     start: int

@@ -1,17 +1,12 @@
-"""Tokens -> lark's tree, and what is said of a token that has no place where it stands.
-
-The parser is lark's LALR with grammar.lark. It keeps its own stack, so that no input can exhaust Python's.
-"""
+"""Tokens -> lark's tree, and what is said of a token that has no place where it stands."""
 
 import itertools
 import re
-from functools import cache
-from pathlib import Path
 
-from lark import Lark, Token, Tree, UnexpectedToken
-from lark.parsers.lalr_interactive_parser import InteractiveParser
+from lark import Token, Tree, UnexpectedToken
 
 from . import lexer
+from .automaton import Parser
 from .definitions import Definitions
 from .hints import TEXTURES, hint, meant, nearest
 from .messages import CLIP, Place, SceneError, Source, listing, quote
@@ -28,27 +23,16 @@ BY = re.compile(r"[-+.\d]+([x×][-+.\d]+)+", re.IGNORECASE)
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
 
-@cache
-def _parser() -> Lark:
-    grammar = Path(__file__).with_name("grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr")
-
-
-def begin() -> InteractiveParser:
-    """A parser at the beginning of a scene, or of a statement."""
-    return _parser().parse_interactive()
-
-
 def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Token], Tree[Token]]:
     """All pieces of the text in order (tokens and remarks), and lark's tree; raises SceneError."""
-    parser = begin()
+    parser = Parser()
     pieces: list[Token] = []
     try:
         for piece in lexer.lex(source, parser.choices, definitions):
             pieces.append(piece)
             if piece.type not in ("REMARK", "REST"):
                 parser.feed_token(piece)
-        tree: Tree[Token] = parser.feed_eof()
+        tree = parser.feed_eof()
     except UnexpectedToken as error:
         raise syntax_error(source, error.token, parser.accepts(), pieces) from None
     return pieces, tree

@@ -14,11 +14,12 @@ from typing import Any
 from lark import Token, UnexpectedToken
 
 from . import lexer, parentheses
+from .automaton import Parser
 from .builder import Builder
 from .definitions import Definitions
 from .document import Path
 from .messages import Place, SceneError, SceneWarning, Source
-from .parser import begin, syntax_error
+from .parser import syntax_error
 from .words import STATEMENTS, WORDS
 
 #: Lines that begin with the keyword of a statement: where reading goes on after an error.
@@ -163,7 +164,7 @@ def _value(definitions: Definitions, name: str) -> str | None:
 def read(source: Source, start: int, definitions: Definitions) -> Unit:
     """The unit that begins at ``start``."""
     unit = Unit(start, len(source.text))
-    parser = begin()
+    parser = Parser()
     definitions.uses = set()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)
@@ -190,7 +191,7 @@ def read(source: Source, start: int, definitions: Definitions) -> Unit:
     return unit
 
 
-def _build(source: Source, unit: Unit, parser: Any) -> None:
+def _build(source: Source, unit: Unit, parser: Parser) -> None:
     """What a statement says, that the parser has been given all of."""
     keyword = unit.keyword
     if keyword is None:

@@ -7,6 +7,7 @@ also mixed. A word of several roles has a row for each, and the one counts that 
 
 import unicodedata
 from dataclasses import dataclass
+from functools import lru_cache
 
 from lark import Token
 
@@ -267,7 +268,12 @@ for _row in WORDS:
 
 def row(token: Token) -> Word:
     """The row of a keyword's token."""
-    return next(word for word in ROWS[fold(token)] if word.role == token.type)
+    return _row_of(token.type, token.value)
+
+
+@lru_cache(maxsize=1 << 10)
+def _row_of(role: str, spelling: str) -> Word:
+    return next(word for word in ROWS[fold(spelling)] if word.role == role)
 
 
 def is_statement(word: str) -> bool:

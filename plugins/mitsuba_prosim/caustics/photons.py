@@ -28,6 +28,9 @@ class Photons:
     places: mi.Float
     directions: mi.Vector3f
     flux: mi.Spectrum
+    #: On glossy surfaces, as :class:`.Landed` has them.
+    density: mi.Float | None
+    level: mi.UInt32 | None
     #: First photon of each bucket, for each map one bucket after the other, and the number of all.
     begins: mi.UInt32
     #: Buckets of a map, a power of two, less one.
@@ -42,17 +45,21 @@ class Photons:
         there = dr.compress(landed.lies)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # one that lies far away
-        p, d, flux = (dr.gather(type(v), v, there) for v in (landed.p, landed.d, landed.flux))
+        of_each = [landed.p, landed.d, landed.flux]
+        if landed.density is not None:
+            of_each += [landed.density, landed.level]
+        p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
         level = level_of(footprint.at(footprint.distance(p)))
         cells = key(level, *cell(p, level))
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), cells, mask)
-        dr.eval(p, d, flux, cells, at)
+        dr.eval(p, d, flux, cells, at, others)
         order = dr.argsort(at)
-        p, d, flux, cells, at = (dr.gather(type(v), v, order) for v in (p, d, flux, cells, at))
+        p, d, flux, cells, at, *others = (dr.gather(type(v), v, order) for v in (p, d, flux, cells, at, *others))
         begins = first_of_each(at, maps * buckets)
         places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, cells)))
-        dr.make_opaque(places, d, flux, begins)
-        return cls(maps, places, d, flux, begins, mask)
+        dr.make_opaque(places, d, flux, begins, others)
+        density, levels = others or (None, None)
+        return cls(maps, places, d, flux, density, levels, begins, mask)
 
     def bucket(self, number: mi.UInt32, key: mi.UInt32) -> mi.UInt32:
         """Number of the bucket of the cell ``key`` in the map ``number``; other cells may share it."""

@@ -5,8 +5,12 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
+from mitsuba_prosim.caustics.footprint import Footprint
+from mitsuba_prosim.caustics.gathering import Gathering
+from mitsuba_prosim.caustics.photons import Photons
 from mitsuba_prosim.caustics.sources import left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
+from mitsuba_prosim.caustics.walk import Landed
 from mitsuba_prosim.command.sampled import parameters
 from mitsuba_prosim.rendering.record import Record
 
@@ -69,6 +73,39 @@ def test_spheres_are_tight_around_what_is_specular(variant_rgb):
     assert np.allclose(np.ravel(np.array(found.centers)), (0, 1.2, 0), atol=1e-6)
     assert 0.8 < float(found.radii[0]) < 0.801
     assert Targets.of(scene(lamp=lamp())) is None
+
+
+# ---------------------------------------------------------------- what is found
+
+
+def test_all_photons_within_a_pixels_reach_are_found(variant_rgb):
+    """Against a sum over all of them, on planes that lie aslant in the grids; so few buckets that many cells share one,
+    and the last is next to the first.
+    """
+    rng, count, maps, size = np.random.default_rng(3), 1600, 100, 1024
+    normals = np.array([(0, 1, 0), (1, 0, 0), (0, 0, 1), (1, 2, 3)], dtype=float)
+    normal = np.repeat(normals / np.linalg.norm(normals, axis=1, keepdims=True), size // 4, axis=0)
+    p, d, flux = (rng.normal(size=(count, 3)) * scale for scale in (0.25, 1, 1))
+    flux = np.abs(flux)
+    points, number = rng.normal(size=(size, 3)) * 0.2, rng.integers(maps, size=size)
+    map_of = np.sort(rng.integers(maps, size=count))
+    footprint = Footprint(mi.Point3f(0.4, 3, 0.1), mi.Float(0.05), mi.Float(0.05))
+    landed = Landed(mi.Point3f(*p.T), mi.Vector3f(*d.T), mi.Color3f(*flux.T), dr.full(mi.Bool, True, count))
+    photons = Photons.of(landed, mi.UInt32(map_of), maps, footprint)
+    si = dr.zeros(mi.SurfaceInteraction3f, size)
+    si.p, si.n = mi.Point3f(*points.T), mi.Normal3f(*normal.T)
+    si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0, 0, 1)
+    white = mi.load_dict({"type": "diffuse", "reflectance": 1.0})
+    world = mi.load_dict({"type": "scene", "floor": floor(1.0)})
+    L = Gathering(world, footprint)(photons, mi.UInt32(number), si, white, mi.Bool(True))
+    reach = 0.05 + 0.05 * np.linalg.norm(points - (0.4, 3, 0.1), axis=1)
+    off = p - points[:, None]
+    d2 = np.sum(off**2, axis=2) / reach[:, None] ** 2
+    near = (d2 < 1) & (np.abs(np.einsum("ijk,ik->ij", off, normal)) < 0.25 * reach[:, None])
+    near &= (normal @ d.T < 0) & (number[:, None] == map_of)
+    expected = (near * (1 - d2)) @ flux * (2 / np.pi**2 / reach**2)[:, None]
+    assert near.sum() > 100
+    assert np.abs(np.array(L).T - expected).max() < 1e-4 * np.abs(expected).max()
 
 
 # ---------------------------------------------------------------- the same bits

@@ -104,8 +104,8 @@ class Prosim(WaveIntegrator):
 
      * - rr_throughput
        - |float|
-       - A branch of the tree whose throughput is below this is followed by lot, as seldom as it is weaker, and counts as
-         much more: many reflections within glass matter little, and are most of its rays. 0: all are followed.
+       - A branch of the tree whose throughput is below this is followed by lot, as seldom as it is weaker, and counts
+         as much more: many reflections within glass matter little, and are most of its rays. 0: all are followed.
          (Default: 0.01 with :monosp:`caustics`, else 0)
 
      * - hide_emitters

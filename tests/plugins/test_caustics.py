@@ -217,8 +217,15 @@ def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(varia
 # ---------------------------------------------------------------- the right light
 
 
+#: Beams that are narrower than the floor that is looked at.
+BALLS = {
+    "ball in a cone": {"distribution": "cone", "angle": 2.5},
+    "ball as a spot": {"distribution": "spot", "exponent": 900.0},
+}
+
+
 def mirrored(kind, channel):
-    """A source without extent, in one colour, that lights the floor around (2, 0, 0) by a mirror at (0, 1.1, 0.1)."""
+    """A source without extent or a small ball, in one colour, that lights the floor around (2, 0, 0) by a mirror at (0, 1.1, 0.1)."""
     power = {"type": "rgb", "value": [3.0 * (k == channel) for k in range(3)]}
     place = mi.ScalarTransform4f().look_at(origin=(1.5, 2, 0.2), target=(0, 1.1, 0.1), up=(0, 1, 0))
     if kind == "directional":
@@ -230,6 +237,9 @@ def mirrored(kind, channel):
         picture = mi.Bitmap(np.full((4, 4, 3), power["value"], dtype=np.float32))
         power = {"type": "bitmap", "bitmap": picture, "raw": True}
         return {"type": kind, "to_world": place, "irradiance": power, "fov": 100}
+    if kind in BALLS:
+        beam = BALLS[kind] | {"type": "prosim_area", "direction": (-3.5, -2, -0.2), "radiance": power}
+        return {"type": "sphere", "center": (1.5, 2, 0.2), "radius": 0.1, "emitter": beam}
     where = {"to_world": place, "cutoff_angle": 80, "beam_width": 79} if kind == "spot" else {"position": (1.5, 2, 0.2)}
     return {"type": kind, "intensity": power} | where
 
@@ -239,11 +249,12 @@ def mirrored(kind, channel):
     [
         ("point", "directional", "directionalarea"),
         pytest.param(("prosim_point", "spot", "projector"), marks=pytest.mark.slow),
+        pytest.param(tuple(BALLS), marks=pytest.mark.slow),
     ],
     ids="+".join,
 )
 def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kinds):
-    """What no path finds: light of sources without extent by way of a mirror. It comes to the floor as it would come to
+    """What paths find seldom or never: light of sources of little or no extent by way of a mirror. It comes to the floor as it would come to
     the floor's mirror image without the mirror, each source in a colour of its own.
     """
     upright = mi.ScalarTransform4f().translate((0, 1.1, 0.1)).rotate((0, 1, 0), 90).scale((0.6, 0.6, 1))
@@ -263,12 +274,13 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
     x, z = np.meshgrid(*[(np.arange(60) + 0.5) / 100 - 0.3] * 2)
     it = dr.zeros(mi.SurfaceInteraction3f, x.size)
     it.p = mi.Point3f(-2 - x.ravel(), 0, z.ravel())
+    points = mi.Point2f(*np.random.default_rng(1).random((2, x.size)))
     for k, kind in enumerate(kinds):
         if kind == "directionalarea":  # which tells nobody; its light comes along (-6, -4.2, -0.3)
             expected = 3 * 4.2 / np.linalg.norm((6, 4.2, 0.3)) / np.pi
         else:
-            emitter = next(e for e in world.emitters() if e.id() == f"lamp_{k}")
-            ds, irradiance = emitter.sample_direction(it, mi.Point2f(0.5))
+            emitter = next(e for e in world.emitters() if f"lamp_{k}" in (e.id(), e.get_shape() and e.get_shape().id()))
+            ds, irradiance = emitter.sample_direction(it, points)
             expected = np.mean(np.array(irradiance)[k] * np.abs(np.array(ds.d.y))) / np.pi
         assert abs(by_mirror[k] / expected - 1) < 0.02  # some thousand photons
 

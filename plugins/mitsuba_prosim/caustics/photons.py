@@ -28,6 +28,9 @@ class Photons:
     places: mi.Float
     directions: mi.Vector3f
     flux: mi.Spectrum
+    #: On glossy surfaces, as :class:`.Landed` has them.
+    density: mi.Float | None
+    level: mi.UInt32 | None
     #: First photon of each bucket, for each map one bucket after the other, and the number of all.
     begins: mi.UInt32
     #: Buckets of a map, a power of two, less one.
@@ -42,18 +45,22 @@ class Photons:
         there = dr.compress(landed.lies)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # one that lies far away
-        p, d, flux = (dr.gather(type(v), v, there) for v in (landed.p, landed.d, landed.flux))
+        of_each = [landed.p, landed.d, landed.flux]
+        if landed.density is not None:
+            of_each += [landed.density, landed.level]
+        p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
         level = level_of(footprint.at(footprint.distance(p)))
         x, y, z = cell(p, level)
         rows = key(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
-        dr.eval(p, d, flux, rows, at)
+        dr.eval(p, d, flux, rows, at, others)
         order = dr.argsort(at)
-        p, d, flux, rows, at = (dr.gather(type(v), v, order) for v in (p, d, flux, rows, at))
+        p, d, flux, rows, at, *others = (dr.gather(type(v), v, order) for v in (p, d, flux, rows, at, *others))
         begins = first_of_each(at, maps * buckets)
         places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, rows)))
-        dr.make_opaque(places, d, flux, begins)
-        return cls(maps, places, d, flux, begins, mask)
+        dr.make_opaque(places, d, flux, begins, others)
+        density, levels = others or (None, None)
+        return cls(maps, places, d, flux, density, levels, begins, mask)
 
     def of_map(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
         """First photon of the map ``number``, and the number of its photons."""

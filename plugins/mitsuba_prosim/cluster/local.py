@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 
 import dask
 import distributed
@@ -35,21 +37,33 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
     """
     be_quiet()
     each = max(1, (threads or os.cpu_count() or 1) // number)
-    with (
-        dask.config.set(CALM),
-        distributed.LocalCluster(
-            n_workers=number,
-            threads_per_worker=each,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            memory_limit=0,  # as much as one process may have
-            silence_logs=logging.CRITICAL,
-            preload=["mitsuba_prosim.cluster.preload"],
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+    with ExitStack() as until:
+        with dask.config.set(CALM), deaf():
+            cluster = until.enter_context(
+                distributed.LocalCluster(
+                    n_workers=number,
+                    threads_per_worker=each,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    memory_limit=0,  # as much as one process may have
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        yield until.enter_context(distributed.Client(cluster, set_as_default=False))
+
+
+@contextmanager
+def deaf() -> Iterator[None]:
+    """Threads and processes that are begun meanwhile, and what these begin, hear no Ctrl-C: in a terminal it goes to
+    all processes, but it is for the one that renders, which needs the others to end well.
+    """
+    resource_tracker.ensure_running()  # with the first process it is begun, and would let the signal in again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

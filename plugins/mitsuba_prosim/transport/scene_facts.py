@@ -37,6 +37,8 @@ class SceneFacts:
     alone: mi.BSDFContext | None
     #: Those of the lobes that share the light of sources with the rays that are drawn from them.
     partners: tuple[mi.BSDFContext, ...]
+    #: Those of the lobes with a ray of their own that may be glossy.
+    glossy: tuple[mi.BSDFContext, ...]
 
     @classmethod
     def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
@@ -55,6 +57,11 @@ class SceneFacts:
                 partners = (lobes.reflected(),) * reflects + (lobes.refracted(),) * refracts
             else:
                 partners = (lobes.specular(),)
+        if settings.follows_tree:
+            reflected, refracted = (lobes.has_any(flags, name) for name in lobes.GLOSSY)
+            glossy = (lobes.reflected(),) * reflected + (lobes.refracted(),) * refracted
+        else:
+            glossy = (lobes.specular(),)
         return cls(
             lights,
             reflects,
@@ -66,6 +73,7 @@ class SceneFacts:
             disperses(scene),
             alone,
             partners,
+            glossy,
         )
 
 

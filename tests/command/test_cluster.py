@@ -15,6 +15,7 @@ import OpenEXR
 import pytest
 from mitsuba_prosim import cluster
 from mitsuba_prosim.cluster import local, worker
+from mitsuba_prosim.cluster.errand import Whole
 from mitsuba_prosim.cluster.parcel import Parcel
 from mitsuba_prosim.cluster.remote import LOOK, Remote
 from mitsuba_prosim.command import output as files
@@ -119,6 +120,13 @@ def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path)
 def test_wrong_use(scene, options, says):
     result = prosim("render", scene, *options)
     assert result.exit_code == 2 and says in result.stderr and names(scene.parent) == ["scene.xml"]
+
+
+def test_without_the_package_nothing_is_begun(lamp, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    result = prosim("render", lamp, "--workers", 2)
+    assert result.exit_code == 1 and "--workers needs Dask: pip install 'mitsuba-prosim[cluster]'" in result.stderr
+    assert names(lamp.parent) == [lamp.name]
 
 
 def test_no_scheduler(lamp, monkeypatch):
@@ -250,6 +258,28 @@ def test_a_film(client, lamp, monkeypatch):
     result = prosim(*again, *cluster, "--anew", "-D", "kd=0.98", "-o", film.with_name("d"))
     assert result.exit_code == 2 and f"frame 3: {film}:6:37: found '1.01' after kd" in result.stderr
     assert "d.0002.png" in names(film.parent) and "d.0003.png" not in names(film.parent)
+
+
+@pytest.mark.slow
+def test_an_image_that_nobody_waits_for_any_more(client, lamp):
+    """Its worker is free at once, whatever it would have taken."""
+
+    def endless(scene, sensor, wanted):
+        worker.begun = True
+        while wanted():
+            time.sleep(0.01)
+        worker.ended = True
+
+    def anywhere(name):
+        return any(client.run(lambda: hasattr(worker, name)).values())
+
+    with Remote(client, parcel := Parcel.of(opening.SceneFile(lamp, lamp.parent))) as taker:
+        images = iter([Whole("an image", parcel, endless, (), 1)])
+        assert list(taker.make(images, lambda: anywhere("begun"))) == []
+    end = time.monotonic() + 10
+    while not anywhere("ended"):
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 #: A cluster in a process of its own, which says where it is.

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.transport import scene_facts
+from mitsuba_prosim.transport import scene_facts, tree
 from scenes import penumbra
 
 
@@ -233,3 +233,12 @@ def test_a_hidden_ball_does_not_move_what_is_behind(variant_rgb):
     # The lamps' shadow on the ball is theirs; where there is none the images agree but for rounding.
     agree = np.abs(alone - hidden).max(2) < 1e-3 * alone.max()
     assert agree.mean() > 0.85
+
+
+def test_the_code_of_a_tree_without_branches_is_followed_once(variant_rgb, monkeypatch):
+    """Dr.Jit goes through a loop twice in which something stays as it is; following takes as long as many samples."""
+    followed, shade = [], tree.shade
+    monkeypatch.setattr(tree, "shade", lambda *a: followed.append(a) or shade(*a))
+    scene = mi.load_dict(penumbra({"type": "conductor"}, 8, type="prosim", samples=2, adaptive="none"))
+    scene.integrator().render(scene)
+    assert len(followed) == 1

@@ -49,8 +49,7 @@ def _number(source: Source, keyword: Token, token: Token, takes: Numbers) -> flo
 
 def _miscounted(source: Source, keyword: Token, tokens: Sequence[Token], takes: Numbers) -> SceneError:
     """The error about a wrong count of numbers."""
-    expected = f"{takes.count} number{'s' * (takes.count > 1)}"
-    expected += f" ({takes.what}), or 1 for all channels" if takes.channels else f" ({takes.what})"
+    expected = takes.counted()
     html = HTML_COLOR.match(source.text, span([keyword, *tokens]).end)
     if html:
         values = " ".join(f"{int(html[1][i : i + 2], 16) / 255:.3g}" for i in (0, 2, 4))

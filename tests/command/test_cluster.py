@@ -15,6 +15,7 @@ import OpenEXR
 import pytest
 from mitsuba_prosim import cluster
 from mitsuba_prosim.cluster import local, worker
+from mitsuba_prosim.cluster.errand import Whole
 from mitsuba_prosim.cluster.parcel import Parcel
 from mitsuba_prosim.cluster.remote import LOOK, Remote
 from mitsuba_prosim.command import output as files
@@ -257,6 +258,28 @@ def test_a_film(client, lamp, monkeypatch):
     result = prosim(*again, *cluster, "--anew", "-D", "kd=0.98", "-o", film.with_name("d"))
     assert result.exit_code == 2 and f"frame 3: {film}:6:37: found '1.01' after kd" in result.stderr
     assert "d.0002.png" in names(film.parent) and "d.0003.png" not in names(film.parent)
+
+
+@pytest.mark.slow
+def test_an_image_that_nobody_waits_for_any_more(client, lamp):
+    """Its worker is free at once, whatever it would have taken."""
+
+    def endless(scene, sensor, wanted):
+        worker.begun = True
+        while wanted():
+            time.sleep(0.01)
+        worker.ended = True
+
+    def anywhere(name):
+        return any(client.run(lambda: hasattr(worker, name)).values())
+
+    with Remote(client, parcel := Parcel.of(opening.SceneFile(lamp, lamp.parent))) as taker:
+        images = iter([Whole("an image", parcel, endless, (), 1)])
+        assert list(taker.make(images, lambda: anywhere("begun"))) == []
+    end = time.monotonic() + 10
+    while not anywhere("ended"):
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 #: A cluster in a process of its own, which says where it is.

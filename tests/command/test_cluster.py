@@ -122,6 +122,13 @@ def test_wrong_use(scene, options, says):
     assert result.exit_code == 2 and says in result.stderr and names(scene.parent) == ["scene.xml"]
 
 
+def test_without_the_package_nothing_is_begun(lamp, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    result = prosim("render", lamp, "--workers", 2)
+    assert result.exit_code == 1 and "--workers needs Dask: pip install 'mitsuba-prosim[cluster]'" in result.stderr
+    assert names(lamp.parent) == [lamp.name]
+
+
 def test_no_scheduler(lamp, monkeypatch):
     monkeypatch.setattr(local, "ANSWER", 0.2)
     result = prosim("render", lamp, "--cluster", "tcp://127.0.0.1:1")

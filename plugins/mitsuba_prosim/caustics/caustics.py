@@ -25,7 +25,8 @@ MAPS = 64
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
 
-#: Photons that are kept, 40 bytes each, for the next wave and for the twin; at least two sets.
+#: Photons that are kept, 40 bytes each (48 on glossy surfaces, where a photon may lie besides), for the next wave and
+#: for the twin; at least two sets.
 KEPT = 1 << 22
 
 

@@ -44,10 +44,12 @@ class Merging:
         """Makes ``photons`` what samples gather from; ``shares``: how many of each pair are in a map."""
         self._drawn = photons, shares
 
-    def alone(self, reach: mi.Float, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Share that a ray of the eye has in the light of the source that it meets with ``reach``, as ``ds``."""
+    def alone(self, reach: mi.Float, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        """Share that a ray of the eye has in the light of the source that it meets with ``reach``: from ``it``, along
+        ``ds``.
+        """
         assert self._drawn is not None, "no photons have been drawn"
-        return share(reach * self.sources.density(ds, self._drawn[1], active))
+        return share(reach * self.sources.density(it, ds, self._drawn[1], active))
 
     def reach(self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Area around ``si`` on which photons count, seen along ``d``, over ``pdf``, the density per solid angle with

@@ -20,10 +20,8 @@ from ..light.balls import Balls, ball
 from ..masks import but_not
 from ..optics.nested import parts
 from . import targets as aim
+from .facing import on_ball, per_area_of_ball
 from .targets import Targets
-
-#: How many of the photons of a ball start on the disk that its target sees; the others do anywhere on it.
-FACING = 0.9
 
 #: A density that no other comes near, and that can still be reckoned with.
 ENDLESS = 1e30
@@ -196,9 +194,9 @@ class Sources:
         flux = dr.select(active, weight / density, 0)
         return Start(mi.Ray3f(x - d * back, d), flux, dr.select(ds.delta, ENDLESS, density * ds.pdf))
 
-    def density(self, ds: mi.DirectionSample3f, shares: mi.Float, active: mi.Bool) -> mi.Float:
-        """How close together (:attr:`Start.density`) photons are on the ray of light that comes along ``ds``; 0 where
-        none start. ``shares``: as for :meth:`start`.
+    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, shares: mi.Float, active: mi.Bool) -> mi.Float:
+        """How close together (:attr:`Start.density`) photons are on the ray of light that comes to ``it`` along ``ds``;
+        0 where none start. ``shares``: as for :meth:`start`.
         """
         number = dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
         active = active & (number < self.count)
@@ -209,8 +207,6 @@ class Sources:
             lit = active & (kinds == KINDS.index("surface")) & (cos > 0)
             # What varies over a surface is sampled by that, else by the surface itself.
             varies = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
-            it = dr.zeros(mi.Interaction3f)
-            it.p = ds.p - ds.d * ds.dist
             per_area = dr.select(
                 varies,
                 ds.emitter.pdf_direction(it, ds, lit & varies) * cos / dr.square(ds.dist),
@@ -220,8 +216,8 @@ class Sources:
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if "far" in self.kinds:
             lit = active & (kinds == KINDS.index("far"))
-            pdf = ds.emitter.pdf_direction(dr.zeros(mi.Interaction3f), ds, lit)
-            density = self._density(number, shares, self._from_afar(ds.p, d), active=lit)
+            pdf = ds.emitter.pdf_direction(it, ds, lit)
+            density = self._density(number, shares, self._from_afar(it.p, d), active=lit)
             result = dr.select(lit, density * pdf, result)
         return result
 
@@ -289,22 +285,3 @@ def beam(emitter: mi.Emitter, si: mi.SurfaceInteraction3f, active: mi.Bool) -> m
     """
     radiance = parts(emitter).get("radiance")
     return mi.Spectrum(0) if radiance is None else mi.Spectrum(radiance.eval(si, active))
-
-
-def on_ball(
-    ps: mi.PositionSample3f, middle: mi.Point3f, radius: mi.Float, target: mi.Point3f, sample: mi.Point2f
-) -> mi.PositionSample3f:
-    """A point on a ball: most on the side that faces the point ``target``, uniform as seen from there."""
-    faces = sample.x < FACING
-    u = mi.Point2f(dr.select(faces, sample.x / FACING, (sample.x - FACING) / (1 - FACING)), sample.y)
-    front = mi.Frame3f(dr.normalize(target - middle)).to_world(mi.warp.square_to_cosine_hemisphere(u))
-    n = dr.select(faces, front, mi.warp.square_to_uniform_sphere(u))
-    result = mi.PositionSample3f(ps)
-    result.p, result.n = middle + n * radius, mi.Normal3f(n)
-    return result
-
-
-def per_area_of_ball(n: mi.Normal3f, middle: mi.Point3f, radius: mi.Float, target: mi.Point3f) -> mi.Float:
-    """Density per area with which :func:`on_ball` takes the point with the normal ``n``."""
-    facing = dr.maximum(dr.dot(n, dr.normalize(target - middle)), 0)
-    return (FACING * 4 * facing + (1 - FACING)) / (4 * dr.pi * dr.square(radius))

@@ -10,7 +10,7 @@ import click
 import mitsuba as mi
 
 from ..scene_files import opening, rendering
-from .options import Helpers, InputError
+from .options import Helpers
 
 if TYPE_CHECKING:
     from ..cluster.parcel import Parcel
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 def pack(helpers: Helpers | None, file: opening.SceneFile, integrator: mi.Integrator, sensor: int) -> Parcel | None:
     """The scene as it is sent to ``helpers``; None where there are none.
 
-    Raises InputError where Dask is missing, ValueError where the scene can't travel or its integrator needs no helpers,
-    OSError.
+    Raises ClickException where Dask is missing, ValueError where the scene can't travel or its integrator needs no
+    helpers, OSError.
     """
     if helpers is None:
         return None
     try:
         import distributed  # noqa: F401
     except ImportError:
-        raise InputError(f"{helpers} needs Dask: pip install 'mitsuba-prosim[cluster]'") from None
+        raise click.ClickException(f"{helpers} needs Dask: pip install 'mitsuba-prosim[cluster]'") from None
     from ..cluster.parcel import Parcel
 
     if not rendering.keeps(integrator):

@@ -140,7 +140,7 @@ def emission(stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Boo
     weight = dr.select(shares, mis(ray.pdf, pdf), 1)
     if stage.merging is not None and ray.reach is not None:
         late = but_not(active & (ray.reach > 0), ray.shares)
-        weight = dr.select(late, stage.merging.alone(ray.reach, ds, late), weight)
+        weight = dr.select(late, stage.merging.alone(ray.reach, origin, ds, late), weight)
     return dr.select(active, L * weight, 0)
 
 

@@ -28,8 +28,8 @@ class Merging(Protocol):
     def reach(self, si: Any, d: Any, pdf: Any) -> Any:
         """What a ray ``d`` of density ``pdf`` begins with, see :attr:`.Ray.reach`."""
 
-    def alone(self, reach: Any, ds: Any, active: Any) -> Any:
-        """Share that a ray has in the light of a source that it meets with ``reach``, as ``ds``."""
+    def alone(self, reach: Any, it: Any, ds: Any, active: Any) -> Any:
+        """Share that a ray has in the light of a source that it meets with ``reach``, from ``it`` along ``ds``."""
 
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.

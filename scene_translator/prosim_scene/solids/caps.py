@@ -27,6 +27,8 @@ def crowded(solid: Solid, bound: Ball, camera: Sight, tolerance: float) -> tuple
     The chord error stays below ``tolerance`` pixels at the rim too. The facets far from the cap are so coarse that they
     lie deep within the ball, by a depth which has to be out of reach of what is left.
     """
+    if bound.radius == math.inf:
+        return None
     left = meeting(bound, around(solid))
     inverse = np.linalg.inv(solid.to_world)
     center = inverse[:3, :3] @ np.array(left.center) + inverse[:3, 3]

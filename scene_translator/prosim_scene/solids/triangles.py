@@ -78,17 +78,19 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequ
 
     def leaf_value(number: int, leaf: Leaf) -> Value:
         i = table.of_leaf[number]
-        solid, mesh = table.solids[i], table.meshes[i]
+        solid, mesh, surfaces = table.solids[i], table.meshes[i], table.solids[i].surfaces.tolist()
         return {
             media_of[number]: parts.solid(
                 mesh.vertices,
                 mesh.triangles,
                 table.first[i] + mesh.facets,
                 base + number,
+                table.boxes[i],
                 table.planes,
-                frozenset(solid.surfaces[solid.surfaces >= 0].tolist()),
+                frozenset(surface for surface in surfaces if surface >= 0),
                 solid.key,
                 solid.curved_surface < 0,
+                lambda: table.extent(i),
             )
         }
 

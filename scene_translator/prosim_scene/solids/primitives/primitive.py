@@ -54,6 +54,8 @@ class Primitive(ABC):
     quadrics: ClassVar[np.ndarray]
     #: Its bounding box, min and max corner.
     box: ClassVar[np.ndarray]
+    #: A box in it, min and max corner.
+    core: ClassVar[np.ndarray]
     #: The curved face, if it has one.
     curved: ClassVar[int | None] = None
     #: It is round in so many of the axes: 2 about z, 3 about the origin.
@@ -117,6 +119,11 @@ class Primitive(ABC):
 def box_corners(box: np.ndarray) -> np.ndarray:
     """The eight corners of a box that is given by its min and max corner."""
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+
+
+def longest_axis(linear: np.ndarray) -> float:
+    """The longest semi-axis of the unit ball's image under a linear map (m, n)."""
+    return float(np.linalg.svd(linear, compute_uv=False)[0])
 
 
 def to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:

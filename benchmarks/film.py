@@ -3,11 +3,11 @@
     python benchmarks/film.py [SCENE] [--frames 48] [--samples 4] [--workers 2]
 
 The frames are 256 x 256 pixels of ``volta``, or of another scene that says ``$frame``, with N² samples in each pixel
-(``--samples`` is N), ``adaptive = none``. Pure rendering is that of one process with as many threads, which has loaded each scene and
-compiled its kernels before: the sum of the frames. The film is what ``prosim render --frames`` takes from its first
-line to its last, by one process and by workers; the start is what it takes for the first frame alone, and the ratio is
-of what the other frames take. Beside the seconds of the clock are those of the processors, of all processes together,
-which say more where a machine has other things to do.
+(``--samples`` is N), ``adaptive = none``. Pure rendering is that of one process with as many threads, which has loaded
+each scene and compiled its kernels before: the sum of the frames. The film is what ``prosim render --frames`` takes, by
+one process and by workers; the ratio is of what the frames take after the first, which the same command has made alone.
+Beside the seconds of the clock are those of the processors, of all processes together, which say more where a machine
+has other things to do.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def measure(scene: Path, frames: int, n: int, workers: int) -> None:
         first, whole = film(scene, 1, n, options), film(scene, frames, n, options)
         clock, processors = ((w - f) / r for w, f, r in zip(whole, first, rendering))
         print(
-            f"{name}: {whole[0]:.2f} s ({whole[1]:.2f} of the processors), of which {first[0]:.2f} ({first[1]:.2f}) for "
-            f"the first frame; ratio of the others {clock:.3f} (of the processors {processors:.3f})",
+            f"{name}: {whole[0]:.2f} s ({whole[1]:.2f} of the processors), of which {first[0]:.2f} ({first[1]:.2f}) "
+            f"for the first frame; ratio of the others {clock:.3f} (of the processors {processors:.3f})",
             flush=True,
         )
 

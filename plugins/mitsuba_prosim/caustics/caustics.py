@@ -13,6 +13,7 @@ from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
 from .gathering import Gathering
+from .merging import Merging
 from .photons import Photons
 from .sources import Sources
 from .targets import Targets
@@ -24,7 +25,8 @@ MAPS = 64
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
 
-#: Photons that are kept, 40 bytes each, for the next wave and for the twin; at least two sets.
+#: Photons that are kept, 40 bytes each (48 on glossy surfaces, where a photon may lie besides), for the next wave and
+#: for the twin; at least two sets.
 KEPT = 1 << 22
 
 
@@ -40,8 +42,9 @@ class Caustics:
         self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
         self.footprint = Footprint.of(scene, sensor)
         self.gathering = Gathering(scene, self.footprint)
+        self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible) if walk.merges else None
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
-        self._sets: dict[tuple[int, int, int], Photons] = {}
+        self._sets: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._drawn: Photons | None = None
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
@@ -69,7 +72,9 @@ class Caustics:
             while len(self._sets) >= max(KEPT // self.count, 2):
                 del self._sets[next(iter(self._sets))]
             self._sets[which] = self._photons(*which)
-        self._drawn = self._sets[which]
+        self._drawn, glossy = self._sets[which]
+        if self.merging is not None and glossy is not None:
+            self.merging.draw(glossy, self._shares[maps][0])
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
 
     def wavelength(self, t: mi.UInt32) -> mi.Float:
@@ -84,18 +89,21 @@ class Caustics:
         number = t % dr.opaque(mi.UInt32, self._drawn.maps)
         return self.gathering(self._drawn, number, si, bsdf, active)
 
-    def _photons(self, seed: int, number: int, maps: int) -> Photons:
+    def _photons(self, seed: int, number: int, maps: int) -> tuple[Photons, Photons | None]:
+        """Those on diffuse surfaces, and on glossy ones where these gather any."""
         size = max(self.count // maps, 1)
         if maps not in self._shares:
             self._shares[maps] = self._shared(size)
         landed, map_of, _ = self._landed(seed, number, maps, self._shares[maps])
-        return Photons.of(landed, map_of, maps, self.footprint)
+        diffuse, glossy = (None if one is None else Photons.of(one, map_of, maps, self.footprint) for one in landed)
+        assert diffuse is not None
+        return diffuse, glossy
 
     def _landed(
         self, seed: int, number: int, maps: int, places: tuple[mi.Float, mi.UInt32, mi.UInt32], white: bool = False
-    ) -> tuple[Landed, mi.UInt32, mi.UInt32]:
-        """``(landed, map, pair)`` of all photons of a set. ``places``: what :func:`placed` gives; ``white``: whether
-        each has wavelengths of its own, in the place of its map's.
+    ) -> tuple[tuple[Landed, Landed | None], mi.UInt32, mi.UInt32]:
+        """``(landed, map, pair)`` of all photons of a set, the first as :class:`.Walk` gives it. ``places``: what
+        :func:`placed` gives; ``white``: whether each has wavelengths of its own, in the place of its map's.
         """
         shares, begins, pairs = places
         size = dr.width(pairs)
@@ -129,7 +137,11 @@ class Caustics:
         pairs = self.sources.pairs
         even = np.full(pairs, max(PILOTS // pairs, 1), dtype=np.float64)
         landed, _, pair = self._landed(0, 0, 1, placed(even), white=True)
-        flux = np.where(np.array(landed.lies), np.array(dr.max(landed.flux), dtype=np.float64), 0)
+        flux = sum(
+            np.where(np.array(one.lies), np.array(dr.max(one.flux), dtype=np.float64), 0)
+            for one in landed
+            if one is not None
+        )
         brought = np.bincount(np.array(pair), weights=flux, minlength=pairs)
         whole = brought.sum()
         part = (1 - EVEN) * brought / whole + EVEN / pairs if whole > 0 else np.full(pairs, 1 / pairs)

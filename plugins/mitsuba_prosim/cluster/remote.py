@@ -57,6 +57,7 @@ class Remote:
         self.gone: str | None = None
         self.stop: Callable[[], None] = lambda: None
         self.refused: dict[str, str] = {}
+        self.missed = False  # whether it was said that one was lost
         self.fallen = 0  # workers that were lost before they were ready
         self.joining: dict[str, list[distributed.Future]] = {}  # what is asked of those that come
         self.direct: bool | None = None
@@ -199,12 +200,19 @@ class Remote:
 
     def _present(self, desk: Desk, addresses: frozenset[str]) -> None:
         """Looks at who has come, and who has gone."""
-        for address in set(self.fleet.workers) - addresses:
+        for address in (absent := set(self.fleet.workers) - addresses):
             desk.again.extend(self.fleet.remove(address))
             if any(ticket.lost >= LOSSES for ticket in desk.again):
                 raise ClusterError(
                     f"{LOSSES} workers were lost that were at the same samples; have they enough memory?"
                 )
+        if absent and not self.missed:
+            self.missed = True
+            left = len(self.fleet.workers)
+            self.say(
+                f"a worker was lost, {left or 'none'} {'is' if left < 2 else 'are'} left; others do what it had at "
+                "hand, and the image stays the same"
+            )
         for address in set(self.joining) - addresses:
             for future in self.joining.pop(address):
                 future.release()

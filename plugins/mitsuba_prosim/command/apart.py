@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -14,7 +14,6 @@ import mitsuba as mi
 from . import output as files
 from .developed import Developed, develop, take
 from .frames import Frame, naming
-from .interrupts import interruptible
 from .job import Job
 from .making import SUFFIXES
 from .options import wrong_input
@@ -54,11 +53,10 @@ class Apart:
     size: int
     seconds: float
     work: int
-    signals: list[int] = field(default_factory=list)
 
-    def write(self, frames: Iterator[Frame]) -> Iterator[tuple[Developed, str]]:
+    def write(self, frames: Iterator[Frame], stopped: Callable[[], bool]) -> Iterator[tuple[Developed, str]]:
         """Makes and writes frames in the order in which they are done, as long as they are small; yields what was made
-        of each, and what is said of it. It ends as well when a signal has come, or the cluster is gone.
+        of each, and what is said of it. It ends as well where it is ``stopped``, or the cluster is gone.
 
         What is wrong with a frame is raised when those before it are there. Raises ClickException.
         """
@@ -79,18 +77,17 @@ class Apart:
                 asked[image] = frame
                 yield image
 
-        with interruptible(lambda: None) as self.signals:
-            try:
-                for image, made in self.taker.make(images(), lambda: bool(self.signals)):
-                    frame = asked.pop(image)
-                    self.seconds = made.seconds
-                    with naming(frame.number):
-                        paths = files.save(frame.stem, made.contents)
-                    said = made.line(frame.job, frame.file, paths), *made.said
-                    yield made, "\n".join(filter(None, said))
-            except ClusterError as error:
-                raise click.ClickException(str(error)) from None
-        if wrong and not self.signals and not self.taker.gone:
+        try:
+            for image, made in self.taker.make(images(), stopped):
+                frame = asked.pop(image)
+                self.seconds = made.seconds
+                with naming(frame.number):
+                    paths = files.save(frame.stem, made.contents)
+                said = made.line(frame.job, frame.file, paths), *made.said
+                yield made, "\n".join(filter(None, said))
+        except ClusterError as error:
+            raise click.ClickException(str(error)) from None
+        if wrong and not stopped() and not self.taker.gone:
             raise wrong[0]
 
     def _image(self, frame: Frame) -> Whole:

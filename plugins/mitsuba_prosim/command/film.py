@@ -19,6 +19,7 @@ from ..scene_files import opening, rendering, session, writing
 from .apart import Apart
 from .frames import Frame, definitions, digest, is_there, naming, of_frame, path, unfinished
 from .helping import Helping, pack
+from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .making import refuse_to_keep, refuse_waves, size_of_image, warn
@@ -50,23 +51,31 @@ class Film:
     def render(self, threads: int | None, verbose: int, helpers: Helpers | None = None) -> str | None:
         """Renders what is missing, or lets ``helpers`` do so; returns by what it was interrupted, in words."""
         helping = Helping(helpers, threads, warn)
-        with log(verbose), session.threads(threads), writing.scratch() as folder, helping, self.bar() as bar:
-            missing = self.missing(folder, bar)
-            try:
-                for frame in missing:
-                    with naming(frame.number):
-                        apart, interruption = self.frame(frame, helping, bar)
-                    if apart is not None and not interruption:
-                        interruption = self.frames_apart(apart, missing, bar)
-                    if interruption:
-                        return interruption
-            except KeyboardInterrupt:
-                return INTERRUPTED
-        return None
+        with (
+            log(verbose),
+            session.threads(threads),
+            writing.scratch() as folder,
+            interruptible(lambda: None) as signals,
+            helping,
+            self.bar() as bar,
+        ):
+            missing = self.missing(folder, bar, signals)
+            for frame in missing:
+                with naming(frame.number):
+                    apart, interruption = self.frame(frame, helping, bar, signals)
+                if apart is not None and not interruption:
+                    interruption = self.frames_apart(apart, missing, bar, signals)
+                if interruption:
+                    return interruption
+            return INTERRUPTED if signals else None
 
-    def missing(self, folder: Path, bar: tqdm) -> Iterator[Frame]:
-        """The frames that are to be made, each read when it is asked for. Raises ClickException."""
+    def missing(self, folder: Path, bar: tqdm, signals: list[int]) -> Iterator[Frame]:
+        """The frames that are to be made, each read when it is asked for, until a signal has come. Raises
+        ClickException.
+        """
         for number in self.frames:
+            if signals:
+                return
             bar.set_description_str(f"frame {number}")
             job, stem = of_frame(self.job, number, self.fps, self.names), path(self.stem, number)
             with naming(number), wrong_input():
@@ -80,7 +89,7 @@ class Film:
             bar.total -= 100
             bar.refresh()
 
-    def frame(self, frame: Frame, helping: Helping, bar: tqdm) -> tuple[Apart | None, str | None]:
+    def frame(self, frame: Frame, helping: Helping, bar: tqdm, signals: list[int]) -> tuple[Apart | None, str | None]:
         """Renders one frame. Returns those who should make the next ones, if each had better be made by one worker; and
         by what it was interrupted, in words.
         """
@@ -93,6 +102,8 @@ class Film:
                 refuse_to_keep(scene.integrator())
             parcel = pack(helping.helpers, frame.file, scene.integrator(), job.sensor)
         begin = None if about is None or self.anew else unfinished(frame.stem, about)
+        if signals:  # from here on the render listens itself
+            return None, INTERRUPTED
         before = helping.spent()
         made = render_image(
             job,
@@ -118,17 +129,17 @@ class Film:
         size = size_of_image(integrator, opened[2].film(), self.denoise)
         return Apart(helping.taker, self.denoise, size, seconds, int(work)), None
 
-    def frames_apart(self, apart: Apart, frames: Iterator[Frame], bar: tqdm) -> str | None:
+    def frames_apart(self, apart: Apart, frames: Iterator[Frame], bar: tqdm, signals: list[int]) -> str | None:
         """Lets each worker make some of the next frames, as long as they are small; returns by what it was interrupted,
         in words.
         """
-        for made, said in apart.write(frames):
+        for made, said in apart.write(frames, lambda: bool(signals)):
             if made.black:
                 warn(made.black)
             tqdm.write(said, file=sys.stderr)
             self.made += 1
             bar.update(100)
-        return INTERRUPTED if apart.signals else apart.taker.gone
+        return INTERRUPTED if signals else apart.taker.gone
 
     def see_changes(self, number: int) -> None:
         """Says so where the scene is another than at the frame before, which is as it was then."""

@@ -167,9 +167,9 @@ def gone(taker: Remote | None) -> str | None:
 
 
 def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> int:
-    """Bytes that an image takes at most. Raises InputError where it is to be denoised and can't be."""
+    """Bytes that an image takes at most. Raises ClickException where it is to be denoised and can't be."""
     if denoise:
-        denoised.check(film)
+        denoised.check(film, integrator)
     # Four channels of 32 bits and what else there is, and three bytes of the PNG.
     others = len(integrator.aov_names()) + (denoised.LAYERS if denoise else 0)
     return int(film.crop_size()[0] * film.crop_size()[1]) * (19 + 4 * others) + 2**16

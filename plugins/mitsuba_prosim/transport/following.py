@@ -13,6 +13,7 @@ from ..sampling.nrook import NRook, SamplerPoints
 from . import dispersion, lobes
 from .absorption import beyond
 from .indivisible import belongs_to, is_whole
+from .merging import with_reach
 from .moving import carried_ray
 from .ray import Node, Ray, viewer_side
 from .stage import CHOICE, REFRACTED, Stage
@@ -81,6 +82,8 @@ def follow(
         counts=counts,
         n=viewer_side(si),
     )
+    if stage.merging is not None:
+        following = with_reach(stage, ray, node, following, bs, weight, whole)
     if ray.gathered is not None:
         following.gathered = ray.gathered | but_not(whole, ideal)
         following.counts = but_not(following.counts, following.gathered)

@@ -20,11 +20,17 @@ from .walk import walk
 @dataclass
 class Waiting:
     """Refracted rays that wait for their turn, depth first: one for each level, in registers (a local array would be
-    slower, and is not reliable in Dr.Jit 1.5).
+    slower, and is not reliable in Dr.Jit 1.5). ``count``: how many; None where there are no ``rays``, as Dr.Jit follows
+    a loop twice in which something stays as it is.
     """
 
     rays: list[Ray]
-    count: mi.UInt32
+    count: mi.UInt32 | None
+
+    @classmethod
+    def none(cls, most: int, ray: Ray) -> Waiting:
+        """No ray yet, of at most so many; ``ray``: any that there is."""
+        return cls([ray] * most, mi.UInt32(0) if most else None)
 
     def turn(
         self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
@@ -33,7 +39,7 @@ class Waiting:
         the two; or the last one that waits.
         """
         following, going = dr.select(reflects, reflected, refracted), reflects | refracts
-        if not self.rays:
+        if self.count is None:
             return following, going, self
         both = reflects & refracts
         resumes = but_not(active & (self.count > 0), going)
@@ -63,7 +69,7 @@ def radiance(
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
     facts, max_level = stage.facts, stage.settings.max_level
     first = stage.first(camera)
-    waiting = Waiting([first] * ((max_level + 1) if facts.reflects and facts.refracts else 0), mi.UInt32(0))
+    waiting = Waiting.none(max_level + 1 if facts.reflects and facts.refracts else 0, first)
 
     def step(state: State) -> State:
         scattered = False if state.ray.gathered is None else state.ray.gathered

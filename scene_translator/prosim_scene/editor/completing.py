@@ -11,9 +11,9 @@ from ..language.definitions import FRAME, TIME
 from ..language.expressions import CONSTANTS, FUNCTIONS
 from ..language.names import BUILT_IN, GLASSES, INDICES, METALS
 from ..language.parser import ORDER
+from ..language.reading import Reading
 from ..language.words import ROLES, STATEMENTS, Numbers, Word, fold, of_role, row
 from . import meanings, places
-from .reading import Reading
 
 #: The word before the cursor.
 WORD = re.compile(r'[^\s()#":=]*\Z')

@@ -148,7 +148,9 @@ class _Lexer:
         kind = _type(text, accepted, self.statement)
         if kind not in VALUES:
             raise self.source.error(
-                where, f"{word} stands for {quote(text)}, a keyword; expected a number, or a word that is a value"
+                where,
+                f"{word} stands for {self.source.names.get(word[1:], quote(text))}, a keyword; expected a number, or a "
+                "word that is a value",
             )
         return _token(kind, text, start, self.position)
 

@@ -27,6 +27,10 @@ class Numbers:
     nonzero: bool = False  #: and 0 too
     unit: str = ""
 
+    def counted(self) -> str:
+        """How many there are, in words."""
+        return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
+
     def bounds(self) -> str:
         """What is allowed, in words."""
         kind = ("a whole number" if self.whole else "") + (f" of {self.unit}" if self.unit else "")
@@ -270,6 +274,11 @@ def row(token: Token) -> Word:
 @lru_cache(maxsize=1 << 10)
 def _row_of(role: str, spelling: str) -> Word:
     return next(word for word in ROWS[fold(spelling)] if word.role == role)
+
+
+def is_statement(word: str) -> bool:
+    """Whether a word may begin a statement."""
+    return any(row.role in STATEMENTS for row in ROWS.get(fold(word), ()))
 
 
 def of_role(role: str) -> list[Word]:

@@ -20,8 +20,8 @@ from ..rendering.part import Part
 from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
-from ..scene_files import images, opening, rendering, session, writing
-from . import black, denoised, reached, tev
+from ..scene_files import black, images, opening, rendering, session, writing
+from . import denoised, reached, tev
 from . import output as files
 from .helping import Helping, pack
 from .interrupts import interruptible

@@ -68,7 +68,7 @@ class Watched:
         if changes.get("doing") == "opening":
             self.times = {"saved": now()}
         elif pictures:
-            self.times["first wave" if "first picture" in self.times else "first picture"] = now()
+            self.times.setdefault("first wave" if "first picture" in self.times else "first picture", now())
         elif changes.get("doing") in ("rendering", "done"):
             self.times.setdefault("opened" if changes["doing"] == "rendering" else "final", now())
         self._say(pictures, **changes)
@@ -126,7 +126,7 @@ def main():
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument(
-        "--busy", action="store_true", help="the machine does other things: pace by the processor's time"
+        "--busy", action="store_true", help="pace by the processor's time, as the clock's is others' too"
     )
     parser.add_argument("--page", metavar="ADDRESS", help=argparse.SUPPRESS)
     arguments = parser.parse_args()

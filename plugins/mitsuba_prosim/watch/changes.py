@@ -13,7 +13,7 @@ import watchfiles
 QUIET, LONGEST = 20, 200
 
 #: Milliseconds after which it is looked again which files there are to watch.
-AGAIN = 200
+AGAIN = 500
 
 #: What is another after a file was written; None where there is none.
 Stamps = dict[Path, tuple[int, ...] | None]

@@ -17,7 +17,7 @@ SHORTEST, LONGEST, SHARE = 0.2, 0.5, 0.5
 #: where that is twice the longest.
 FOLLOWING = 0.2
 
-#: No portion has more than so many times the samples of the one before: those of the next pixels may be slower.
+#: No portion may have more than so many times the samples of the one before: those of the next pixels may be slower.
 GROWTH = 2
 
 
@@ -27,7 +27,7 @@ class Growing(Here):
     def __init__(self) -> None:
         self._begun = clock()
         self._samples_a_second = float(rendering.samples_of_a_step())
-        self._last = float("inf")
+        self._bound = rendering.samples_of_a_step()
         self._following: list[float] = []
 
     def bound(self, most: int | None, left: int) -> int | None:
@@ -35,7 +35,8 @@ class Growing(Here):
         seconds = min(max(SHORTEST, SHARE * (clock() - self._begun)), LONGEST)
         if self._following:  # the first time kernels may have been compiled
             seconds = max(seconds, min(min(self._following) / FOLLOWING, 2 * LONGEST))
-        samples = max(1, int(min(seconds * self._samples_a_second, GROWTH * self._last)))
+        samples = max(1, int(min(seconds * self._samples_a_second, GROWTH * self._bound)))
+        self._bound = samples
         return samples if most is None else min(samples, most)
 
     def __call__(
@@ -50,4 +51,4 @@ class Growing(Here):
             followed = clock()
             yield portion, more  # whoever has it waits for the samples
             self._following = [*self._following[-1:], followed - begun]
-            self._last, self._samples_a_second = portion.work, portion.work / max(clock() - followed, 1e-3)
+            self._samples_a_second = portion.work / max(clock() - followed, 1e-3)

@@ -2,6 +2,8 @@
 
 Angles are in degrees from the normal. Below the surface is beyond 90, and the mirror direction of an incidence of
 +30 is +30: both are measured in the plane of incidence, each to its own side of the normal.
+
+Numbers are made opaque, so that all angles and widths share the kernels of a material.
 """
 
 import drjit as dr
@@ -10,7 +12,9 @@ import mitsuba as mi
 
 def direction(angles, side=1):
     """Unit vectors in the plane of incidence, on the positive (``side`` 1) or negative side of the normal."""
-    sin, cos = dr.sincos(mi.Float(angles) * (dr.pi / 180))
+    angles = mi.Float(angles)
+    dr.make_opaque(angles)
+    sin, cos = dr.sincos(angles * (dr.pi / 180))
     return mi.Vector3f(side * sin, 0, cos)
 
 
@@ -45,7 +49,7 @@ def facets(alpha, n=256):
     """
     i = dr.arange(mi.UInt32, n * n)
     x, phi = (mi.Float(i % n) + 0.5) / n, (mi.Float(i // n) + 0.5) * (2 * dr.pi / n)
-    width = 0.5 * alpha * alpha
+    width = dr.opaque(mi.Float, 0.5 * alpha * alpha)
     full = 1 - dr.exp(-1 / width)
     c = -width * dr.log(1 - x * full)
     sin = dr.sqrt(c * (2 - c))

@@ -73,6 +73,11 @@ def medium(scene: Scene, leaf: Leaf) -> Hashable:
     return surface.eta, surface.glass, surface.abbe, surface.transmittance, surface.thickness
 
 
+def fresnel(scene: Scene, leaf: Leaf) -> bool:
+    """Whether an opaque leaf reflects by Fresnel's equations, other than in air where it lies in a dielectric."""
+    return scene.surfaces[leaf.index].material in ("conductor", "composite")
+
+
 def look(scene: Scene, leaf: Leaf) -> Hashable:
     """Equal for leaves that look alike, and share a mesh: a solid texture is bound to its leaf's own space."""
     surface = scene.surfaces[leaf.index]
@@ -106,6 +111,7 @@ def assemble(
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
         lambda leaf: look(scene, leaf),
+        lambda leaf: fresnel(scene, leaf),
         kept.faces,
     )
 

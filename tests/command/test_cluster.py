@@ -5,8 +5,10 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import dask
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -14,8 +16,10 @@ import OpenEXR
 import pytest
 from mitsuba_prosim import cluster
 from mitsuba_prosim.cluster import local, worker
+from mitsuba_prosim.cluster.errand import Whole
 from mitsuba_prosim.cluster.parcel import Parcel
-from mitsuba_prosim.command import making
+from mitsuba_prosim.cluster.remote import LOOK, Remote
+from mitsuba_prosim.command import output as files
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene_files import opening
 from running import names, prosim
@@ -119,6 +123,22 @@ def test_wrong_use(scene, options, says):
     assert result.exit_code == 2 and says in result.stderr and names(scene.parent) == ["scene.xml"]
 
 
+def test_workers_that_can_not_be_begun(lamp, monkeypatch):
+    def fails(**_):
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(local.distributed, "LocalCluster", fails)
+    result = prosim("render", lamp, "--workers", 1)
+    assert result.exit_code == 1 and "Error: the workers can't be begun here (Nanny failed to start.)" in result.output
+
+
+def test_without_the_package_nothing_is_begun(lamp, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    result = prosim("render", lamp, "--workers", 2)
+    assert result.exit_code == 1 and "--workers needs Dask: pip install 'mitsuba-prosim[cluster]'" in result.stderr
+    assert names(lamp.parent) == [lamp.name]
+
+
 def test_no_scheduler(lamp, monkeypatch):
     monkeypatch.setattr(local, "ANSWER", 0.2)
     result = prosim("render", lamp, "--cluster", "tcp://127.0.0.1:1")
@@ -135,14 +155,22 @@ def test_two_workers_make_the_same_image(client, lamp):
         assert np.array_equal(np.array(cluster.render(lamp, client=client, seed=2, **changes)), expected)
 
 
+def kill_one(client):
+    """Kills a worker, and waits until everybody who looks has seen that it is there no more."""
+    address, process = next(iter(client.run(os.getpid).items()))
+    os.kill(process, signal.SIGKILL)
+    while address in client.sync(client.scheduler.ncores):
+        time.sleep(0.05)
+    time.sleep(1.5 * LOOK)
+
+
 @pytest.mark.slow
 def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
-    """Another takes the place of the one that was killed, as Dask's nanny begins it anew."""
+    """Another takes the place of the one that was killed, as Dask's nanny begins it anew; and of one whose nanny has
+    given up.
+    """
     forget = "from mitsuba_prosim.cluster import worker; worker.scenes.clear()"
-    acts = [
-        lambda: os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL),
-        lambda: client.run(exec, forget),
-    ]
+    acts = [lambda: kill_one(client), lambda: client.run(exec, forget)]
     told = []
 
     def tell(done):
@@ -150,8 +178,15 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
         if acts and len(told) % 2:
             acts.pop()()
 
-    image = there(client, lamp, tell, integrator=NOISE)
+    said = []
+    image = there(client, lamp, tell, said.append, integrator=NOISE)
+    assert len(said) == 1 and "a worker was lost, 1 is left; others do what it had at hand" in said[0]
     assert not acts and len(told) > 4 and np.array_equal(image, here(lamp, integrator=NOISE))
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
+        gone = next(iter(client.cluster.workers.values()))
+        client.cluster.sync(gone.close)
+        client.wait_for_workers(2, timeout=20)
+    assert gone not in client.cluster.workers.values()
 
 
 @pytest.mark.slow
@@ -189,53 +224,79 @@ def watch_kernels(client, on):
 
 
 def kernels(client):
-    """How many kernels each worker has launched since this was asked last, each once, but for trivial ones."""
+    """The kernels that each worker has launched since this was asked last, but for trivial ones."""
 
     def launched():
         history = worker.hand().submit(dr.kernel_history).result()
         return {one["hash"] for one in history if one["type"] == dr.KernelType.JIT and one["operation_count"] > 100}
 
-    return [len(hashes) for hashes in client.run(launched).values()]
+    return list(client.run(launched).values())
 
 
 @pytest.mark.slow
 def test_a_film(client, lamp, monkeypatch):
-    """One client for all frames, which have the bytes of one process; workers compile for the first of them alone."""
+    """One client for all frames, which have the bytes of one process, whatever ends the command or is lost; workers
+    compile once.
+    """
     film = lamp.with_name("film.scn")
     film.write_text(FILM)
-    many, one = (["render", film, "--frames", "0:4", "-o", film.with_name(name)] for name in ("many", "one"))
-    many += ["--cluster", client.scheduler.address]
-    clients, scheduler, take = [], local.scheduler, making.take
-    monkeypatch.setattr(local, "scheduler", lambda address: clients.append(address) or scheduler(address))
-    frames = []
-
-    def ending(scene, sensor, job, denoise, tell, *others):
-        """Ctrl-C in the second frame; when that is begun anew, the scheduler goes away."""
-        frames.append(scene)
-        taker = scene.integrator().taker
-
-        def ended(_):
-            if len(frames) == 2:
-                os.kill(os.getpid(), signal.SIGINT)
-            elif len(frames) == 3:
-                taker.gone = "the scheduler has gone away"
-                taker.stop()
-
-        return take(scene, sensor, job, denoise, ended, *others)
-
-    watch_kernels(client, True)
-    with monkeypatch.context() as patch:
-        patch.setattr(making, "take", ending)
-        for why in ("frames rendered; interrupted", "rendered before; the scheduler has gone away"):
-            result = prosim(*many)
-            assert result.exit_code == 1 and f"{why}. The same command goes on" in result.stdout, result.output
-    kernels(client)
-    result = prosim(*many)
-    assert result.exit_code == 0 and "3 of 4 frames rendered, 1 had been rendered before" in result.stdout
-    assert len(clients) == len(frames) == 3 and max(kernels(client)) == 1
-    watch_kernels(client, False)
+    one, many, again = (["render", film, "--frames", "0:6", "-o", film.with_name(name)] for name in ("a", "b", "c"))
+    cluster = ["--cluster", client.scheduler.address]
     assert prosim(*one).exit_code == 0
-    assert all(alike(film.with_name(f"many.000{n}.exr"), film.with_name(f"one.000{n}.exr")) for n in range(4))
+    watch_kernels(client, True)
+    assert prosim(*many, *cluster).exit_code == 0
+    known = kernels(client)
+    assert known[0] == known[1] and len(known[0]) < 6
+    takers, clients, saved, make, save = [], [], [], Remote.make, files.save
+    monkeypatch.setattr(Remote, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
+    monkeypatch.setattr(local, "scheduler", lambda at, scheduler=local.scheduler: clients.append(at) or scheduler(at))
+
+    def saving(stem, contents):
+        saved.append(stem.name)
+        if len(saved) == 2:  # the first frame is made by all workers, the others by one each
+            os.kill(os.getpid(), signal.SIGINT)
+        elif len(saved) == 4:
+            takers[-1].gone = "the scheduler has gone away"
+        elif len(saved) == 5:
+            kill_one(client)
+        return save(stem, contents)
+
+    monkeypatch.setattr(files, "save", saving)
+    for said in ("2 of 6 frames rendered; interrupted", "2 had been rendered before; the scheduler has gone away"):
+        result = prosim(*again, *cluster)
+        assert result.exit_code == 1 and f"{said}. The same command goes on" in result.stdout, result.output
+    assert all(new <= known[0] for new in kernels(client))
+    watch_kernels(client, False)
+    result = prosim(*again, *cluster)
+    assert result.exit_code == 0 and "2 of 6 frames rendered, 4 had been rendered before" in result.stdout
+    assert len(clients) == 3 and len(set(saved)) == 6 and result.stderr.count("a worker was lost, 1 is left") == 1
+    for name in "b", "c":
+        assert all(alike(film.with_name(f"{name}.000{n}.exr"), film.with_name(f"a.000{n}.exr")) for n in range(6))
+    result = prosim(*again, *cluster, "--anew", "-D", "kd=0.98", "-o", film.with_name("d"))
+    assert result.exit_code == 2 and f"frame 3: {film}:6:37: found '1.01' after kd" in result.stderr
+    assert "d.0002.png" in names(film.parent) and "d.0003.png" not in names(film.parent)
+
+
+@pytest.mark.slow
+def test_an_image_that_nobody_waits_for_any_more(client, lamp):
+    """Its worker is free at once, whatever it would have taken."""
+
+    def endless(scene, sensor, wanted):
+        worker.begun = True
+        while wanted():
+            time.sleep(0.01)
+        worker.ended = True
+
+    def anywhere(name):
+        return any(client.run(lambda: hasattr(worker, name)).values())
+
+    with Remote(client, parcel := Parcel.of(opening.SceneFile(lamp, lamp.parent))) as taker:
+        images = iter([Whole("an image", parcel, endless, (), 1)])
+        assert list(taker.make(images, lambda: anywhere("begun"))) == []
+    end = time.monotonic() + 10
+    while not anywhere("ended"):
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
 #: A cluster in a process of its own, which says where it is.

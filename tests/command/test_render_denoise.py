@@ -43,7 +43,7 @@ def test_the_raw_image_is_never_lost(scene):
 def test_without_the_package_nothing_is_begun(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "mitsuba_oidn", None)
     done = prosim("render", scene, "--denoise")
-    assert done.exit_code == 2 and "pip install 'mitsuba-prosim[denoise]'" in done.stderr
+    assert done.exit_code == 1 and "pip install 'mitsuba-prosim[denoise]'" in done.stderr
     assert names(scene.parent) == ["scene.xml"]
 
 
@@ -60,4 +60,8 @@ def test_what_does_not_go_together(scene):
     for option in (["--keep"], ["--part", "1/2"]):
         done = prosim("render", scene, "--denoise", *option)
         assert done.exit_code == 2 and "--denoise renders two images" in done.stderr
+    within = '<integrator type="prosim_denoised"><integrator type="path"/></integrator>'
+    scene.write_text(XML.replace('<integrator type="path"/>', within))
+    done = prosim("render", scene, "--denoise")
+    assert done.exit_code == 2 and "prosim_denoised, denoises by itself; leave out --denoise" in done.stderr
     assert names(scene.parent) == ["scene.xml"]

@@ -55,7 +55,7 @@ def stop_within(monkeypatch, portions):
     """The process dies after so many portions, as far as the files are concerned: the state of each is written."""
     monkeypatch.setattr(Keeper, "SHORTEST", 0.0)
     monkeypatch.setattr(Keeper, "TIMES", 0)
-    monkeypatch.setattr(Keeper, "LEAST_TIMES", 0)
+    monkeypatch.setattr(Keeper, "SHARE", 1e9)
     keep, left = Keeper.__call__, [portions]
 
     def call(self, record, last):
@@ -139,20 +139,24 @@ def test_noise_that_the_scene_asks_a_part_for(lamp):
 
 
 def test_parts_make_the_image_and_it_goes_on(lamp, tmp_path, monkeypatch):
-    done("render", lamp, "-o", tmp_path / "whole")
+    every = ["--adaptive", "none"]
+    done("render", lamp, "-o", tmp_path / "whole", *every)
     for number in (1, 2, 3):
-        said = done("render", lamp, "-o", tmp_path / "a", "--part", f"{number}/3")
+        said = done("render", lamp, "-o", tmp_path / "a", "--part", f"{number}/3", *every)
         assert said.stdout.startswith(f"{tmp_path}/a.{number}-of-3.exr: part {number} of 3, 32 x 24 pixels")
     first, second, third = parts = [tmp_path / f"a.{number}-of-3.exr" for number in (1, 2, 3)]
     assert not (tmp_path / "a.exr").exists()
     refused("of 3 parts, part 2 is missing", "merge", first, third)
     done("merge", third, first, second, "--keep")
     assert alike(tmp_path / "whole", tmp_path / "a")
-    assert "of 0.03" in done("resume", tmp_path / "a.state.exr", "--noise", 0.03).stdout
+    # All that a small noise begins with is in the parts, and the image is that of one run.
+    done("resume", tmp_path / "a.state.exr", "-o", tmp_path / "on", "--noise", 0.00005, "--adaptive", "graded")
+    done("render", lamp, "-o", tmp_path / "at-once", "--noise", 0.00005)
+    assert alike(tmp_path / "at-once", tmp_path / "on")
     refused("all parts of an image are to have one aim", "resume", second, "--noise", 0.01)
     with monkeypatch.context() as patch:
         stop_within(patch, 2)
-        assert prosim("render", lamp, "-o", tmp_path / "a", "--part", "2/3").exit_code != 0
+        assert prosim("render", lamp, "-o", tmp_path / "a", "--part", "2/3", *every).exit_code != 0
     refused("a.2-of-3.exr is not finished", "merge", *parts)
     done("resume", second)
     done("merge", *parts, "-o", tmp_path / "b")
@@ -183,7 +187,7 @@ def test_a_disk_that_is_full(lamp, tmp_path_factory, monkeypatch):
 
 #: States are written more often than usual, so that something is there to go on with.
 HURRIED = (
-    "from mitsuba_prosim.saved.keeper import Keeper; Keeper.SHORTEST, Keeper.TIMES = 0.1, 2; "
+    "from mitsuba_prosim.saved.keeper import Keeper; Keeper.SHORTEST, Keeper.SHARE = 0.1, 1; "
     "from prosim_start import main; main()"
 )
 

@@ -26,13 +26,16 @@ def roughness(distribution, alpha):
 
 
 def incident(angle):
+    """A direction that kernels do not know when they are compiled, so that all angles share them."""
     t = math.radians(angle)
-    return mi.ScalarVector3f(0.8 * math.sin(t), 0.6 * math.sin(t), math.cos(t))
+    wi = mi.Vector3f(0.8 * math.sin(t), 0.6 * math.sin(t), math.cos(t))
+    dr.make_opaque(wi)
+    return wi
 
 
 def draw(bsdf, ctx, wi, u):
     """Directions drawn, the interaction, and whether they are valid."""
-    si = interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(u)))
+    si = interaction(wi + dr.zeros(mi.Vector3f, dr.width(u)))
     bs, weight = bsdf.sample(ctx, si, u[0], mi.Point2f(u[1], u[2]))
     assert not dr.any(dr.isnan(bs.pdf) | dr.any(dr.isnan(weight)))
     return bs.wo, si, (bs.pdf > 0) & dr.any(weight > 0)
@@ -47,9 +50,9 @@ def check_facets(bsdf, angle, alpha, ctx=None, eta=None):
     ctx = ctx or mi.BSDFContext()
     wi = incident(angle)
     eta = eta or 1.5
-    side = eta if angle < 90 else 1 / eta  # index beyond over that on wi's side
-    width = 0.5 * alpha * alpha
-    full = 1 - math.exp(-1 / width)
+    # index beyond over that on wi's side; width of the lobe, and how much of it lies above the horizon
+    sizes = (eta if angle < 90 else 1 / eta, 0.5 * alpha * alpha, 1 - math.exp(-2 / (alpha * alpha)))
+    side, width, full = (dr.opaque(mi.Float, size) for size in sizes)
     two = bsdf.component_count() == 2 and mi.has_flag(bsdf.flags(), mi.BSDFFlags.Transmission)
 
     def sample(u):
@@ -67,7 +70,7 @@ def check_facets(bsdf, angle, alpha, ctx=None, eta=None):
         c = -width * dr.log(rest)  # 1 - cos
         sin = dr.sqrt(c * (2 - c))
         m = mi.Normal3f(sin * dr.cos(p.y), sin * dr.sin(p.y), 1 - c)
-        si = interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(p)))
+        si = interaction(wi + dr.zeros(mi.Vector3f, dr.width(p)))
         i_m = dr.dot(si.wi, m)
         f, cos_t, _, inverse = mi.fresnel(i_m, mi.Float(eta))
         wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, cos_t, inverse))
@@ -90,7 +93,7 @@ def check_sphere(bsdf, angle, ctx=None):
         return wo, dr.select(valid, 1.0, 0.0)
 
     def pdf(wo):
-        return bsdf.pdf(ctx, interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(wo))), wo)
+        return bsdf.pdf(ctx, interaction(wi + dr.zeros(mi.Vector3f, dr.width(wo))), wo)
 
     assert_accepted(ChiSquareTest(SphericalDomain(), sample, pdf, 3, sample_count=100000, res=101, ires=8))
 
@@ -174,7 +177,7 @@ def test_strata_remain(variant_rgb):
     i = dr.arange(mi.UInt32, n * n)
     u = mi.Point2f((mi.Float(i % n) + 0.5) / n, (mi.Float(i // n) + 0.5) / n)
     for angle in (0, 60):
-        si = interaction(mi.Vector3f(incident(angle)) + dr.zeros(mi.Vector3f, n * n))
+        si = interaction(incident(angle) + dr.zeros(mi.Vector3f, n * n))
         wo = np.array(bsdf.sample(mi.BSDFContext(), si, mi.Float(0.5), u)[0].wo).T.reshape(n, n, 3)
         steps = np.linalg.norm(np.diff(wo, axis=0), axis=2)
         assert steps[:, : n * 9 // 10].max() < 0.1

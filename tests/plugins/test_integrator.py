@@ -55,6 +55,17 @@ def test_one_specular_object_equals_path(variant_rgb, ball):
     assert same_expectation(path, ours)
 
 
+def test_what_is_weak_is_followed_by_lot_and_counts_as_much(variant_rgb):
+    scene = alone({"type": "dielectric"}, type="prosim", adaptive="none", samples=8, max_level=3)
+    by_lot, every = (renderings(scene, 3, rr_throughput=part, **scene["integrator"]) for part in (0.3, 0.0))
+    difference = (by_lot - every)[..., 1].mean(axis=0)
+    within = difference != 0
+    z = difference[within].mean() / (difference[within].std() / np.sqrt(within.sum()))
+    assert within.sum() > 30 and abs(z) < 4.5
+    defaults = [mi.load_dict({"type": "prosim", "caustics": caustics}).rr_throughput for caustics in (False, True)]
+    assert defaults == [0.0, 0.01]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("bounces", [-1, 20])
 def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):

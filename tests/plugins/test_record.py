@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.rendering.decisions import Decisions
 from mitsuba_prosim.rendering.pace import Pace
-from mitsuba_prosim.rendering.part import Part
+from mitsuba_prosim.rendering.part import Part, Tiles
 from mitsuba_prosim.rendering.plan import Rectangle
 from mitsuba_prosim.saved.parts import put_together
 from scenes import penumbra
@@ -145,19 +145,20 @@ def test_portions_are_made_to_take_about_a_second(variant_rgb, monkeypatch):
 # ------------------------------------------------------------------ parts
 
 
-@pytest.mark.parametrize("region", [(0, 0, 97, 41), (-2, -3, 50, 60)])
-def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_rgb, region: Rectangle):
+@pytest.mark.parametrize("region, margin", [((0, 0, 97, 41), 6), ((-2, -3, 50, 60), 2), ((0, 0, 97, 41), 0)])
+def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_rgb, region: Rectangle, margin: int):
     left, top, right, bottom = region
     y, x = np.mgrid[top - 6 : bottom + 6, left - 6 : right + 6]
     inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
     for of in (1, 2, 3, 16):
         parts = [Part(number, of) for number in range(1, of + 1)]
-        mine = [part.owns(region, x, y) & inside for part in parts]
+        tiles = Tiles.of(region, of, margin)
+        mine = [tiles.owned(part, x, y) & inside for part in parts]
         assert np.array_equal(np.sum(mine, axis=0), inside)
         sizes = np.sum(mine, axis=(1, 2))
         assert sizes.min() > 0.5 * sizes.mean()
         for part, own, reach in zip(parts, mine, (0, 1, 3, 6)):
-            near = part.near(region, *(mi.Int32(v.ravel()) for v in (x, y)), reach)
+            near = tiles.near(part, *(mi.Int32(v.ravel()) for v in (x, y)), reach)
             around = np.zeros_like(own)
             for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
                 around |= np.roll(own, (dy, dx), (0, 1))
@@ -166,6 +167,17 @@ def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_
             )
             assert not np.any(around & within & ~np.array(near).reshape(x.shape))
             assert np.all((np.array(near).reshape(x.shape) & inside & ~around) == 0)
+
+
+@pytest.mark.parametrize("margin, most", [(0, 1.03), (2, 1.06), (6, 1.25)])
+@pytest.mark.parametrize("of", [2, 3, 8, 16])
+def test_parts_have_their_share_of_what_is_slow(of, margin, most):
+    """A ball in the middle, each of whose pixels takes as long as ten others."""
+    x, y = np.ogrid[:800, :600]
+    cost = np.where((x - 410) ** 2 + (y - 320) ** 2 < 150**2, 10, 1)
+    tiles = Tiles.of((0, 0, 800, 600), of, margin)
+    costs = [cost[tiles.owned(Part(number, of), x, y)].sum() for number in range(1, of + 1)]
+    assert sum(costs) == cost.sum() and max(costs) < most * np.mean(costs)
 
 
 def in_parts(scene, of):

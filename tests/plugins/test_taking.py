@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.cluster import fleet, message, worker
 from mitsuba_prosim.cluster.desk import Desk, Ticket
+from mitsuba_prosim.cluster.errand import Errand
 from mitsuba_prosim.rendering.camera import ray_sampler
 from scenes import penumbra
 from test_record import CROP, loaded
@@ -30,7 +31,7 @@ class Elsewhere:
         return self.chance.randint(1, self.most)
 
     def __call__(self, portions, cancelled, in_order):
-        desk = Desk(portions, in_order)
+        desk = Desk((Errand.portion(portion, "") for portion in portions), in_order)
         while not cancelled():
             tickets = [ticket for _ in range(self.together) if (ticket := desk.next(self.together))]
             if not tickets:
@@ -38,8 +39,8 @@ class Elsewhere:
                 return
             self.chance.shuffle(tickets)
             for ticket in tickets:
-                asked = pickle.loads(pickle.dumps(ticket.asked))
-                yield from desk.give(ticket, message.answered(*self.answer(asked)))
+                _, asked = pickle.loads(pickle.dumps(ticket.errand.arguments))
+                yield from desk.give(ticket, ticket.errand.read(self.answer(asked)))
 
     def answer(self, asked):
         plan, policy = worker.planned(asked["plan"])
@@ -128,11 +129,6 @@ def test_a_sampler_of_mitsubas_stays_where_it_is(variant_rgb):
 # ------------------------------------------------------------------ who is given what
 
 
-class Portion:
-    def __init__(self, work):
-        self.work = work
-
-
 def working(paces):
     """A fleet of workers of these paces, by names, and its clock, whose hand can be set."""
     now = [0.0]
@@ -143,7 +139,7 @@ def working(paces):
 
 
 def give(some, name, number, work, taken_back=None):
-    ticket = Ticket(number, Portion(work), None)
+    ticket = Ticket(number, Errand(None, (), work, None))
     some.give(ticket, some.workers[name], lambda: (taken_back if taken_back is not None else []).append(name))
     return ticket
 

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.transport import scene_facts
+from mitsuba_prosim.transport import scene_facts, tree
 from scenes import penumbra
 
 
@@ -107,6 +107,19 @@ def test_lobes_that_cannot_be_told_apart_are_counted_once(variant_rgb, bsdf, bou
         {"type": "path", "max_depth": 8},
         spp=400,
     )
+
+
+def test_an_instance_looks_as_what_it_is_of(variant_scalar):
+    """Also where the lobes cannot be told apart, of which the instance itself says nothing: none is counted thrice."""
+    shape = {"type": "rectangle", "to_world": T().scale(3), "bsdf": PRINCIPLED}
+    instance = {"type": "instance", "shapegroup": {"type": "ref", "id": "group"}}
+    light = {"type": "sphere", "center": [1.5, 1.5, 3], "radius": 0.3, "emitter": {"type": "area", "radiance": 10.0}}
+    images = []
+    for things in ({"card": shape}, {"group": {"type": "shapegroup", "card": shape}, "card": instance}):
+        scene = card(PRINCIPLED, light=light, integrator={"type": "prosim"})
+        del scene["card"]
+        images.append(np.array(mi.render(mi.load_dict(scene | things), spp=4)))
+    assert images[1].mean() == pytest.approx(images[0].mean(), rel=0.05)
 
 
 @pytest.mark.parametrize("variant_name", ["llvm_ad_rgb", "scalar_rgb"])
@@ -220,3 +233,12 @@ def test_a_hidden_ball_does_not_move_what_is_behind(variant_rgb):
     # The lamps' shadow on the ball is theirs; where there is none the images agree but for rounding.
     agree = np.abs(alone - hidden).max(2) < 1e-3 * alone.max()
     assert agree.mean() > 0.85
+
+
+def test_the_code_of_a_tree_without_branches_is_followed_once(variant_rgb, monkeypatch):
+    """Dr.Jit goes through a loop twice in which something stays as it is; following takes as long as many samples."""
+    followed, shade = [], tree.shade
+    monkeypatch.setattr(tree, "shade", lambda *a: followed.append(a) or shade(*a))
+    scene = mi.load_dict(penumbra({"type": "conductor"}, 8, type="prosim", samples=2, adaptive="none"))
+    scene.integrator().render(scene)
+    assert len(followed) == 1

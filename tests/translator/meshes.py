@@ -27,6 +27,7 @@ def skins(text, tolerance=0.05):
         tolerance,
         lambda leaf: translator.medium(scene, leaf),
         lambda leaf: translator.look(scene, leaf),
+        lambda leaf: translator.fresnel(scene, leaf),
     )
 
 

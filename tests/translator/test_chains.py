@@ -46,3 +46,45 @@ def test_a_face_that_was_covered_and_is_laid_bare_again_is_the_cutters(monkeypat
     text = scene("- + CUBE 0 CUBE 1 CUBE 2", ["", "TRANSLATE (0 0 .5)", "SCALE (3 3 3) TRANSLATE (-1 -1 1)"])
     meshes, count = halved(monkeypatch, text)
     assert count == 0 and meshes.keys() == {0, 2}
+
+
+def overlapping(count):
+    """Boxes that all overlap at one point, added and taken away in turn, the first ones small."""
+    rng = random.Random(5)
+    transforms = [
+        f"TRANSLATE (-.5 -.5 -.5) SCALE ({' '.join(str(rng.uniform(0.2, 0.3) + i / count) for _ in range(3))}) "
+        f"ROTATE-X ({rng.uniform(0, 360)}) ROTATE-Z ({rng.uniform(0, 360)})"
+        for i in range(count)
+    ]
+    tree = ["-+"[i % 2] for i in range(count - 1)]
+    surfaces = [f"material lambertiano kd = 0.{100 + i} 0 0" for i in range(count)]
+    return scene(" ".join([*tree, *(f"CUBE {i}" for i in range(count))]), transforms, surfaces)
+
+
+@pytest.fixture
+def gone(monkeypatch):
+    """What is left out of each chain."""
+    found = []
+    original = chains.covered
+    monkeypatch.setattr(chains, "covered", lambda *a: found.append(original(*a)) or found[-1])
+    return found
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing is seen of")
+def test_what_later_solids_cover_is_left_out_and_the_rest_is_the_same(monkeypatch, gone):
+    text = overlapping(40)
+    one_by_one = list(solids(text).values())
+    assert not gone
+    meshes, _ = halved(monkeypatch, text)
+    assert 10 < gone[0].sum() < 40 and not gone[0][-1]
+    assert_closed(list(meshes.values()))
+    assert volume(list(meshes.values())) == pytest.approx(volume(one_by_one), rel=1e-9)
+    assert not set(meshes) & set(np.flatnonzero(gone[0]).tolist())
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing is seen of")
+@pytest.mark.parametrize("place, covered", [(0.5, False), (0.4, True)])
+def test_what_touches_the_surface_of_what_covers_it_stays(monkeypatch, gone, place, covered):
+    transforms = [f"SCALE (.5 .5 .5) TRANSLATE (.25 .25 {place})", "", "SCALE (.1 .1 9)"]
+    meshes, _ = halved(monkeypatch, scene("- + CUBE 0 CUBE 1 CUBE 2", transforms))
+    assert gone[0].tolist() == [covered, False, False] and (0 in meshes) != covered

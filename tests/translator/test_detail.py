@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from meshes import scene, solids
+from meshes import scene, solids, volume
 from prosim_scene import SceneError, SceneWarning, view
 from prosim_scene.language import document_of
 from prosim_scene.solids import detail
@@ -48,6 +48,26 @@ def test_faces_on_one_quadric_have_the_same_segments():
         "+ CYLINDER 0 CYLINDER 1", ["SCALE (.5 .5 1) TRANSLATE (0 0 17)", "SCALE (.5 .5 60) TRANSLATE (0 0 -60)"]
     )
     assert near == far
+
+
+RADIUS, RIM = 20, 1
+SAGITTA = RADIUS - (RADIUS**2 - RIM**2) ** 0.5
+CAP = np.pi * SAGITTA**2 * (3 * RADIUS - SAGITTA) / 3
+
+
+@pytest.mark.parametrize("tree, expected", [("* SPHERE 0 SPHERE 1", 2 * CAP), ("- CUBE 2 SPHERE 0", 5.76 - CAP)])
+def test_the_rim_of_a_lens_is_as_fine_as_its_faces(tree, expected, recwarn):
+    center = np.array([0, 0, SAGITTA - RADIUS])
+    ball = f"SCALE ({RADIUS} {RADIUS} -{RADIUS}) TRANSLATE (0 0 {{}})"
+    transforms = [ball.format(z) for z in (center[2], -center[2])] + ["SCALE (2.4 2.4 1) TRANSLATE (-1.2 -1.2 0)"]
+    meshes = solids(scene(tree, transforms).replace("WINDOW -5 -5 5 5", "WINDOW -2 -2 2 2"), 0.4)
+    assert volume(meshes.values()) == pytest.approx(expected, abs=8e-3 * CAP)
+    outwards = (meshes[0].positions - center) * (-1 if tree[0] == "-" else 1)
+    assert outwards == pytest.approx(RADIUS * meshes[0].normals, abs=1e-4)
+    x, y, z = meshes[0].positions.reshape(-1, 3).T
+    pixel = 4 / 500
+    assert np.abs(np.hypot(x, y)[z < 1e-6] - RIM).max() < 0.4 * pixel
+    assert not any("far from the origin" in str(w.message) for w in recwarn)  # as the eye is not far from the ball
 
 
 @pytest.mark.slow

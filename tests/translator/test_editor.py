@@ -9,8 +9,9 @@ import prosim_scene
 import pytest
 from prosim_scene.editor import colours, meanings, places
 from prosim_scene.editor.completing import completions, hover
-from prosim_scene.editor.judging import evaluate, judge
-from prosim_scene.editor.reading import Reading
+from prosim_scene.editor.evaluating import evaluate
+from prosim_scene.language.judging import judge
+from prosim_scene.language.reading import Reading
 from prosim_scene.language.words import WORDS
 
 SCENE = """(a scene)

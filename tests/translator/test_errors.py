@@ -146,6 +146,34 @@ WRONG = [
     ),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, ["the tree stands in a remark"]),
     (4, "CSG-TREE + (CUBE 0 - SPHERE 0) CUBE 0", 10, ["lacks an operand", "parentheses are remarks"]),
+    # a word where a number is expected, and numbers that are no numbers
+    (4, "CSG-TREE CUBE tijolo", 15, ["found 'tijolo' after CUBE; expected 1 number (its index)"]),
+    (4, "CSG-TREE CUBE 0 tijolo", 17, ["found 'tijolo', the kind of a texture", "did you mean 't-tijolo'"]),
+    (4, "CSG-TREE CUBE 0 listras", 17, ["found 'listras'", "did you mean 't-listras'"]),
+    (4, "CSG-TREE CUBE 0 tijolos", 17, ["unknown word 'tijolos'", "did you mean 't-tijolo'"]),
+    (1, "NSAMPLES: six", 11, ["unknown word 'six' after NSAMPLES; expected 1 number (the number N)"]),
+    (5, "SURFACE 0 kd .1 .2 blue", 20, ["unknown word 'blue' after kd; expected 3 numbers (r g b), or 1"]),
+    (3, "VIEW OBS 0 t-x 9", 12, ["found 't-x'", "expected 3 numbers (x y z)"]),
+    (3, "VIEW RESOLUTION 320x240", 17, ["found '320x240'", "nothing but spaces between them: 320 240"]),
+    (3, "VIEW RESOLUTION 320 x 240", 21, ["unknown word 'x' after RESOLUTION", "2 numbers (width height)"]),
+    (6, "TRANSFORM 0 SCALE (2x.5X-1)", 20, ["found '2x.5X-1'", "between them: 2 .5 -1"]),
+    # materials by other words
+    (5, "SURFACE 0 material metal", 20, ["found 'metal'", "composto; for a metal: material condutor and its name"]),
+    (5, "SURFACE 0 material ouro", 20, ["unknown word 'ouro'", "did you mean 'condutor ouro'"]),
+    (5, "SURFACE 0 material BK7", 20, ["unknown word 'BK7'", "did you mean 'dieletrico BK7'"]),
+    (5, "SURFACE 0 material dieletrico 1.5", 31, ["found '1.5'; expected a glass's name, or n-refr = 1.5"]),
+    # other languages
+    (1, "// a scene", 1, ["found '//'; expected a remark to begin with #"]),
+    (4, "CSG-TREE CUBE 0 /* the table */", 17, ["found '/*'; expected a remark to begin with #"]),
+    (1, '<?xml version="1.0"?>', 1, ["no scene in this language; expected a name that ends in .xml"]),
+    (5, "SURFACE 0 kd = (1, 0, 0)", 11, ["found 0 numbers after kd", "'(1, 0, 0)' is a remark, as parentheses are"]),
+    (6, "TRANSFORM 0 ROTATE-X (pi/2)", 23, ["unknown word 'pi/2' after ROTATE-X", "arithmetic stands in braces"]),
+    (2, "LIGHTS SPOT position 0 5 5", 8, ["found 'SPOT'", "a light begins with AREA or POINT"]),
+    (1, "BACKGROUND sky.exr", 12, ["found 'sky.exr' after BACKGROUND; expected 3 numbers (r g b) before the image"]),
+    (4, "CSG-TREE CUBE 0 'wood.png'", 17, ["does not exist", "in double quotes, or in none"]),
+    # names of several words
+    (1, "NAME: a red ball (mine)", 9, ["found 'red' after a name; expected one word", 'NAME "a red ball"']),
+    (1, "NAME my view of Rio NSAMPLES 4", 14, ["found 'of'", 'NAME "my view of Rio"']),
     # marks
     (1, "NAME: x (unclosed", 9, ["this remark is not closed"]),
     (1, 'NAME: "x', 7, ["this quote is not closed"]),
@@ -182,10 +210,15 @@ def test_wrong_input(number, line, column, words, tmp_path):
 @pytest.mark.parametrize(
     "line, number, words",
     [
-        ("SURFACE 7 kd = 1 1 1", 1, "no primitive has this index"),
+        ("SURFACE 7 kd = 1 1 1", 1, "SURFACE 7 is not used: no primitive has this index"),
         ("LIGHTS", 2, "no lights"),
-        ("LIGHTS POINT position 0 5 5 angle 3", 2, "has no effect on a UNIFORM light"),
-        ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "has no effect on a lambertiano"),
+        ("LIGHTS POINT position 0 5 5 angle 3", 2, "angle has no effect on a UNIFORM light; it is for a CONE or SPOT"),
+        ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "5:32: ks has no effect on a lambertiano"),
+        (
+            "SURFACE 0 transmitancia = .5",
+            5,
+            "transmitancia has no effect on a surface without a material; it is for a diel",
+        ),
         ("END (fim) e mais", 7, "what follows END is ignored"),
         ("CSG-TREE", 4, "no CSG-TREE"),
         ("LIGHTS POINT position 0 5 5 Intensity 1 1 1", 2, "2:29: this Intensity is all but dark: 65535 is 1.0"),
@@ -336,3 +369,50 @@ def test_encodings(tmp_path):
         path.write_bytes(text.encode(encoding))
         with pytest.raises(SceneError, match="no text in UTF-8"):
             prosim_scene.read(path)
+
+
+@pytest.mark.parametrize(
+    "lines, reasons",
+    [
+        # what cannot be read, and what the rest lacks
+        (
+            {5: "SURFACE 0 kkd = 1", 4: "CSG-TREE + CUBE 0 CONE 3"},
+            ["unknown word 'kkd'", "CONE 3 has no SURFACE 3 and no T"],
+        ),
+        (
+            {5: "SURFACE 0 kd = 7", 6: "TRANSFORM 1"},
+            ["found '7'", "CUBE 0 has no TRANSFORM 0; expected a statement TRANS"],
+        ),
+        (
+            {3: "VIEW OBS 1 2", 6: "TRANSFORM 0 SCALE (1 2)"},
+            ["found 2 numbers after OBS", "found 2 numbers after SCALE"],
+        ),
+        ({4: "CSG-TREE + CUBE 1 CUBE 2"}, ["CUBE 1 has no SURFACE 1 and no", "CUBE 2 has no SURFACE 2 and no"]),
+        # what only follows from another error
+        ({4: "CSG-TREE + CUBE 0 CONE"}, ["found 0 numbers after CONE"]),
+        ({5: "SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
+        ({5: "SURFACE 7 SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
+        ({6: "TRANSFORM 0 SCALE (1 2)"}, ["found 2 numbers after SCALE"]),
+        ({6: "TRANSFORM {0 SCALE (1 1 1)"}, ["this '{' is not closed"]),
+        ({1: "AMBIENT $x $x $x NSAMPLES $x"}, ["nothing above says what $x stands for"]),
+        ({1: "DEFAULT $x = (1", 3: "VIEW OBS 0 0 $x"}, ["this remark is not closed"]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_errors_are_told_together_but_not_what_follows_from_them(lines, reasons):
+    text = MINIMAL.splitlines()
+    for number, line in lines.items():
+        text[number - 1] = line
+    with pytest.raises(SceneError) as caught:
+        prosim_scene.parse("\n".join(text) + "\n", "s.scn")
+    told = [caught.value, *caught.value.others]
+    assert len(told) == len(reasons) and all(one.reason.startswith(begin) for one, begin in zip(told, reasons))
+    assert [line for line in str(caught.value).splitlines() if line.startswith("s.scn:")] == [
+        f"s.scn:{one.line}:{one.column}: {one.reason}" for one in told
+    ]
+
+
+def test_of_very_many_errors_some_are_told():
+    with pytest.raises(SceneError, match=r"and 5 more errors$") as caught:
+        prosim_scene.parse("".join(f"SURFACE {i} kd = 7\n" for i in range(10)) + MINIMAL)
+    assert len(caught.value.others) == 9 and str(caught.value).count("found '7'") == 5

@@ -110,7 +110,11 @@ def test_names_stand_for_words_of_all_kinds():
         ("DEFAULT $n = 1 DEFAULT $n = 2", 24, ["DEFAULT $n is given twice", "line 1"]),
         ("DEFAULT n = 1", 9, ["found 'n'; expected a name, such as $angle"]),
         ("DEFAULT $n = ouro NSAMPLES {$n + 1}", 29, ["$n stands for 'ouro'; expected a finite number"]),
-        ("DEFAULT $n = ouro NSAMPLES $n", 28, ["unknown word 'ouro'", "a number"]),
+        (
+            "DEFAULT $n = ouro NSAMPLES $n",
+            28,
+            ["unknown word 'ouro' after NSAMPLES", "1 number", "$n stands for 'ouro'"],
+        ),
         ("DEFAULT $n = CUBE LIGHTS $n", 26, ["$n stands for 'CUBE', a keyword"]),
         ("DEFAULT $metal = oro SURFACE 7 metal $metal", 38, ["unknown metal 'oro'", "did you mean 'ouro'"]),
         ("NSAMPLES {7 / 2}", 10, ["found '3.5' after NSAMPLES; expected a whole number"]),
@@ -158,6 +162,27 @@ def test_each_error_names_its_place(line, column, words):
 def test_a_wrong_value_from_without(define, words):
     with pytest.raises(SceneError, match=f"^s.scn: .*{words}"):
         prosim_scene.parse(SCENE, "s.scn", define)
+
+
+@pytest.mark.parametrize(
+    "line, value, words",
+    [
+        ("AMBIENT $n", "1,5", ["found '1,5'", "; $n stands for '1,5', by -D n=1,5"]),
+        ("AMBIENT $n $n $n", -1, ["found '-1' after AMBIENT", "; $n stands for '-1', by -D n=-1"]),
+        ("AMBIENT 1 1 {1 / ($n - 2)}", 2, ["divides by 0; $n stands for '2', by -D n=2"]),
+        ("NSAMPLES {$n + 1}", "x", ["$n stands for 'x', by -D n=x; expected a finite number"]),
+        ("NSAMPLES $n", "END", ["$n stands for 'END', by -D n=END, a keyword"]),
+        ("SURFACE 7 metal $n", "oro", ["unknown metal 'oro'", "; $n stands for 'oro', by -D n=oro"]),
+        ("CSG-TREE CUBE $n", 8, ["CUBE 8 has no SURFACE 8", "; $n stands for '8', by -D n=8"]),
+        ("DEFAULT $n = 2000 NSAMPLES $n", None, ["found '2000' after NSAMPLES", "; $n stands for '2000'\n"]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_an_error_in_the_value_of_a_name_says_whose_it_is(line, value, words):
+    scene = MINIMAL.replace("CSG-TREE CUBE 0", "") if "CSG" in line else MINIMAL
+    with pytest.raises(SceneError) as caught:
+        prosim_scene.parse(f"{line}\n{scene}", "s.scn", {} if value is None else {"n": value})
+    assert all(word in str(caught.value) for word in words)
 
 
 def test_a_default_that_nothing_uses_is_a_warning():

@@ -13,6 +13,7 @@ from prosim_scene import translator
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf
 
+METAL = "metal"
 GLASS, WATER = (f"material dieletrico n-refr = {n}" for n in (1.5, 1.33))
 
 
@@ -34,10 +35,11 @@ def hits(meshes, origin, direction):
 
 
 def media_along(meshes, origin, direction):
-    """The media that a ray leaves; every face has to lead from one to the next."""
+    """The media that a ray leaves, METAL for what is opaque; every face has to lead from one to the next."""
     result, now = [], None
     for t, skin, entering, _ in hits(meshes, origin, direction):
-        before, after = (skin.outside, skin.inside) if entering > 0 else (skin.inside, skin.outside)
+        inside = METAL if skin.material[0].material == "conductor" else skin.inside
+        before, after = (skin.outside, inside) if entering > 0 else (inside, skin.outside)
         assert now == before, t
         result.append(before)
         now = after
@@ -57,7 +59,7 @@ def media_of_the_tree(text, origin, direction):
         ends.append((near[0], far[0]))
     times = np.unique([t for near, far in ends if near < far for t in (near, far)])
     result, now = [], None
-    media = dict.fromkeys(translator.medium(read, leaf) for leaf in leaves)
+    media = sorted({medium_of(read, leaf): 0 for leaf in leaves}, key=lambda medium: medium != METAL)  # which is first
     for begin, end in zip(times, [*times[1:], np.inf]):
         if end - begin < 1e-6:
             continue
@@ -70,13 +72,17 @@ def media_of_the_tree(text, origin, direction):
     return result
 
 
+def medium_of(read, leaf):
+    return METAL if read.surfaces[leaf.index].material == "conductor" else translator.medium(read, leaf)
+
+
 def exists(read, inside, medium):
     """Whether the part of the tree that is of a medium is where these leaves are ``inside``."""
     stack, number = [], len(inside)
     for node in reversed(read.csg):
         if isinstance(node, Leaf):
             number -= 1
-            own = translator.medium(read, node)
+            own = medium_of(read, node)
             stack.append({own} if inside[number] else set())
         else:
             first, second = stack.pop(), stack.pop()
@@ -87,7 +93,9 @@ def exists(read, inside, medium):
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("kind", ["blocks", "turned blocks", "chains", "general", "same_quadric", "nested"])
+@pytest.mark.parametrize(
+    "kind", ["blocks", "turned blocks", "chains", "general", "same_quadric", "nested", "blocks, some of metal"]
+)
 def test_every_face_leads_from_one_medium_to_the_next(kind):
     compared = {False: 0, True: 0}
     for seed in range(3):
@@ -97,6 +105,9 @@ def test_every_face_leads_from_one_medium_to_the_next(kind):
         else:
             text = exact_csg.KINDS[kind](rng)
         text = re.sub(r"lambertiano kd \S+", "dieletrico n-refr {}", text).format(*rng.choice([1.2, 1.3, 1.5], 20))
+        if "metal" in kind:  # what cuts has to be of the same kind
+            text = re.sub(r"(?<!\S)[-*](?!\S)", "+", text)
+            text = re.sub(r"dieletrico n-refr 1.[25]", "condutor ouro", text)
         meshes = skins(text, 0.2)
         for _ in range(15):
             origin = 9.0 * rng.choice([-1, 1], 3)
@@ -227,3 +238,71 @@ def test_a_face_knows_what_absorbs_and_disperses_on_both_sides(variant_rgb, tmp_
     assert shape["exterior"] == water["interior"] and "interior" not in shape
     scene_of_xml = mi.load_file(str(prosim_scene.translate(path)))
     assert [s.exterior_medium() is not None for s in scene_of_xml.shapes() if s.is_mesh()].count(True) == 1
+
+
+SPOON = "material condutor n-refr = 1.2 k-abs = 3"
+BATH = scene("+ CYLINDER 0 CUBE 1", ["SCALE (.5 .5 4)", "SCALE (8 8 2) TRANSLATE (-4 -4 -1)"], [SPOON, WATER])
+
+
+def test_metal_and_varnish_in_water_reflect_as_they_do_there(tmp_path):
+    path = tmp_path / "s.scn"
+    meshes = solids(BATH, 0.02)
+    wet, dry = meshes[0, 1], meshes[0]
+    disc, around = math.pi / 4, math.pi  # the spoon stands in water from 0 to 1, and has its other end in the air
+    assert area(wet) == pytest.approx(disc + around, rel=2e-3)
+    assert area(dry) == pytest.approx(disc + 3 * around, rel=2e-3)
+    assert volume([wet, dry]) == pytest.approx(math.pi, rel=2e-3)
+    assert volume([meshes[1], dry]) == pytest.approx(8 * 8 * 2 + 3 * disc, rel=1e-3)
+    varnish = BATH.replace(SPOON, "material composto kd = .5 n-refr = 1.6")
+    for text, target, key, values in (
+        (BATH, "prosim", "ext_ior", [1.33, 1]),
+        (BATH.replace("n-refr = 1.2 k-abs = 3", "ouro"), "prosim", "ext_ior", [1.33, 1]),
+        (varnish, "prosim", "ext_ior", [1.33, 1]),
+        (varnish, "stock", "ext_ior", [1.33, 1]),
+        (BATH, "stock", "k", [3 / 1.33, 3]),
+    ):
+        path.write_text(text)
+        with pytest.warns(prosim_scene.SceneWarning) if target == "stock" else pytest.MonkeyPatch.context():
+            shapes = prosim_scene.load(path, target=target)
+        found = [shapes[name]["bsdf"][key] for name in ("surface_0", "surface_0_")]
+        assert sorted(np.mean(x["value"] if isinstance(x, dict) else x) for x in found) == pytest.approx(sorted(values))
+    path.write_text(BATH.replace(SPOON, "material lambertiano kd = .5"))
+    assert "surface_0_" not in prosim_scene.load(path)  # what is matte is so everywhere, and stays in one piece
+
+
+def test_varnish_of_the_index_of_water_is_not_seen_in_it(tmp_path):
+    path = tmp_path / "s.scn"
+    path.write_text(BATH.replace(SPOON, "material composto kd = .5 n-refr = 1.33 m = .1"))
+    with pytest.warns(prosim_scene.SceneWarning):
+        shapes = prosim_scene.load(path, target="stock")
+    assert {shapes[name]["bsdf"]["type"] for name in ("surface_0", "surface_0_")} == {"diffuse", "roughplastic"}
+
+
+def test_a_metal_ball_in_a_ball_of_water_is_as_bright_as_fresnel_says(variant_rgb, tmp_path):
+    path = tmp_path / "s.scn"
+    text = scene("+ SPHERE 0 SPHERE 1", ["SCALE (.5 .5 .5)", ""], [SPOON, WATER])
+    text = text.replace("WINDOW -5 -5 5 5 RESOLUTION 500 500", "WINDOW -.01 -.01 .01 .01 RESOLUTION 3 3")
+    path.write_text("MAX-LEVEL 9 BACKGROUND 65535 65535 65535 " + text)
+    image = np.array(mi.render(mi.load_dict(prosim_scene.load(path))))
+    n, eta, k = 1.33, 1.2, 3
+    metal = ((eta - n) ** 2 + k**2) / ((eta + n) ** 2 + k**2)
+    water = ((n - 1) / (n + 1)) ** 2
+    # The background, by way of any number of reflections between the two.
+    assert image[1, 1] == pytest.approx(water + (1 - water) ** 2 * metal / (1 - water * metal), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "tree, surfaces, words",
+    [
+        ("- SPHERE 0 CUBE 1", (GLASS, ""), "3:12: CUBE 1 cuts glass, .* SURFACE 1 is opaque, .*material dieletrico"),
+        ("* SPHERE 0 CUBE 1", (GLASS, ""), "3:12: CUBE 1 cuts glass"),
+        ("- SPHERE 0 CUBE 1", ("", GLASS), "3:12: CUBE 1 cuts what is opaque, .* SURFACE 1 is a dieletrico"),
+        ("- SPHERE 0 CUBE 1", (GLASS, WATER), None),
+        ("+ SPHERE 0 CUBE 1", (GLASS, ""), None),
+        ("- + SPHERE 0 CUBE 2 CUBE 1", (GLASS, "", ""), "3:21: CUBE 1 cuts glass"),
+    ],
+)
+def test_what_lines_glass_is_told(tree, surfaces, words, recwarn):
+    skins(scene(tree, ["", "", "TRANSLATE (5 5 5)"][: 2 + ("2" in tree)], surfaces), 0.2)
+    said = [str(w.message) for w in recwarn]
+    assert len(said) == bool(words) and all(re.search(words, message) for message in said)

@@ -23,6 +23,12 @@ def path(tmp_path):
     return path
 
 
+def test_without_a_variant_it_says_what_to_do(path, monkeypatch):
+    monkeypatch.setattr(mi, "variant", lambda: None)
+    with pytest.raises(RuntimeError, match=r"^show: no variant is set; set one before, as by mi.set_variant\("):
+        mitsuba_prosim.show(path)
+
+
 def test_turns_never_run_at_the_same_time_and_hand_on_what_is_raised():
     done = []
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -11,6 +13,7 @@ from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
 from .gathering import Gathering
+from .merging import Merging
 from .photons import Photons
 from .sources import Sources
 from .targets import Targets
@@ -22,32 +25,39 @@ MAPS = 64
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
 
-#: Photons that are kept, 40 bytes each, for the next wave and for the twin; at least two sets.
+#: Photons that are kept, 40 bytes each (48 on glossy surfaces, where a photon may lie besides), for the next wave and
+#: for the twin; at least two sets.
 KEPT = 1 << 22
 
 
 class Caustics:
-    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, through up to ``deepest``
-    specular surfaces.
+    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, which go by ``walk``.
 
     A set has as many maps as a pattern has samples, :meth:`maps`, and each sample of a pixel gathers from its own:
-    the ``t``-th from map ``t % maps`` of set ``t // maps``, which must have been drawn (:meth:`draw`).
+    the ``t``-th from map ``t % maps`` of set ``t // maps``, which must have been drawn (:meth:`draw`). In spectral
+    variants all photons of a map have the same wavelengths, which its samples have too (:meth:`wavelength`).
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, deepest: int) -> None:
-        self.sources, self.count, self.walk = sources, count, Walk(scene, deepest)
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk) -> None:
+        self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
         self.footprint = Footprint.of(scene, sensor)
         self.gathering = Gathering(scene, self.footprint)
+        self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible) if walk.merges else None
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
-        self._sets: dict[tuple[int, int, int], Photons] = {}
+        self._sets: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._drawn: Photons | None = None
+        self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
-    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int) -> Caustics | None:
-        """Those of ``scene``; None where nothing is specular, or nothing shines."""
-        targets = Targets.of(scene)
+    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, wholes: bool) -> Caustics | None:
+        """Those of ``scene``, through up to ``deepest`` specular surfaces; None where nothing is specular, or nothing
+        shines. ``wholes``: of :class:`.Walk`, for trees.
+        """
+        targets = Targets.of(scene, wholes)
         sources = None if targets is None else Sources(scene, targets)
-        return cls(scene, sensor, sources, count, deepest) if sources is not None and sources.count else None
+        if sources is None or not sources.count:
+            return None
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
 
     @staticmethod
     def maps(n: int) -> int:
@@ -62,7 +72,16 @@ class Caustics:
             while len(self._sets) >= max(KEPT // self.count, 2):
                 del self._sets[next(iter(self._sets))]
             self._sets[which] = self._photons(*which)
-        self._drawn = self._sets[which]
+        self._drawn, glossy = self._sets[which]
+        if self.merging is not None and glossy is not None:
+            self.merging.draw(glossy, self._shares[maps][0])
+        self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
+
+    def wavelength(self, t: mi.UInt32) -> mi.Float:
+        """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
+        same for all pixels.
+        """
+        return random.shared(self._key, t, self._n)
 
     def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
@@ -70,17 +89,23 @@ class Caustics:
         number = t % dr.opaque(mi.UInt32, self._drawn.maps)
         return self.gathering(self._drawn, number, si, bsdf, active)
 
-    def _photons(self, seed: int, number: int, maps: int) -> Photons:
+    def _photons(self, seed: int, number: int, maps: int) -> tuple[Photons, Photons | None]:
+        """Those on diffuse surfaces, and on glossy ones where these gather any."""
         size = max(self.count // maps, 1)
         if maps not in self._shares:
             self._shares[maps] = self._shared(size)
-        landed, map_of, _ = self._landed(seed, number, maps, *self._shares[maps])
-        return Photons.of(landed, map_of, maps, self.footprint)
+        landed, map_of, _ = self._landed(seed, number, maps, self._shares[maps])
+        diffuse, glossy = (None if one is None else Photons.of(one, map_of, maps, self.footprint) for one in landed)
+        assert diffuse is not None
+        return diffuse, glossy
 
     def _landed(
-        self, seed: int, number: int, maps: int, shares: mi.Float, begins: mi.UInt32, pairs: mi.UInt32
-    ) -> tuple[Landed, mi.UInt32, mi.UInt32]:
-        """``(landed, map, pair)`` of all photons of a set. The last three are what :func:`placed` gives."""
+        self, seed: int, number: int, maps: int, places: tuple[mi.Float, mi.UInt32, mi.UInt32], white: bool = False
+    ) -> tuple[tuple[Landed, Landed | None], mi.UInt32, mi.UInt32]:
+        """``(landed, map, pair)`` of all photons of a set, the first as :class:`.Walk` gives it. ``places``: what
+        :func:`placed` gives; ``white``: whether each has wavelengths of its own, in the place of its map's.
+        """
+        shares, begins, pairs = places
         size = dr.width(pairs)
         i = dr.arange(mi.UInt32, size * maps)
         map_of = i // dr.opaque(mi.UInt32, size)
@@ -90,10 +115,20 @@ class Caustics:
         key = combine(combine(hash32(dr.opaque(mi.UInt32, seed)), dr.opaque(mi.UInt32, number)), 0)
         # The photons of a pair go on from map to map, so that those of all together are evenly spread too.
         of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
-        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair))
+        t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
+        wavelengths = self._wavelengths(seed, t, maps)
+        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wavelengths)
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, pair)
         return landed, map_of, pair
+
+    def _wavelengths(self, seed: int, t: mi.UInt32, maps: int) -> mi.Color0f:
+        """Those of the ``t``-th samples, as the sensor draws them; none but in spectral variants."""
+        if not mi.is_spectral:
+            return dr.zeros(mi.Color0f)
+        key, n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
+        sample, middle = random.shared(key, t, n), mi.Point2f(0.5)
+        return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
         """How many of the ``size`` photons of a map each pair has: in proportion to the flux that it brings, so that
@@ -101,8 +136,12 @@ class Caustics:
         """
         pairs = self.sources.pairs
         even = np.full(pairs, max(PILOTS // pairs, 1), dtype=np.float64)
-        landed, _, pair = self._landed(0, 0, 1, *placed(even))
-        flux = np.where(np.array(landed.lies), np.array(dr.max(landed.flux), dtype=np.float64), 0)
+        landed, _, pair = self._landed(0, 0, 1, placed(even), white=True)
+        flux = sum(
+            np.where(np.array(one.lies), np.array(dr.max(one.flux), dtype=np.float64), 0)
+            for one in landed
+            if one is not None
+        )
         brought = np.bincount(np.array(pair), weights=flux, minlength=pairs)
         whole = brought.sum()
         part = (1 - EVEN) * brought / whole + EVEN / pairs if whole > 0 else np.full(pairs, 1 / pairs)

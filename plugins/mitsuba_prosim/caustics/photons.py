@@ -19,15 +19,18 @@ SIZES = 4
 
 @dataclass(frozen=True)
 class Photons:
-    """The photons of ``maps`` maps, which know nothing of one another; sorted by map and by a hash of the cell, and in
-    each cell by their index, so that a sum over them has one order.
+    """The photons of ``maps`` maps, which know nothing of one another; sorted by map, by a hash of the row of cells and
+    the place of the cell in it, and in each cell by their index, so that a sum over them has one order.
     """
 
     maps: int
-    #: x, y, z and, bit by bit, the key of its cell, photon by photon.
+    #: x, y, z and, bit by bit, the key of its row of cells, photon by photon.
     places: mi.Float
     directions: mi.Vector3f
     flux: mi.Spectrum
+    #: On glossy surfaces, as :class:`.Landed` has them.
+    density: mi.Float | None
+    level: mi.UInt32 | None
     #: First photon of each bucket, for each map one bucket after the other, and the number of all.
     begins: mi.UInt32
     #: Buckets of a map, a power of two, less one.
@@ -42,21 +45,37 @@ class Photons:
         there = dr.compress(landed.lies)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # one that lies far away
-        p, d, flux = (dr.gather(type(v), v, there) for v in (landed.p, landed.d, landed.flux))
+        of_each = [landed.p, landed.d, landed.flux]
+        if landed.density is not None:
+            of_each += [landed.density, landed.level]
+        p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
         level = level_of(footprint.at(footprint.distance(p)))
-        cells = key(level, *cell(p, level))
-        at = bucket_of(dr.gather(mi.UInt32, map_of, there), cells, mask)
-        dr.eval(p, d, flux, cells, at)
+        x, y, z = cell(p, level)
+        rows = key(level, y, z)
+        at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
+        dr.eval(p, d, flux, rows, at, others)
         order = dr.argsort(at)
-        p, d, flux, cells, at = (dr.gather(type(v), v, order) for v in (p, d, flux, cells, at))
+        p, d, flux, rows, at, *others = (dr.gather(type(v), v, order) for v in (p, d, flux, rows, at, *others))
         begins = first_of_each(at, maps * buckets)
-        places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, cells)))
-        dr.make_opaque(places, d, flux, begins)
-        return cls(maps, places, d, flux, begins, mask)
+        places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, rows)))
+        dr.make_opaque(places, d, flux, begins, others)
+        density, levels = others or (None, None)
+        return cls(maps, places, d, flux, density, levels, begins, mask)
 
-    def bucket(self, number: mi.UInt32, key: mi.UInt32) -> mi.UInt32:
-        """Number of the bucket of the cell ``key`` in the map ``number``; other cells may share it."""
-        return bucket_of(number, key, self.mask)
+    def of_map(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
+        """First photon of the map ``number``, and the number of its photons."""
+        first, end = (dr.gather(mi.UInt32, self.begins, (number + k) * (self.mask + 1), active) for k in range(2))
+        return first, end - first
+
+    def run(
+        self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
+    ) -> tuple[mi.UInt32, mi.UInt32]:
+        """The first of the photons in the cells ``low`` to ``high`` of a row in the map ``number``, among others, and
+        the first after them. The ``size`` photons of a map are a ring: after the last one comes its first again.
+        """
+        first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
+        begin, end = (dr.gather(mi.UInt32, self.begins, at, active) for at in (first, last + 1))
+        return begin, dr.select(last < first, end + size, end)
 
 
 def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
@@ -76,17 +95,21 @@ def edge(level: mi.Int32) -> mi.Float:
     return 2 * dr.exp2(mi.Float(level + 1) * (1 / SIZES))
 
 
-def cell(p: mi.Point3f, level: mi.Int32, offset: float = 0) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
-    """The cell of ``p``, displaced by ``offset`` edges."""
+def cell(p: mi.Point3f, level: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
+    """The cell of ``p``."""
     per_edge = dr.rcp(edge(level))
-    return tuple(mi.Int32(dr.floor(dr.fma(v, per_edge, offset))) for v in p)
+    return tuple(mi.Int32(dr.floor(v * per_edge)) for v in p)
 
 
-def key(level: mi.Int32, x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """A hash of a cell, which stands for it: that two near one another have the same is one chance in 10⁸."""
-    return combine(combine(combine(mi.UInt32(level), mi.UInt32(x)), mi.UInt32(y)), mi.UInt32(z))
+def key(level: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+    """A hash of a row of cells along x, which stands for it: that two near one another have the same is one chance in
+    10⁸.
+    """
+    return combine(combine(mi.UInt32(level), mi.UInt32(y)), mi.UInt32(z))
 
 
-def bucket_of(number: mi.UInt32, key: mi.UInt32, mask: mi.UInt32) -> mi.UInt32:
-    """Number of the bucket of the cell ``key`` in the map ``number``, where each map has ``mask`` + 1."""
-    return number * (mask + 1) + (key & mask)
+def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -> mi.UInt32:
+    """Number of the bucket of the cell ``x`` of the row with the key ``row`` in the map ``number``, where each map has
+    ``mask`` + 1; the next cell has the next one, but for the last, and cells of other rows share it.
+    """
+    return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)

@@ -29,9 +29,9 @@ class Targets:
     count: int
 
     @classmethod
-    def of(cls, scene: mi.Scene) -> Targets | None:
-        """Those around the specular surfaces of ``scene``; None where there is none."""
-        spheres = [sphere(shape) for shape in scene.shapes() if is_specular(shape)]
+    def of(cls, scene: mi.Scene, wholes: bool = False) -> Targets | None:
+        """Those around the specular surfaces of ``scene``; None where there is none. ``wholes``: of :class:`.Walk`."""
+        spheres = [sphere(shape) for shape in scene.shapes() if is_specular(shape, wholes)]
         if not spheres:
             return None
         values = np.array(merged(spheres), dtype=np.float32).T.copy()
@@ -44,16 +44,15 @@ class Targets:
         return dr.gather(mi.Point3f, self.centers, k), dr.gather(mi.Float, self.radii, k)
 
 
-def is_specular(shape: mi.Shape) -> bool:
+def is_specular(shape: mi.Shape, wholes: bool) -> bool:
     """Whether light that meets ``shape`` may be followed through a lobe other than a diffuse one."""
     if shape.class_name() == "Instance":
         return True  # it does not tell
     bsdf = shape.bsdf()
-    return (
-        bsdf is not None
-        and bool(lobes.has_any(int(bsdf.flags()), *lobes.REFLECTED, *lobes.REFRACTED))
-        and not is_indivisible(bsdf)
-    )
+    if bsdf is None:
+        return False
+    names = lobes.IDEAL if is_indivisible(bsdf) and not wholes else (*lobes.REFLECTED, *lobes.REFRACTED)
+    return bool(lobes.has_any(int(bsdf.flags()), *names))
 
 
 def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:

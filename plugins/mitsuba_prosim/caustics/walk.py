@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -10,7 +10,8 @@ import mitsuba as mi
 from ..masks import but_not
 from ..transport import dispersion, lobes
 from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
-from ..transport.indivisible import is_indivisible, is_whole
+from ..transport.indivisible import any_indivisible, belongs_to, is_whole
+from ..transport.merging import onward, possible
 from . import random
 from .sources import Start
 
@@ -31,8 +32,17 @@ class Landed:
     d: mi.Vector3f
     #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
     flux: mi.Spectrum
-    #: Whether it lies on a diffuse surface, after one specular surface or more.
+    #: Whether it lies on a surface, after one specular surface or more: a diffuse one, or one that is taken whole.
     lies: mi.Bool
+    #: On glossy surfaces: how close together photons are there (:attr:`.Start.density`) ...
+    density: mi.Float | None = None
+    #: ... and by way of how many surfaces they came.
+    level: mi.UInt32 | None = None
+
+    @classmethod
+    def nowhere(cls) -> Landed:
+        """Photons that have not landed."""
+        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False))
 
 
 @dataclass
@@ -46,56 +56,85 @@ class State:
     level: mi.UInt32
     active: mi.Bool
     landed: Landed
+    #: Where something is taken whole: whether a lobe of several directions of that has sent it on.
+    sent: mi.Bool | None
+    #: Where light is shared with the eye's rays: how close together photons are, 0 beyond a glossy surface, and where
+    #: they have met that.
+    density: mi.Float | None
+    glossy: Landed | None
 
 
 class Walk:
-    """Light in ``scene``, through up to ``deepest`` specular surfaces."""
+    """Light in ``scene``, through up to ``deepest`` specular surfaces.
 
-    def __init__(self, scene: mi.Scene, deepest: int) -> None:
+    ``wholes``: whether what is taken whole sends photons on by all that it does not scatter; else they lie there,
+    unless it lets them through or mirrors them in a single direction.
+    """
+
+    def __init__(self, scene: mi.Scene, deepest: int, wholes: bool) -> None:
         self.scene, self.deepest = scene, dr.opaque(mi.UInt32, deepest)
         self.specular = lobes.specular()
-        self.specular.mode = mi.TransportMode.Importance
+        self.everything = lobes.everything()
+        self.specular.mode = self.everything.mode = mi.TransportMode.Importance
         self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), dispersion.disperses(scene)
-        self.indivisible = any(is_indivisible(s.bsdf()) for s in scene.shapes() if s.bsdf() is not None)
+        self.wholes, self.indivisible = wholes, any_indivisible(scene)
+        self.merges = possible(scene)
 
-    def __call__(self, start: Start, key: mi.UInt32) -> Landed:
-        """Where the photons ``start`` come to lie. ``key``: one for each, which its numbers are drawn from."""
+    def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
+        """Where the photons ``start`` come to lie, on diffuse surfaces and, where it matters, glossy ones. ``key``:
+        one for each, which its numbers are drawn from.
+        """
 
         def step(state: State) -> State:
             return self._step(state, key)
 
-        nowhere = Landed(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False))
-        medium = mi.MediumPtr(None) if self.absorbs else None
-        state = State(start.ray, medium, start.flux, mi.UInt32(0), dr.max(start.flux) > 0, nowhere)
+        medium, sent = mi.MediumPtr(None) if self.absorbs else None, mi.Bool(False) if self.indivisible else None
+        density, glossy = None, None
+        if self.merges:
+            density, glossy = start.density, replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
+        state = State(
+            start.ray, medium, start.flux, mi.UInt32(0), dr.max(start.flux) > 0, Landed.nowhere(), sent, density, glossy
+        )
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
-        return state.landed
+        return state.landed, state.glossy
 
     def _step(self, state: State, key: mi.UInt32) -> State:
         si = self.scene.ray_intersect(state.ray, state.active)
         surface = state.active & si.is_valid()
         bsdf = si.bsdf()
-        arrived, medium = state.flux, state.medium
+        arrived, medium, density, glossy = state.flux, state.medium, state.density, state.glossy
         if self.absorbs:
             medium = before(si, medium, state.ray.d, surface & (state.level == 0))
-            arrived = arrived * transmittance(medium, si.wavelengths, si.t, surface)
+            left = transmittance(medium, si.wavelengths, si.t, surface)
+            arrived = arrived * left
             surface &= dr.max(arrived) > 0
-        if self.indivisible:
-            surface = but_not(surface, is_whole(bsdf, surface))
+            if density is not None:
+                density = density * dr.max(left)
+        whole = surface & is_whole(bsdf, surface) if self.indivisible else mi.Bool(False)
         flags = bsdf.flags()
         lands = surface & (state.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
+        if self.indivisible:
+            # Rays from one whole surface to another find the light of sources there, however it goes on.
+            lands = dr.select(whole, but_not(state.level > 0, state.sent), lands)
         goes = surface & (state.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         first = state.level * NUMBERS
-        ray, weight, goes = self._scatter(si, bsdf, key, first, arrived, goes)
+        # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
+        shaded, true = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(dr.dot(si.n, state.ray.d))
+        as_shaded = bounded(shaded, true)
+        if density is not None:
+            meets = but_not(surface & (state.level > 0) & (density > 0) & (true > 0), whole)
+            meets &= lobes.has_any(flags, *lobes.GLOSSY)
+            here = Landed(si.p, state.ray.d, arrived * as_shaded, mi.Bool(True), density, state.level)
+            glossy = dr.select(meets, here, glossy)
+        ray, weight, passed, goes, sent = self._scatter(si, bsdf, key, first, arrived, goes, whole)
         # One photon either lies or goes on, and keeps about the flux that it has.
         flux = arrived * weight
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(state.level < 4, 1, 0.95)))
         goes &= random.number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
-        # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
-        shaded, true = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(dr.dot(si.n, state.ray.d))
         lands &= true > 0
-        share = bounded(shaded, true) / dr.maximum(1 - p, 1e-6)
+        share = as_shaded / dr.maximum(1 - p, 1e-6)
         landed = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True))
         return State(
             ray,
@@ -104,6 +143,9 @@ class Walk:
             state.level + 1,
             goes,
             dr.select(lands, landed, state.landed),
+            state.sent | sent if self.indivisible else None,
+            None if density is None else density * passed,
+            glossy,
         )
 
     def _scatter(
@@ -114,8 +156,10 @@ class Walk:
         first: mi.UInt32,
         flux: mi.Spectrum,
         active: mi.Bool,
-    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Bool]:
-        """The ray of a photon after a surface's specular lobes, what is left of its flux, and whether there is one.
+        whole: mi.Bool,
+    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Float, mi.Bool, mi.Bool]:
+        """The ray of a photon after a surface's specular lobes, what is left of its flux and of the density of photons,
+        and whether there is one; and whether it was sent in one of several directions by what is taken ``whole``.
 
         It is importance that spreads from the sources: it is not divided by the square of an index as radiance is, and
         where a surface is shaded by other normals than its own, cosines of both are exchanged (Veach 1997, 5.3).
@@ -125,12 +169,22 @@ class Walk:
             bs, weight = dispersion.sample(self.specular, si, bsdf, choice, sample, flux, active)
         else:
             bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
-        active = active & (bs.pdf > 0) & ((bs.sampled_type & self.specular.type_mask) != 0)
+        belongs, sent = (bs.sampled_type & self.specular.type_mask) != 0, mi.Bool(False)
+        if self.indivisible:
+            of_all, weight_of_all = bsdf.sample(self.everything, si, choice, sample, active & whole)
+            bs, weight = dr.select(whole, of_all, bs), dr.select(whole, weight_of_all, weight)
+            sent = but_not(whole, lobes.has_any(of_all.sampled_type, *lobes.IDEAL))
+            belongs = dr.select(whole, belongs_to(self.specular, si.wi, of_all), belongs)
+            if not self.wholes:
+                belongs = but_not(belongs, sent)
+        active = active & (bs.pdf > 0) & belongs
         d = si.to_world(bs.wo)
         cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(bs.wo))
         true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
         active &= (true_i > 0) & (cos_o > 0)
-        return si.spawn_ray(d), mi.unpolarized_spectrum(weight) * bounded(cos_i * true_o, cos_o * true_i), active
+        weight = mi.unpolarized_spectrum(weight)
+        passed = dr.select(whole, 0, onward(bs, weight, bsdf.flags()) * dr.square(bs.eta))
+        return si.spawn_ray(d), weight * bounded(cos_i * true_o, cos_o * true_i), passed, active, sent
 
 
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:

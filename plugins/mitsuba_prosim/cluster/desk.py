@@ -1,4 +1,4 @@
-"""Portions on their way out and back."""
+"""Errands on their way out and back."""
 
 from __future__ import annotations
 
@@ -7,38 +7,35 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..rendering.estimate import Estimate
-from ..rendering.taking import Portion
-from . import message
+from .errand import Errand
 
 
 @dataclass(eq=False)
 class Ticket:
-    """A portion that is out. ``asked``: as it is sent; ``copies``: worker's address -> what cancels it there;
-    ``failures``: what was said where it went wrong; ``lost``: how many workers were lost that were at it.
+    """An errand that is out. ``copies``: worker's address -> what cancels it there; ``failures``: what was said where
+    it went wrong; ``lost``: how many workers were lost that were at it.
     """
 
     number: int
-    portion: Portion
-    asked: Any
+    errand: Errand
     copies: dict[str, Callable[[], Any]] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
     lost: int = 0
 
 
 class Desk:
-    """Where the portions of a wave are asked for, and their samples come back; ``in_order``: whether they are to be
-    given in the order in which they were asked for.
+    """Where errands are asked for, and their answers come back; ``in_order``: whether they are to be given in the order
+    in which they were asked for.
     """
 
-    def __init__(self, portions: Iterator[Portion], in_order: bool) -> None:
-        self.portions, self.in_order = portions, in_order
+    def __init__(self, errands: Iterator[Errand], in_order: bool) -> None:
+        self.errands, self.in_order = errands, in_order
         #: What has to be handed out once more.
         self.again: deque[Ticket] = deque()
         #: Whether all has been handed out once.
         self.exhausted = False
         self.number = self.given = 0
-        self.early: dict[int, tuple[Portion, Estimate]] = {}
+        self.early: dict[int, Any] = {}
 
     def next(self, ahead: int) -> Ticket | None:
         """The next ticket; None where there is none now. ``ahead``: how many may be out, or wait for those before them,
@@ -48,24 +45,24 @@ class Desk:
             return self.again.popleft()
         if self.exhausted or (self.in_order and self.number - self.given >= ahead):
             return None
-        portion = next(self.portions, None)
-        if portion is None:
+        errand = next(self.errands, None)
+        if errand is None:
             self.exhausted = True
             return None
         self.number += 1
-        return Ticket(self.number - 1, portion, message.request(portion))
+        return Ticket(self.number - 1, errand)
 
     @property
     def left(self) -> bool:
         """Whether there is something that is not out."""
         return bool(self.again) or not self.exhausted
 
-    def give(self, ticket: Ticket, more: Estimate) -> Iterator[tuple[Portion, Estimate]]:
-        """What can be given, now that these samples are there."""
+    def give(self, ticket: Ticket, answer: Any) -> Iterator[Any]:
+        """What can be given, now that this answer is there."""
         if not self.in_order:
-            yield ticket.portion, more
+            yield answer
             return
-        self.early[ticket.number] = ticket.portion, more
+        self.early[ticket.number] = answer
         while self.given in self.early:
             yield self.early.pop(self.given)
             self.given += 1

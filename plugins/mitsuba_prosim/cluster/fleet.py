@@ -114,7 +114,7 @@ class Fleet:
         now = self.clock()
         for idle in [worker for worker in self.workers.values() if not worker.queue]:
             late, ticket = max(self._ends(now), key=lambda one: one[0], default=(0.0, None))
-            if ticket is not None and late > 1.25 * idle.seconds(ticket.portion.work) + SHORTEST:
+            if ticket is not None and late > 1.25 * idle.seconds(ticket.errand.work) + SHORTEST:
                 yield ticket, idle
 
     def _ends(self, now: float) -> Iterator[tuple[float, Ticket]]:
@@ -124,6 +124,6 @@ class Fleet:
         for worker in self.workers.values():
             end = worker.since
             for ticket in worker.queue:
-                end += worker.seconds(ticket.portion.work)
+                end += worker.seconds(ticket.errand.work)
                 if len(ticket.copies) == 1:
                     yield abs(end - now), ticket

@@ -7,7 +7,7 @@ import hashlib
 import itertools
 import queue
 import time
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
@@ -20,8 +20,9 @@ from distributed.comm.core import CommClosedError
 from ..rendering.estimate import Estimate
 from ..rendering.taking import Portion
 from ..saved import origin
-from . import message, worker
+from . import worker
 from .desk import Desk, Ticket
+from .errand import Errand, Whole
 from .fleet import DEPTH, Fleet, Worker
 from .parcel import Parcel
 
@@ -56,14 +57,16 @@ class Remote:
         self.gone: str | None = None
         self.stop: Callable[[], None] = lambda: None
         self.refused: dict[str, str] = {}
+        self.missed = False  # whether it was said that one was lost
         self.fallen = 0  # workers that were lost before they were ready
         self.joining: dict[str, list[distributed.Future]] = {}  # what is asked of those that come
         self.direct: bool | None = None
         self.contents: dict[str, distributed.Future] = {}
         self.events: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
         self.asking: Worker | None = None
-        #: Portions that were answered, and seconds that the workers took for them, all together.
-        self.portions, self.busy = 0, 0.0
+        #: Errands that were answered; seconds that the workers took for them, all together, and without what goes
+        #: before each; and their samples.
+        self.portions, self.busy, self.taking, self.work = 0, 0.0, 0.0, 0
         self.since = time.perf_counter()
         self.warned: set[str] = set()
         self.address = getattr(client.scheduler, "address", "of the cluster")
@@ -107,14 +110,26 @@ class Remote:
 
         Raises ClusterError where no worker can take part, or where a portion goes wrong again and again.
         """
-        desk = Desk(portions, in_order)
+        errands = (Errand.portion(portion, self.parcel.key) for portion in portions)
+        return self._done(Desk(errands, in_order), cancelled)
+
+    def make(self, images: Iterable[Whole], cancelled: Callable[[], bool]) -> Iterator[tuple[Whole, Any]]:
+        """Lets each worker make images by itself, and gives what they came to, as it is there; some of ``images`` are
+        asked for in advance.
+
+        Raises ClusterError as for portions.
+        """
+        errands = (Errand.whole(image, self.parcel.key, self._is_there) for image in images)
+        return self._done(Desk(errands, False), cancelled)
+
+    def _done(self, desk: Desk, cancelled: Callable[[], bool]) -> Iterator[Any]:
         try:
             while not cancelled() and self.gone is None:
                 self._hand_out(desk)
                 if not desk.left and not self.fleet.out():
                     return
-                for ticket, more in self._heard(desk):
-                    yield from desk.give(ticket, more)
+                for ticket, what in self._heard(desk):
+                    yield from desk.give(ticket, ticket.errand.read(what))
         finally:
             for ticket in self.fleet.out():
                 self.fleet.take_back(ticket)
@@ -132,7 +147,9 @@ class Remote:
                 self._send(ticket, idle)
 
     def _send(self, ticket: Ticket, to: Worker) -> None:
-        future = self._submit(to.address, worker.take, self.variant, self.parcel.key, ticket.asked)
+        errand = ticket.errand
+        files = map(self._travelling, errand.files)
+        future = self._submit(to.address, errand.function, self.variant, *errand.arguments, *files)
 
         async def collect() -> None:
             self.events.put((self._answered, ticket, to.address, await self._outcome(future)))
@@ -141,8 +158,8 @@ class Remote:
         self.fleet.give(ticket, to, future.release)
         self._begin(collect())
 
-    def _heard(self, desk: Desk) -> Iterator[tuple[Ticket, Estimate]]:
-        """What is heard from the cluster in the next moment: the samples of tickets, each once."""
+    def _heard(self, desk: Desk) -> Iterator[tuple[Ticket, Any]]:
+        """What is heard from the cluster in the next moment: the answers to tickets, each once."""
         try:
             events = [self.events.get(timeout=LOOK / 5)]
             while not self.events.empty():
@@ -158,14 +175,15 @@ class Remote:
             if time.perf_counter() - self.since > PATIENCE:
                 self._warn_once("the cluster has no workers yet; the render begins when there are some")
 
-    def _answered(self, desk: Desk, ticket: Ticket, address: str, outcome: Any) -> tuple[Ticket, Estimate] | None:
+    def _answered(self, desk: Desk, ticket: Ticket, address: str, outcome: Any) -> tuple[Ticket, Any] | None:
         if address not in ticket.copies:
             return None  # another was first, or the worker has gone
-        if isinstance(outcome, worker.Taken):
-            self.fleet.workers[address].learn(ticket.portion.work, outcome.before, outcome.seconds)
+        if isinstance(outcome, worker.Done):
+            self.fleet.workers[address].learn(ticket.errand.work, outcome.before, outcome.seconds)
             self.portions, self.busy = self.portions + 1, self.busy + outcome.before + outcome.seconds
+            self.taking, self.work = self.taking + outcome.seconds, self.work + ticket.errand.work
             self.fleet.take_back(ticket)
-            return ticket, message.answered(outcome.counts, outcome.values)
+            return ticket, outcome.what
         self.fleet.take_back(ticket, address)
         if outcome is None:  # other scenes have taken the place of this one
             desk.again.extend(self.fleet.remove(address))
@@ -173,7 +191,7 @@ class Remote:
         elif not lost(outcome):
             ticket.failures.append(f"{address}: {outcome}")
             if len(ticket.failures) >= ATTEMPTS:
-                raise ClusterError("samples could not be taken, by the worker " + ticket.failures[-1]) from outcome
+                raise ClusterError(f"{ticket.errand.wrong}, by the worker {ticket.failures[-1]}") from outcome
         if not ticket.copies:
             desk.again.append(ticket)
         return None
@@ -182,12 +200,19 @@ class Remote:
 
     def _present(self, desk: Desk, addresses: frozenset[str]) -> None:
         """Looks at who has come, and who has gone."""
-        for address in set(self.fleet.workers) - addresses:
+        for address in (absent := set(self.fleet.workers) - addresses):
             desk.again.extend(self.fleet.remove(address))
             if any(ticket.lost >= LOSSES for ticket in desk.again):
                 raise ClusterError(
                     f"{LOSSES} workers were lost that were at the same samples; have they enough memory?"
                 )
+        if absent and not self.missed:
+            self.missed = True
+            left = len(self.fleet.workers)
+            self.say(
+                f"a worker was lost, {left or 'none'} {'is' if left < 2 else 'are'} left; others do what it had at "
+                "hand, and the image stays the same"
+            )
         for address in set(self.joining) - addresses:
             for future in self.joining.pop(address):
                 future.release()
@@ -243,6 +268,9 @@ class Remote:
         if key not in self.contents:
             self.contents[key] = self._submit(None, bytes, content, key=key)
         return self.contents[key]
+
+    def _is_there(self, content: bytes) -> bool:
+        return content_key(content) in self.contents
 
     def _joined(self, desk: Desk, address: str, greeting: worker.Greeting | Exception) -> None:
         if self.joining.pop(address, None) is None:

@@ -13,14 +13,13 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import distributed
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.plan import Plan
@@ -44,13 +43,13 @@ class Greeting:
 
 
 @dataclass(frozen=True)
-class Taken:
-    """Samples, as :func:`.message.answer` has them. ``before``: seconds until they were begun with, whatever their
-    number (Dr.Jit follows the code anew, and compiles it the first time); ``seconds``: that they took.
+class Done:
+    """What has come of an errand: for a portion what :func:`.message.answer` returns. ``before``: seconds until it was
+    begun with, whatever its size (Dr.Jit follows the code anew, and compiles it the first time); ``seconds``: that it
+    took.
     """
 
-    counts: np.ndarray
-    values: np.ndarray
+    what: Any
     before: float
     seconds: float
 
@@ -69,7 +68,7 @@ class Loaded:
         self.estimator: Any = None
         self.plans: OrderedDict[Any, tuple[Plan, Any]] = OrderedDict()
 
-    def take(self, asked: Mapping[str, Any]) -> Taken:
+    def take(self, asked: Mapping[str, Any]) -> Done:
         """The samples of a :func:`.message.request`."""
         times = [time.perf_counter()]
         plan, policy = recent(self.plans, asked["plan"], lambda: planned(asked["plan"]), PLANS)
@@ -77,8 +76,8 @@ class Loaded:
             self.estimator = self.make(plan)
             self.estimator.rays = ray_sampler(self.sensor)
         more = message.portion(asked, plan, policy, self.estimator).take(lambda: times.append(time.perf_counter()))
-        counts, values = message.answer(more, asked["pixels"])
-        return Taken(counts, values, times[1] - times[0], time.perf_counter() - times[1])
+        what = message.answer(more, asked["pixels"])
+        return Done(what, times[1] - times[0], time.perf_counter() - times[1])
 
 
 #: By their keys, that used last at the end; of one variant.
@@ -108,20 +107,19 @@ def load(variant: str, parcel: Parcel, before: str | None, names: list[str], *co
 
     def loaded() -> Loaded:
         choose(variant)
-        scenes.pop((variant, before or ""), None)
-        gc.collect()  # scenes go round in circles
+        forget(variant, before)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # who asks has seen them
-            whole = Parcel(parcel.key, parcel.main, dict(zip(names, contents)), parcel.changes, parcel.sensor)
+            whole = completed(parcel, names, contents)
             return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
 
     hand().submit(loaded).result()
 
 
-def take(variant: str, key: str, asked: Mapping[str, Any]) -> Taken | None:
+def take(variant: str, key: str, asked: Mapping[str, Any]) -> Done | None:
     """The samples of a :func:`.message.request`; None where that scene is not loaded any more."""
 
-    def taken() -> Taken | None:
+    def taken() -> Done | None:
         choose(variant)
         if (variant, key) not in scenes:
             return None
@@ -129,6 +127,57 @@ def take(variant: str, key: str, asked: Mapping[str, Any]) -> Taken | None:
         return scene.take(asked)
 
     return hand().submit(taken).result()
+
+
+def make(
+    variant: str,
+    parcel: Parcel,
+    before: str | None,
+    names: list[str],
+    render: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    *contents: bytes,
+) -> Done | None:
+    """What ``render(scene, sensor, wanted, *arguments)`` returns for the scene of a parcel, which is then forgotten;
+    None where nobody waits for it any more. ``before``, ``names``, ``contents``: as for :func:`load`.
+    """
+    wanted = still_wanted()
+
+    def made() -> Done | None:
+        if not wanted():
+            return None
+        start = time.perf_counter()
+        choose(variant)
+        forget(variant, before)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            what = render(*completed(parcel, names, contents).load(), wanted, *arguments)
+        return Done(what, 0.0, time.perf_counter() - start)
+
+    return hand().submit(made).result()
+
+
+def still_wanted() -> Callable[[], bool]:
+    """Says whether Dask still wants the task that calls this."""
+    here = distributed.get_worker()
+    key, tasks = here.get_current_task(), here.state.tasks
+
+    def wanted() -> bool:
+        task = tasks.get(key)
+        return task is not None and task.state == "executing"
+
+    return wanted
+
+
+def completed(parcel: Parcel, names: list[str], contents: tuple[bytes, ...]) -> Parcel:
+    """A parcel with the contents that have travelled beside it."""
+    return replace(parcel, contents={**parcel.contents, **dict(zip(names, contents))})
+
+
+def forget(variant: str, key: str | None) -> None:
+    """Makes room for another scene."""
+    if scenes.pop((variant, key or ""), None) is not None:
+        gc.collect()  # scenes go round in circles
 
 
 def choose(variant: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import click
 import mitsuba as mi
 
 from ..denoising import halves, layers, oidn
@@ -23,12 +24,18 @@ class Picture:
     said: str | None = None
 
 
-def check(film: mi.Film) -> None:
-    """Raises InputError where nothing can be denoised, as the package is missing or ``film`` stores no colours."""
+def check(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
+    """Raises ClickException where the package is missing, InputError where ``film`` stores no colours, and where the
+    ``integrator`` denoises by itself: twice would be once too often.
+    """
+    if integrator is not None and "denoised.R" in integrator.aov_names():
+        raise InputError("--denoise: the scene's integrator, prosim_denoised, denoises by itself; leave out --denoise.")
     try:
         oidn.load()
         halves.check(film)
-    except (oidn.MissingError, ValueError) as error:
+    except oidn.MissingError as error:
+        raise click.ClickException(f"--denoise: {error}") from None
+    except ValueError as error:
         raise InputError(f"--denoise: {error}") from None
 
 

@@ -10,7 +10,7 @@ import click
 import mitsuba as mi
 
 from ..scene_files import opening, rendering
-from .options import Helpers, InputError
+from .options import Helpers
 
 if TYPE_CHECKING:
     from ..cluster.parcel import Parcel
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 def pack(helpers: Helpers | None, file: opening.SceneFile, integrator: mi.Integrator, sensor: int) -> Parcel | None:
     """The scene as it is sent to ``helpers``; None where there are none.
 
-    Raises InputError where Dask is missing, ValueError where the scene can't travel or its integrator needs no helpers,
-    OSError.
+    Raises ClickException where Dask is missing, ValueError where the scene can't travel or its integrator needs no
+    helpers, OSError.
     """
     if helpers is None:
         return None
     try:
         import distributed  # noqa: F401
     except ImportError:
-        raise InputError(f"{helpers} needs Dask: pip install 'mitsuba-prosim[cluster]'") from None
+        raise click.ClickException(f"{helpers} needs Dask: pip install 'mitsuba-prosim[cluster]'") from None
     from ..cluster.parcel import Parcel
 
     if not rendering.keeps(integrator):
@@ -49,6 +49,15 @@ class Helping:
         self.helpers, self.threads, self.say = helpers, threads, say
         self.until = ExitStack()
         self.taker: Remote | None = None
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether they may be other machines."""
+        return self.helpers is not None and self.helpers.cluster is not None
+
+    def spent(self) -> tuple[float, int]:
+        """Seconds that they have taken samples for, all together, and how many these are."""
+        return (0.0, 0) if self.taker is None else (self.taker.taking, self.taker.work)
 
     def __enter__(self) -> Helping:
         return self
@@ -81,10 +90,15 @@ class Helping:
             self.taker.turn_to(parcel)
             return self.taker
         from ..cluster import local
-        from ..cluster.remote import Remote
+        from ..cluster.remote import ClusterError, Remote
 
         there = (
             local.scheduler(helpers.cluster) if helpers.cluster else local.workers(helpers.workers or 1, self.threads)
         )
-        self.taker = self.until.enter_context(Remote(self.until.enter_context(there), parcel, self.say))
+        try:
+            client = self.until.enter_context(there)
+        except RuntimeError as error:
+            said = str(error) if helpers.cluster else f"the workers can't be begun here ({error})"
+            raise ClusterError(said) from None
+        self.taker = self.until.enter_context(Remote(client, parcel, self.say))
         return self.taker

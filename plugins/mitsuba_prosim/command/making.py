@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -20,9 +19,10 @@ from ..rendering.part import Part
 from ..rendering.record import Record
 from ..rendering.state import KEPT
 from ..saved.keeper import Keeper
-from ..scene_files import black, images, opening, rendering, session, writing
+from ..scene_files import opening, rendering, session, writing
 from . import denoised, reached, tev
 from . import output as files
+from .developed import develop, take
 from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
@@ -114,7 +114,6 @@ def render(
     that no image may overwrite.
     """
     file, loaded, chosen = opened
-    width, height = chosen.film().crop_size()
     integrator = loaded.integrator()
     refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
     size = size_of_image(integrator, chosen.film(), denoise)
@@ -125,9 +124,9 @@ def render(
         suffixes, size = (*suffixes, state), size + 2 * size_of_state(integrator, chosen.film(), part)
         keeper = Keeper(stem.with_name(stem.name + state), keep, warn)
     files.check(Path(job.scene), stem, suffixes, size)
-    files.spare(sources, "what the image is made of", stem, () if part else SUFFIXES)
+    files.spare(sources, files.SOURCES, stem, () if part else SUFFIXES)
 
-    with by(integrator) as taker, interruptible(integrator.cancel) as signals:
+    with interruptible(integrator.cancel) as signals, by(integrator) as taker:
         start = perf_counter()
         try:
             with (bar or progress_bar)(integrator, job.variant) as tell:
@@ -142,46 +141,24 @@ def render(
         seconds, interrupted = perf_counter() - start, bool(signals or lost)
         if interrupted and frame is None and reached.nothing(integrator):
             raise click.ClickException(f"{lost or 'interrupted'} before the image had begun; nothing was written.")
-        written = []
-        if part is None and not (frame is not None and interrupted):
-            facts = metadata(job, integrator, interrupted, seconds) | dict(picture.facts) | dict(frame or {})
-            written = files.save(stem, images.encode(picture.bitmap, facts, job.exposure, picture.facts))
-            shown = images.colours(picture.bitmap)
-            if shown is not None and (reason := black.why(loaded, chosen, shown * 2.0**job.exposure)):
-                warn(reason)
+        end = None if not interrupted else "the loss of the cluster" if lost else "a signal"
+        written: list[Path] = []
+        unwritten = part is not None or (frame is not None and interrupted)
+        made = develop(job, loaded, chosen, None if unwritten else picture, seconds, end, frame)
+        if made.contents:
+            written = files.save(stem, made.contents)
+        if made.black:
+            warn(made.black)
     if keeper is not None:
         if keeper.unwritten is not None:
             files.save(stem, {state: keeper.unwritten})
         written.append(keeper.path)
     said = [
-        f"{' and '.join(map(str, written))}: "
-        + (f"part {part.number} of {part.of}, " if part else "")
-        + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
-        + (f", {file.wrapped} within prosim_adaptive" if file.wrapped else "")
-        + (f", {reached.interrupted(integrator)}" if interrupted else ""),
+        made.line(job, file, written, part) + (f", {reached.interrupted(integrator)}" if interrupted else ""),
         lost,
-        None if part else reached.sentence(integrator, interrupted, "the loss of the cluster" if lost else "a signal"),
-        picture.said,
+        *(made.said[1:] if part else made.said),
     ]
     return Made("\n".join(filter(None, said)), interrupted, lost, keeper)
-
-
-def take(
-    scene: mi.Scene,
-    sensor: mi.Sensor,
-    job: Job,
-    denoise: bool,
-    tell: Callable[[float], None] | None,
-    stopped: Callable[[], bool],
-    begin: Record | None,
-    keeper: Keeper | None,
-    part: Part | None,
-) -> denoised.Picture:
-    """Renders the image, and denoises it where that is asked for."""
-    if denoise:
-        return denoised.render(scene, sensor, job.seed, job.spp, tell, stopped)
-    rendering.render(scene, sensor, job.seed, job.spp, tell, begin, keeper, part)
-    return denoised.Picture(sensor.film().bitmap())
 
 
 def gone(taker: Remote | None) -> str | None:
@@ -190,9 +167,9 @@ def gone(taker: Remote | None) -> str | None:
 
 
 def size_of_image(integrator: mi.Integrator, film: mi.Film, denoise: bool) -> int:
-    """Bytes that an image takes at most. Raises InputError where it is to be denoised and can't be."""
+    """Bytes that an image takes at most. Raises ClickException where it is to be denoised and can't be."""
     if denoise:
-        denoised.check(film)
+        denoised.check(film, integrator)
     # Four channels of 32 bits and what else there is, and three bytes of the PNG.
     others = len(integrator.aov_names()) + (denoised.LAYERS if denoise else 0)
     return int(film.crop_size()[0] * film.crop_size()[1]) * (19 + 4 * others) + 2**16
@@ -205,18 +182,6 @@ def refuse_another_scene(job: Job, begin: Record | None, about: Mapping[str, Any
             f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
             "it names. Render it anew, or name the right one with --scene."
         )
-
-
-def metadata(job: Job, integrator: mi.Integrator, interrupted: bool, seconds: float) -> dict[str, str]:
-    """What an EXR image says of how it was made."""
-    return reached.facts(integrator, interrupted) | {
-        "prosim.scene": job.scene,
-        "prosim.version": version("mitsuba-prosim"),
-        "prosim.variant": job.variant,
-        "prosim.integrator": str(integrator),
-        "prosim.seed": str(job.seed),
-        "prosim.seconds": f"{seconds:.3f}",
-    }
 
 
 def refuse_to_keep(integrator: mi.Integrator) -> None:

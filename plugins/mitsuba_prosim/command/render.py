@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from ..rendering.part import Part
-from . import frames as film
+from . import film, tev
 from . import output as files
-from . import tev
+from .frames import Frames
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
 from .options import SCENE, STOPS, Crop, Finite, Helpers, Share, choose_variant, defines, helped, running, translation
@@ -72,7 +72,7 @@ from .sampled import parameters, sampled, sampling
 )
 @click.option(
     "--frames",
-    type=film.Frames(),
+    type=Frames(),
     show_default=False,
     help="Render a film: images NAME.0000, ..., one for each value of $frame in the scene. 0:48 are frames 0 to 47, 7 "
     "is frame 7 alone. Those that are there already are left.",
@@ -138,7 +138,8 @@ def render(
     if part and any(ends.values()):
         raise click.UsageError(
             "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
-            "then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr --noise X."
+            "with --adaptive none, then prosim merge --keep, and let the image go on: prosim resume NAME.state.exr "
+            "--noise X --adaptive graded. Where machines can talk to each other, --cluster does it in one step."
         )
     if denoise and (keep or part):
         raise click.UsageError(

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from .. import saved
+from ..rendering.policies import POLICIES
 from ..rendering.record import Record
 from ..scene_files import session
 from . import output as files
@@ -55,6 +56,13 @@ exposing = click.option(
     time="Go on until it has been rendered for so long in all. [default: what was asked for]",
     max_samples="Most samples that a pixel may get. [default: what was asked for]",
 )
+@click.option(
+    "--adaptive",
+    type=click.Choice([name for name in POLICIES if name not in BY_FIRST]),
+    show_default=False,
+    help="Which pixels get how many samples from now on. [default: as before; graded where that knows N*N samples and "
+    "no more]",
+)
 @moved
 @exposing
 @helped
@@ -66,6 +74,7 @@ def resume(
     noise_99: float | None,
     time: float | None,
     max_samples: int | None,
+    adaptive: str | None,
     scene: Path | None,
     exposure: float | None,
     threads: int | None,
@@ -79,11 +88,11 @@ def resume(
     """
     record, job = opened(state, scene, exposure)
     stem = files.stem(output, named(state), SUFFIXES)
-    asked = {"noise": noise, "noise_99": noise_99, "time": time, "max_samples": max_samples}
+    asked = {"noise": noise, "noise_99": noise_99, "time": time, "max_samples": max_samples, "adaptive": adaptive}
     if record.part and any(asked.values()):
         raise click.UsageError(
             f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, "
-            "--noise-99, --time and --max-samples are for the image that prosim merge --keep makes of them."
+            "--noise-99, --time, --max-samples and --adaptive are for the image that prosim merge --keep makes of them."
         )
     if record.part and helpers:
         raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")
@@ -133,4 +142,4 @@ def changes(record: Record, asked: dict[str, Any]) -> dict[str, Any]:
     if not new:
         return {}
     adaptive = record.facts["sampling"]["adaptive"]
-    return new | {"adaptive": "graded" if adaptive in BY_FIRST else adaptive}
+    return {"adaptive": "graded" if adaptive in BY_FIRST else adaptive} | new

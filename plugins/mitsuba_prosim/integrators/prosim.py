@@ -87,12 +87,14 @@ class Prosim(WaveIntegrator):
 
      * - caustics
        - |bool|
-       - Light that comes to diffuse surfaces by way of specular ones, from photons (Default: |false|)
+       - Light that comes to diffuse surfaces by way of specular ones, from photons; in colour, monochrome and spectral
+         variants, not in scalar ones (Default: |false|)
 
      * - caustic_photons
        - |int|
        - Photons that leave the sources for each :math:`N^2` samples of a pixel, or each 64 where that is less: of the
-         order of the image's pixels, some times as many for a quiet image. They take 40 bytes each. (Default: 1048576)
+         order of the image's pixels, some times as many for a quiet image. They take 40 bytes each, 48 where
+         they meet a rough surface, and in spectral variants four more. (Default: 1048576)
 
      * - cutoff
        - |float|
@@ -101,6 +103,12 @@ class Prosim(WaveIntegrator):
      * - rr_depth
        - |int|
        - Level from which Russian roulette ends paths; only with :monosp:`diffuse_bounces` (Default: 5)
+
+     * - rr_throughput
+       - |float|
+       - A branch of the tree whose throughput is below this is followed by lot, as seldom as it is weaker, and counts
+         as much more: many reflections within glass matter little, and are most of its rays. 0: all are followed
+         (Default: 0.01 with :monosp:`caustics`, else 0)
 
      * - hide_emitters
        - |bool|
@@ -132,15 +140,22 @@ class Prosim(WaveIntegrator):
     shared by multiple importance sampling, so that the expected image is the same at any roughness.
 
     Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
-    find (isolated bright pixels), and, on diffuse surfaces, sources other than spheres and a constant sky, which are
-    sampled by their own methods.
+    find (isolated bright pixels) where there are no :monosp:`caustics`; and, on diffuse surfaces, sources other than
+    spheres and a constant sky, which are sampled by their own methods.
 
-    With :monosp:`caustics`, photons go from every source (but surfaces that emit in one direction) towards all that is
-    specular, through it by at most :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse
-    surfaces, where they count within a pixel's width. Each sample of a pixel has photons of its own, so that their
-    noise falls with the samples. Paths leave that light to them: nothing is counted twice. Materials that are taken
-    whole (below) gather no photons and send none on. In colour and monochrome only, not in scalar variants, not nested
-    in another integrator, and without derivatives.
+    With :monosp:`caustics`, photons go from every source towards all that is specular, through it by at most
+    :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse surfaces, where they count within a
+    pixel's width. So do those on rough surfaces that came by way of ideally smooth ones alone: they share that light
+    with the rays of the lobe by multiple importance sampling, which ends the bright pixels. Each sample of a pixel has
+    photons of its own, so that their noise falls with the samples. Paths leave the light on diffuse surfaces to them:
+    nothing is counted twice. In spectral variants all pixels then have the same wavelengths,
+    those of the photons, other ones with each sample. Sources are all of this package's, and of Mitsuba's
+    :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`,
+    :monosp:`directionalarea`, :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. (What a
+    :monosp:`directionalarea` sends straight to a diffuse surface remains unseen, as it does with :monosp:`path`.)
+    Materials that are taken whole (below) count as diffuse: they gather photons by all of their lobes. Without
+    :monosp:`diffuse_bounces` their specular lobes send photons on too, to other materials than their like. Not in
+    scalar variants, not nested in another integrator, and without derivatives.
 
     Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
     sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
@@ -208,14 +223,15 @@ class Prosim(WaveIntegrator):
         self.cutoff = number(props, "cutoff", 0.0, 0)
         self.rr_depth = whole(props, "rr_depth", 5, 0)
         self.caustics = props.get("caustics", False)
+        self.rr_throughput = number(props, "rr_throughput", 0.01 if self.caustics else 0.0, 0)
         self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
-        if self.caustics and (mi.is_spectral or not dr.is_jit_v(mi.Float)):
+        if self.caustics and not dr.is_jit_v(mi.Float):
             raise reject(
                 props,
                 "caustics",
                 True,
-                f"false in the variant {mi.variant()}; photons are known to llvm_ad_rgb and the like, and "
-                "prosim render --no-caustics leaves them out",
+                f"false in the variant {mi.variant()}; llvm_ad_rgb, llvm_ad_spectral and the like know photons, "
+                "and prosim render --no-caustics leaves them out",
             )
         self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 
@@ -235,6 +251,7 @@ class Prosim(WaveIntegrator):
             "diffuse_bounces",
             "cutoff",
             "rr_depth",
+            "rr_throughput",
             "caustics",
             "caustic_photons",
         ]
@@ -268,6 +285,7 @@ class Prosim(WaveIntegrator):
             self.diffuse_bounces,
             self.cutoff,
             self.rr_depth,
+            self.rr_throughput,
             self.hide_emitters,
         )
 
@@ -288,4 +306,5 @@ class Prosim(WaveIntegrator):
 
         # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
-        return Caustics.of(scene, sensor, self.caustic_photons, deepest)
+        # No ray of a tree comes to what is taken whole by way of a diffuse surface, so that photons may.
+        return Caustics.of(scene, sensor, self.caustic_photons, deepest, wholes=self.diffuse_bounces == 0)

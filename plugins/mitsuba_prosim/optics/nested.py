@@ -11,9 +11,9 @@ import mitsuba as mi
 
 @functools.cache
 def _callback(variant: str) -> type:
-    """The class that gathers what a BSDF shows of itself, for the active variant.
+    """The class that gathers what an object shows of itself, for the active variant.
 
-    One class for all calls: each would be garbage with a reference to the BSDF, until Python collects it.
+    One class for all calls: each would be garbage with a reference to that, until Python collects it.
     """
 
     class Parts(mi.TraversalCallback):
@@ -27,10 +27,12 @@ def _callback(variant: str) -> type:
     return Parts
 
 
-def parts(bsdf: mi.BSDF) -> dict[str, Any]:
-    """What ``bsdf`` consists of, by the names that ``mi.traverse`` has: BSDFs, textures, numbers."""
+def parts(thing: mi.Object) -> dict[str, Any]:
+    """What ``thing``, a BSDF or an emitter, consists of, by the names that ``mi.traverse`` has: BSDFs, textures,
+    numbers.
+    """
     callback = _callback(mi.variant())()
-    bsdf.traverse(callback)
+    thing.traverse(callback)
     return callback.found
 
 

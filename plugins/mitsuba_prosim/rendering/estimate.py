@@ -127,12 +127,16 @@ class Estimator:
         lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
         moving = self.sensor.shutter_open_time() > 0
         other = points(TIME_AND_WAVELENGTH) if moving or mi.is_spectral else mi.Point2f(0.5)
+        wavelength = other.y
+        if mi.is_spectral and self.transport.caustics is not None:
+            assert isinstance(points, NRook)
+            wavelength = self.transport.caustics.wavelength(points.t)
         time = mi.Float(self.sensor.shutter_open())
         if moving:
             time += other.x * self.sensor.shutter_open_time()
         on_film = (mi.Point2f(mi.Float(x), mi.Float(y)) + position) * self.inverse_size
         assert self.rays is not None
-        ray, weight = self.rays(time, other.y, on_film, lens)
+        ray, weight = self.rays(time, wavelength, on_film, lens)
         return ray, weight, position
 
     def sample(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import gcd
 from typing import Any
 
 import drjit as dr
@@ -10,12 +12,12 @@ import mitsuba as mi
 
 from .plan import Rectangle, area
 
-#: Pixels of the side of a tile, at least and at most, and about how many tiles a part has in between. A part also takes
-#: the first samples of the pixels around its tiles, as far as its decisions look: large tiles have less around them,
-#: small ones are more alike.
-SMALLEST, LARGEST, TILES = 8, 128, 16
+#: Pixels of the side of a tile, at least; and at most, for each pixel around that decisions look at. A part also takes
+#: the first samples of these: large tiles have less around them, small ones are more alike. So many tiles each part
+#: should have at least.
+SMALLEST, LARGEST, TILES = 8, 12, 16
 
-#: The part of a row of tiles by which the owners move on from one row to the next: the golden section, by which no part
+#: The part of all owners by which they move on from one row to the next, about: the golden section, by which no part
 #: gets columns or diagonals of its own.
 SHIFT = 0.6180339887
 
@@ -34,20 +36,46 @@ class Part:
     def __str__(self) -> str:
         return f"{self.number}-of-{self.of}"
 
-    def owns(self, region: Rectangle, x: Any, y: Any) -> Any:
-        """Which of the pixels (x, y) of ``region``, integer arrays of Dr.Jit or NumPy, are this part's."""
-        side = min(max(int((area(region) / (TILES * self.of)) ** 0.5), SMALLEST), LARGEST)
-        column, row = (x - region[0]) // side, (y - region[1]) // side
-        return (column + row * round(SHIFT * self.of)) % self.of == self.number - 1
 
-    def near(self, region: Rectangle, x: mi.Int32, y: mi.Int32, reach: int) -> mi.Bool:
-        """Which of the pixels (x, y), all within ``reach`` of ``region``, are so near to one of this part's; ``reach``:
-        at most the side of a tile.
+@dataclass(frozen=True)
+class Tiles:
+    """The pixels of ``region``, cut into columns and rows of tiles that are dealt out to so many parts in turn."""
+
+    region: Rectangle
+    columns: int
+    rows: int
+    parts: int
+
+    @classmethod
+    def of(cls, region: Rectangle, parts: int, margin: int) -> Tiles:
+        """As equal as may be where decisions look at ``margin`` pixels around each: where they look at none, the
+        smallest tiles cost nothing.
         """
-        xs = [dr.clip(x + step, region[0], region[2] - 1) for step in (-reach, 0, reach)]
-        ys = [dr.clip(y + step, region[1], region[3] - 1) for step in (-reach, 0, reach)]
+        side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)
+        width, height = region[2] - region[0], region[3] - region[1]
+        return cls(region, max(1, width // side), max(1, height // side), parts)
+
+    def owned(self, part: Part, x: Any, y: Any) -> Any:
+        """Which of the pixels (x, y) of the region, integer arrays of Dr.Jit or NumPy, are those of ``part``."""
+        left, top, right, bottom = self.region
+        column, row = (x - left) * self.columns // (right - left), (y - top) * self.rows // (bottom - top)
+        return (column + row * self.shift) % self.parts == part.number - 1
+
+    @cached_property
+    def shift(self) -> int:
+        """By how many owners these move on from one row to the next; each comes to each column in the end."""
+        coprime = (shift for shift in range(1, self.parts + 1) if gcd(shift, self.parts) == 1)
+        return min(coprime, key=lambda shift: abs(shift - SHIFT * self.parts))
+
+    def near(self, part: Part, x: mi.Int32, y: mi.Int32, reach: int) -> mi.Bool:
+        """Which of the pixels (x, y), all within ``reach`` of the region, are so near to one of ``part``; ``reach``: at
+        most the side of a tile.
+        """
+        left, top, right, bottom = self.region
+        xs = [dr.clip(x + step, left, right - 1) for step in (-reach, 0, reach)]
+        ys = [dr.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)]
         result = mi.Bool(False)
         for px in xs:
             for py in ys:
-                result |= self.owns(region, px, py)
+                result |= self.owned(part, px, py)
         return result

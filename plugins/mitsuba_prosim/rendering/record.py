@@ -12,7 +12,7 @@ import numpy as np
 
 from .decisions import Decisions
 from .estimate import Estimate
-from .part import Part
+from .part import Part, Tiles
 from .state import State
 
 #: What ``Sampling`` says that has no say in which samples an image takes.
@@ -60,6 +60,7 @@ class Record:
             "sampling": {name: value for name, value in asdict(plan.sampling).items() if name not in FREE},
             "part": None if state.part is None else (state.part.number, state.part.of),
             "region": state.plan.region,
+            "tiles": None if state.tiles is None else (state.tiles.columns, state.tiles.rows),
             "known": state.outer,
             "later": None if plan.before is None else (plan.n, plan.begin),
             "noise": state.noise,
@@ -89,6 +90,14 @@ class Record:
     def part(self) -> Part | None:
         """The part of the image that it is of; None for all."""
         return Part(*self.facts["part"]) if self.facts["part"] else None
+
+    @property
+    def tiles(self) -> Tiles | None:
+        """How the image is cut that it is a part of; None for all."""
+        if self.part is None:
+            return None
+        (left, top, right, bottom), (columns, rows) = self.facts["region"], self.facts["tiles"]
+        return Tiles((left, top, right, bottom), columns, rows, self.part.of)
 
     def difference(self, state: State) -> str | None:
         """Why the samples are not those of ``state``, in words; None where they are."""

@@ -14,7 +14,7 @@ from . import collector
 from .accumulate import Image
 from .decisions import Decisions
 from .estimate import Estimate, Estimator
-from .part import Part
+from .part import Part, Tiles
 from .plan import Plan, Rectangle, area, index_within, pixels, widened
 from .taking import Here, Portion, Round, Taker
 
@@ -52,6 +52,8 @@ class State:
         self.plan, self.estimator, self.own_aovs, self.part = plan, estimator, own_aovs, part
         #: The pixels that are known, row by row.
         self.outer = widened(plan.region, margin, plan.domain)
+        #: How it is cut, if this is a part.
+        self.tiles = None if part is None else Tiles.of(plan.region, part.of, margin)
         pixel_count = area(self.outer)
         # Of parts they are always kept, as it is by them that these are put together.
         self.keeps = part is not None or 4 * estimator.values * pixel_count <= KEPT
@@ -70,10 +72,10 @@ class State:
 
     def share(self, counts: mi.UInt32, reach: int = 0) -> mi.UInt32:
         """``counts`` for the pixels within ``reach`` of this part's, none for the others."""
-        if self.part is None:
+        if self.part is None or self.tiles is None:
             return counts
         x, y, *_ = pixels(self.outer)
-        return dr.select(self.part.near(self.plan.region, x, y, reach), counts, 0)
+        return dr.select(self.tiles.near(self.part, x, y, reach), counts, 0)
 
     # ---------------------------------------------------------------- growing
 

@@ -31,18 +31,18 @@ def put_together(parts: Iterable[Record]) -> Record:
     result: Record | None = None
     seconds = 0.0
     for record in parts:
-        part = record.part
-        assert part is not None
+        part, tiles = record.part, record.tiles
+        assert part is not None and tiles is not None
         left, top, right, bottom = record.facts["known"]
-        y, x = np.mgrid[top:bottom, left:right]
-        mine = part.owns(record.facts["region"], x, y)
+        y, x = np.ogrid[top:bottom, left:right]
+        mine = tiles.owned(part, x, y)
         if result is None:
             result = replace(record, pixels={name: np.zeros_like(plane) for name, plane in record.pixels.items()})
         for name, plane in result.pixels.items():
             np.copyto(plane, record.pixels[name], where=mine)
         seconds += record.facts["seconds"]
     assert result is not None
-    return replace(result, facts={**result.facts, "part": None, "seconds": seconds})
+    return replace(result, facts={**result.facts, "part": None, "tiles": None, "seconds": seconds})
 
 
 def check(paths: Sequence[str | Path]) -> None:

@@ -13,6 +13,7 @@ from ..sampling.nrook import NRook, SamplerPoints
 from . import dispersion, lobes
 from .absorption import beyond
 from .indivisible import belongs_to, is_whole
+from .merging import with_reach
 from .moving import carried_ray
 from .ray import Node, Ray, viewer_side
 from .stage import CHOICE, REFRACTED, Stage
@@ -34,7 +35,7 @@ def follow(
     stratified = lobes.is_everything(lobe) or stage.facts.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     sample = points(stage.space(ray.node, k), active)
-    counts = mi.Bool(True)
+    counts, whole = mi.Bool(True), mi.Bool(False)
     with dr.suspend_grad(when=stage.attached):
         bs, weight = sample_lobe(stage, lobe, ray, si, bsdf, choice, sample, active)
         # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their
@@ -81,6 +82,11 @@ def follow(
         counts=counts,
         n=viewer_side(si),
     )
+    if stage.merging is not None:
+        following = with_reach(stage, ray, node, following, bs, weight, whole)
+    if ray.gathered is not None:
+        following.gathered = ray.gathered | but_not(whole, ideal)
+        following.counts = but_not(following.counts, following.gathered)
     if stage.facts.absorbs:
         following.medium = beyond(si, ray.medium, dr.detach(d), active)
         following.gap = dr.dot(o - si.p, d)

@@ -14,6 +14,10 @@ REFLECTED = ("GlossyReflection", "DeltaReflection")
 REFRACTED = ("GlossyTransmission", "DeltaTransmission", "Null")
 #: Those of the diffuse reflection and transmission.
 DIFFUSE = ("DiffuseReflection", "DiffuseTransmission")
+#: Those of the lobes of neither one direction nor all alike.
+GLOSSY = ("GlossyReflection", "GlossyTransmission")
+#: Those of the lobes of one direction.
+IDEAL = ("DeltaReflection", "DeltaTransmission", "Null")
 #: Those of the smooth lobes that light from behind reaches.
 BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 

@@ -54,6 +54,9 @@ def shade(
     if stage.caustics is not None:
         assert isinstance(points, NRook)
         L += stage.caustics(si, bsdf, points.t, surface_inside)
+        if stage.merging is not None:
+            glossy = but_not(surface_inside, scattered)
+            L += stage.merging(si, bsdf, stage.facts.glossy, points.t, ray.level, glossy)
     return ray.throughput * L, Node(ray, si, bsdf, surface)
 
 
@@ -70,7 +73,8 @@ def arriving(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.B
     medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.gap + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last source that was passed by
     left = transmittance(medium, ray3.wavelengths, dr.select(met, t, ENDLESS), active)
-    return replace(ray, throughput=ray.throughput * left, medium=medium)
+    reach = None if ray.reach is None else ray.reach * dr.max(left)
+    return replace(ray, throughput=ray.throughput * left, medium=medium, reach=reach)
 
 
 def past_emitters(stage: Stage, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
@@ -133,7 +137,11 @@ def emission(stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Boo
     if stage.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
         ds.d = dr.replace_grad(ds.d, ray.d)
     pdf = lights.pdf(origin, ray.n, ray.both_sides if stage.facts.both_sides else False, ds, shares)
-    return dr.select(active, L * dr.select(shares, mis(ray.pdf, pdf), 1), 0)
+    weight = dr.select(shares, mis(ray.pdf, pdf), 1)
+    if stage.merging is not None and ray.reach is not None:
+        late = but_not(active & (ray.reach > 0), ray.shares)
+        weight = dr.select(late, stage.merging.alone(ray.reach, origin, ds, late), weight)
+    return dr.select(active, L * weight, 0)
 
 
 def ambient_term(

@@ -39,6 +39,8 @@ def radiance(
 
     def step(state: State) -> State:
         scattered = state.bounces > 0 if stage.caustics is not None else False
+        if state.ray.gathered is not None:
+            scattered |= state.ray.gathered
         L, node = shade(stage, state.ray, camera, points, state.active, scattered)
         ray = node.ray
         hit = state.hit | (ray.level == 0) & node.surface

@@ -35,6 +35,12 @@ class Ray:
     medium: mi.MediumPtr | None = None
     #: ... and how far along it ``o`` is from the surface that it leaves.
     gap: mi.Float | None = None
+    #: Where glossy surfaces gather photons: how many of these are to be expected for the light of a source that the ray
+    #: meets, over their density there; 0 unless it has met ideally smooth surfaces alone since a glossy one.
+    reach: mi.Float | None = None
+    #: Where photons lie on what is taken whole: whether the ray comes from there, so that what it would find by way of
+    #: specular surfaces was gathered.
+    gathered: mi.Bool | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:

@@ -10,7 +10,7 @@ from ..light.table import Lights
 from . import lobes
 from .absorption import absorbs_any
 from .dispersion import disperses
-from .indivisible import is_indivisible
+from .indivisible import any_indivisible
 from .settings import Settings
 
 
@@ -37,11 +37,12 @@ class SceneFacts:
     alone: mi.BSDFContext | None
     #: Those of the lobes that share the light of sources with the rays that are drawn from them.
     partners: tuple[mi.BSDFContext, ...]
+    #: Those of the lobes with a ray of their own that may be glossy.
+    glossy: tuple[mi.BSDFContext, ...]
 
     @classmethod
     def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
         """The facts of ``scene`` that matter under ``settings``; ``around``: the medium that the camera is in."""
-        bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         lights, flags = Lights(scene), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)
@@ -55,17 +56,23 @@ class SceneFacts:
                 partners = (lobes.reflected(),) * reflects + (lobes.refracted(),) * refracts
             else:
                 partners = (lobes.specular(),)
+        if settings.follows_tree:
+            reflected, refracted = (lobes.has_any(flags, name) for name in lobes.GLOSSY)
+            glossy = (lobes.reflected(),) * reflected + (lobes.refracted(),) * refracted
+        else:
+            glossy = (lobes.specular(),)
         return cls(
             lights,
             reflects,
             refracts,
             lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
             lobes.has_any(flags, *lobes.BOTH_SIDES),
-            settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)),
+            settings.diffuse_bounces >= 0 and any_indivisible(scene),
             absorbs_any(scene, around),
             disperses(scene),
             alone,
             partners,
+            glossy,
         )
 
 

@@ -21,6 +21,7 @@ class Settings:
     diffuse_bounces: int
     cutoff: float
     rr_depth: int
+    rr_throughput: float
     hide_emitters: bool
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -15,6 +15,22 @@ from .settings import Settings
 
 #: Radiance of the caustics at a surface: of the interaction, its BSDF, the number of the sample, and a mask.
 Gather = Callable[[Any, Any, Any, Any], Any]
+
+
+class Merging(Protocol):
+    """Light that glossy surfaces get by way of ideally smooth ones, from photons, as far as rays leave it to them."""
+
+    def __call__(self, si: Any, bsdf: Any, drawn: Any, t: Any, level: Any, active: Any) -> Any:
+        """Radiance at a surface that a ray of ``level`` has met, of the ``t``-th sample, by its glossy lobes, those
+        ``drawn`` by a ray each.
+        """
+
+    def reach(self, si: Any, d: Any, pdf: Any) -> Any:
+        """What a ray ``d`` of density ``pdf`` begins with, see :attr:`.Ray.reach`."""
+
+    def alone(self, reach: Any, it: Any, ds: Any, active: Any) -> Any:
+        """Share that a ray has in the light of a source that it meets with ``reach``, from ``it`` along ``ds``."""
+
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
 PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
@@ -39,6 +55,8 @@ class Stage:
     #: The medium that the camera is in, or None.
     around: mi.Medium | None = None
     caustics: Gather | None = None
+    #: Where glossy surfaces gather them too: what shares that light with the rays.
+    merging: Merging | None = None
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""
@@ -46,6 +64,10 @@ class Stage:
         if self.facts.absorbs:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
             ray.gap = mi.Float(0)
+        if self.merging is not None:
+            ray.reach = mi.Float(0)
+        if self.caustics is not None and self.facts.indivisible:
+            ray.gathered = mi.Bool(False)
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:

@@ -38,7 +38,8 @@ class Transport:
             settings = replace(settings, diffuse_bounces=ANY)
         #: The photons that must have been drawn before samples are taken.
         self.caustics = caustics
-        self._stage = Stage(scene, settings, SceneFacts.of(scene, settings, around), attached, around, caustics)
+        facts, merging = SceneFacts.of(scene, settings, around), None if caustics is None else caustics.merging
+        self._stage = Stage(scene, settings, facts, attached, around, caustics, merging)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(

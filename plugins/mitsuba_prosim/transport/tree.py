@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -13,18 +13,24 @@ from . import lobes
 from .following import follow
 from .node import shade
 from .ray import Ray
-from .stage import REFLECTED, REFRACTED, Stage
+from .stage import REFLECTED, REFRACTED, ROULETTE, Stage
 from .walk import walk
 
 
 @dataclass
 class Waiting:
     """Refracted rays that wait for their turn, depth first: one for each level, in registers (a local array would be
-    slower, and is not reliable in Dr.Jit 1.5).
+    slower, and is not reliable in Dr.Jit 1.5). ``count``: how many; None where there are no ``rays``, as Dr.Jit follows
+    a loop twice in which something stays as it is.
     """
 
     rays: list[Ray]
-    count: mi.UInt32
+    count: mi.UInt32 | None
+
+    @classmethod
+    def none(cls, most: int, ray: Ray) -> Waiting:
+        """No ray yet, of at most so many; ``ray``: any that there is."""
+        return cls([ray] * most, mi.UInt32(0) if most else None)
 
     def turn(
         self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
@@ -33,7 +39,7 @@ class Waiting:
         the two; or the last one that waits.
         """
         following, going = dr.select(reflects, reflected, refracted), reflects | refracts
-        if not self.rays:
+        if self.count is None:
             return following, going, self
         both = reflects & refracts
         resumes = but_not(active & (self.count > 0), going)
@@ -63,10 +69,11 @@ def radiance(
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
     facts, max_level = stage.facts, stage.settings.max_level
     first = stage.first(camera)
-    waiting = Waiting([first] * ((max_level + 1) if facts.reflects and facts.refracts else 0), mi.UInt32(0))
+    waiting = Waiting.none(max_level + 1 if facts.reflects and facts.refracts else 0, first)
 
     def step(state: State) -> State:
-        L, node = shade(stage, state.ray, camera, points, state.active)
+        scattered = False if state.ray.gathered is None else state.ray.gathered
+        L, node = shade(stage, state.ray, camera, points, state.active, scattered)
         ray = node.ray
         hit = state.hit | (ray.level == 0) & node.surface
         inside = node.surface & (ray.level <= max_level)
@@ -74,8 +81,10 @@ def radiance(
         refracted, refracts = ray, mi.Bool(False)
         if facts.reflects:
             reflected, reflects, _ = follow(stage, lobes.reflected(), REFLECTED, ray, node, points, inside)
+            reflected, reflects = roulette(stage, reflected, reflects, points)
         if facts.refracts:
             refracted, refracts, _ = follow(stage, lobes.refracted(), REFRACTED, ray, node, points, inside)
+            refracted, refracts = roulette(stage, refracted, refracts, points)
         following, going, waiting = state.waiting.turn(reflected, reflects, refracted, refracts, state.active)
         return State(state.L + L, hit, following, going, waiting, state.sampler)
 
@@ -84,3 +93,15 @@ def radiance(
         state = step(state)
         return state.L, state.hit
     return walk(stage, step, state, camera, branches=bool(waiting.rays))
+
+
+def roulette(stage: Stage, ray: Ray, active: mi.Bool, points: NRook | SamplerPoints) -> tuple[Ray, mi.Bool]:
+    """The ray and its lanes after Russian roulette, where it is weaker than ``rr_throughput``: it goes on as often as
+    it is a part of that, with so much more weight (Arvo and Kirk 1990).
+    """
+    if stage.settings.rr_throughput == 0:
+        return ray, active
+    survival = dr.detach(dr.max(ray.throughput) / dr.opaque(mi.Float, stage.settings.rr_throughput))
+    going = points.choice(stage.space(ray.node, ROULETTE)) < survival
+    throughput = dr.select(going, ray.throughput / dr.minimum(survival, 1), 0)
+    return replace(ray, throughput=throughput), active & going

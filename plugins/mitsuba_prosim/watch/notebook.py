@@ -48,9 +48,11 @@ def show(
     end a picture takes the place of the buttons, and stays in the saved notebook; ``view.image`` is the linear image,
     ``view.layers`` has the maps of ``error`` and ``samples`` beside it.
 
-    Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants, and what the scene's maker
-    raises.
+    Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants and where no variant is set,
+    and what the scene's maker raises.
     """
+    if mi.variant() is None:
+        raise RuntimeError("show: no variant is set; set one before, as by mi.set_variant('llvm_ad_rgb').")
     if str(mi.variant()).startswith("scalar"):
         raise RuntimeError("show: there are no waves in scalar variants; use an llvm or cuda variant.")
     if isinstance(scene, (str, Path)):

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 from lark import Token, UnexpectedToken
 
+from ..language.automaton import Parser
 from ..language.definitions import FRAME, TIME
 from ..language.expressions import CONSTANTS, FUNCTIONS
 from ..language.names import BUILT_IN, GLASSES, INDICES, METALS
-from ..language.parser import ORDER, begin
+from ..language.parser import ORDER
+from ..language.reading import Reading
 from ..language.words import ROLES, STATEMENTS, Numbers, Word, fold, of_role, row
 from . import meanings, places
-from .reading import Reading
 
 #: The word before the cursor.
 WORD = re.compile(r'[^\s()#":=]*\Z')
@@ -95,7 +96,7 @@ def _before(reading: Reading, start: int) -> tuple[set[str], Token | None] | Non
     number = reading.unit(start)
     if number is not None and reading.bases[number] == start and number:
         number -= 1  # a keyword is what the statement before it may be followed by
-    parser = begin()
+    parser = Parser()
     last: Token | None = None
     unit = reading.units[number] if number is not None else None
     shift = reading.bases[number] - unit.base if unit is not None and number is not None else 0

@@ -8,8 +8,8 @@ from lark import Token
 
 from ..language.definitions import FRAME, NAME, TIME
 from ..language.names import ALIASES
+from ..language.reading import Reading
 from ..language.words import STATEMENTS, fold, numbers
-from .reading import Reading
 
 #: The keywords that an index follows; those of the first two say what it means.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE")

@@ -10,10 +10,11 @@ from pygls.uris import to_fs_path
 from pygls.workspace import TextDocument
 
 from ..language.formatter import format
+from ..language.judging import judge
 from ..language.messages import SceneError
+from ..language.reading import Reading, Said
 from . import completing, places
-from .judging import evaluate, judge
-from .reading import Reading, Said
+from .evaluating import evaluate
 
 #: Larger trees are evaluated by ``prosim translate --check`` alone: an editor would wait.
 LARGEST = 1000

@@ -1,16 +1,23 @@
 """What a scene needs as a whole, and what in it has no effect."""
 
 import functools
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Iterator, Sequence
 
-from ..model import GREY, Leaf, Surface, Vector
+from ..model import GREY, Leaf, Operator, Surface, Vector
 from .document import Document
 from .hints import nearest
 from .messages import listing, quote
 from .names import ALIASES, BUILT_IN
 from .words import WORDS, canonical
 
+#: What messages call a material.
+CALLED = {
+    "conductor": canonical("CONDUCTOR"),
+    "dielectric": canonical("DIELECTRIC"),
+    "lambertian": canonical("MATERIAL_KIND", "lambertian"),
+    "composite": canonical("MATERIAL_KIND", "composite"),
+    "phong": "surface without a material",
+}
 #: Below this, the intensity of a light, of AMBIENT or of BACKGROUND is most likely a mistake.
 DARK = 256
 
@@ -39,10 +46,20 @@ def _particular(role: str) -> dict[str, tuple[str, ...]]:
 
 def _effects(document: Document, kind: str, called: str, role: str, *owner: str | int) -> None:
     """Warns of the given parameters that a kind of light or material does not know."""
-    unknown = [(*owner, name) for name, kinds in _particular(role).items() if kind not in kinds]
-    given = [path for path in unknown if path in document.places]
-    for path in sorted(given, key=lambda path: document.places[path].start):
-        document.warn(f"has no effect on a {called}", *path)
+    given = [
+        ((*owner, name), kinds)
+        for name, kinds in _particular(role).items()
+        if kind not in kinds and (*owner, name) in document.places
+    ]
+    for path, kinds in sorted(given, key=lambda one: document.places[one[0]].start):
+        meant = listing(kind.upper() if role == "LIGHT_PARAMETER" else CALLED[kind] for kind in kinds)
+        document.warn(f"{_word(document, *path)} has no effect on a {called}; it is for a {meant}", *path)
+
+
+def _word(document: Document, *path: str | int) -> str:
+    """A keyword as the text has it."""
+    place = document.place(*path)
+    return document.source.text[place.start : place.end]
 
 
 def _surface(document: Document, index: int, surface: Surface) -> None:
@@ -62,8 +79,7 @@ def _surface(document: Document, index: int, surface: Surface) -> None:
         raise document.error("a composto lacks its index; expected n-refr", *path)
     elif kind == "composite" and surface.ks and max(map(sum, zip(surface.kd or GREY, surface.ks))) > 1 + 1e-6:
         raise document.error("kd + ks is above 1 in a composto; expected s + d = 1 at most", *path)
-    called = {"conductor": "condutor", "dielectric": "dieletrico", None: "surface without a material"}
-    _effects(document, kind or "phong", called.get(kind) or canonical("MATERIAL_KIND", str(kind)), "OPTIC", *path)
+    _effects(document, kind or "phong", CALLED[kind or "phong"], "OPTIC", *path)
 
 
 def _glass(document: Document, index: int, surface: Surface) -> None:
@@ -74,27 +90,42 @@ def _glass(document: Document, index: int, surface: Surface) -> None:
         raise document.error("a dieletrico lacks its index; expected n-refr, or a glass's name after dieletrico", *path)
     if document.given(*path, "thickness") and not surface.transmittance:
         document.warn(
-            "has no effect without transmitancia, which is what the thickness lets through", *path, "thickness"
+            f"{_word(document, *path, 'thickness')} has no effect without transmitancia, which is what that thickness "
+            "lets through",
+            *path,
+            "thickness",
         )
+
+
+def lacking(
+    csg: Sequence[Operator | Leaf], surfaces: Collection[int], transforms: Collection[int]
+) -> Iterator[tuple[int, str]]:
+    """The leaves without SURFACE or TRANSFORM, one for each index: their numbers in the tree, and what they lack."""
+    said = set()
+    for number, leaf in enumerate(csg):
+        if not isinstance(leaf, Leaf) or leaf.index in said:
+            continue
+        tables = (surfaces, f"SURFACE {leaf.index}"), (transforms, f"TRANSFORM {leaf.index}")
+        missing = [name for table, name in tables if leaf.index not in table]
+        if missing:
+            said.add(leaf.index)
+            yield (
+                number,
+                f"{leaf.shape.upper()} {leaf.index} has no {' and no '.join(missing)}; expected "
+                + (f"a statement {missing[0]}" if len(missing) == 1 else f"statements {' and '.join(missing)}"),
+            )
 
 
 def _leaves(document: Document) -> None:
     """Indices and texture names that lead nowhere."""
     scene = document.scene
+    for number, reason in lacking(scene.csg, scene.surfaces, scene.transforms):
+        given = sorted(scene.surfaces if "SURFACE" in reason else scene.transforms)
+        known = f"; there are {listing(given[:20], 'and')}" if given else ""
+        raise document.error(reason + known, "csg", number)
     for number, leaf in enumerate(scene.csg):
         if not isinstance(leaf, Leaf):
             continue
-        tables: tuple[tuple[Mapping[int, Any], str], ...] = (scene.surfaces, "SURFACE"), (scene.transforms, "TRANSFORM")
-        for table, keyword in tables:
-            if leaf.index not in table:
-                given = sorted(table)
-                known = f"; there are {listing(given[:20], 'and')}" if given else ""
-                raise document.error(
-                    f"{leaf.shape.upper()} {leaf.index} has no {keyword} {leaf.index}; "
-                    f"expected a statement {keyword} {leaf.index}{known}",
-                    "csg",
-                    number,
-                )
         for slot, texture in enumerate(leaf.textures):
             path = "csg", number, "textures", slot
             if texture and texture.name and texture.name not in scene.patterns:
@@ -131,7 +162,9 @@ def _unused(document: Document) -> None:
     for name, table in (("surfaces", scene.surfaces), ("transforms", scene.transforms)):
         for index in table:
             if index not in used:
-                document.warn("no primitive has this index", name, index)
+                document.warn(
+                    f"{_word(document, name, index)} {index} is not used: no primitive has this index", name, index
+                )
     for path in document.places:
         if path[0] == "defaults" and path[1] not in document.uses:
             document.warn(f"nothing below uses ${path[1]}", *path)

@@ -14,7 +14,7 @@ from .messages import Place, SceneError, Source, listing, quote
 
 #: A name, without its ``$``.
 NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?", re.IGNORECASE)
 #: The names that need no value from anybody: the number of a picture in a film, and its second.
 FRAME, TIME = "frame", "time"
 #: Frames a second, where nothing else is said: those of the cinema.
@@ -37,10 +37,12 @@ class Definitions:
         self.given = {name: _checked(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
         self.uses: set[str] = set()
+        source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.given.items()})
 
     def default(self, name: str, text: str) -> None:
         """What a DEFAULT statement says of a name, from now on."""
         self.defaults[name] = text
+        self.source.names.setdefault(name, quote(text))
 
     def text(self, name: str, place: Place) -> str:
         """The text that a name stands for; UndefinedError where it has none."""
@@ -65,7 +67,8 @@ class Definitions:
         """The number that a name stands for; SceneError where it stands for something else, or for nothing."""
         text = self.text(name, place)
         if not NUMBER.fullmatch(text) or not math.isfinite(float(text)):
-            raise self.source.error(place, f"${name} stands for {quote(text)}; expected a finite number in arithmetic")
+            stands = self.source.names.get(name, quote(text))
+            raise self.source.error(place, f"${name} stands for {stands}; expected a finite number in arithmetic")
         return float(text)
 
     def check_uses(self) -> None:

@@ -3,14 +3,15 @@
 import difflib
 
 from .messages import CLIP
-from .words import WORDS, fold
+from .names import ALIASES, BUILT_IN, GLASSES, METALS
+from .words import WORDS, canonical, fold
 
 #: How the language says what other languages, and newcomers, say with other words.
 SAID = (
     ("for glass: material dieletrico n-refr = 1.5, or its name, as in material dieletrico bk7",
      "glass vidro water agua diamond diamante crystal cristal transparent"),
     ("for a metal: material condutor and its name, such as ouro, prata, cobre, aluminio or cromo",
-     "mirror espelho steel aco iron ferro brass latao chrome cromado bronze metallic platinum platina"),
+     "metal metals mirror espelho steel aco iron ferro brass latao chrome cromado bronze metallic platinum platina"),
     ("for a matt surface: material lambertiano kd = r g b; a texture such as t-fractal, or an image, goes after the "
      "primitive; for metals: material condutor and the metal's name",
      "wood madeira stone pedra marble marmore matte matt diffuse plaster gesso paper papel concrete"),
@@ -31,6 +32,8 @@ SAID = (
     ("the place of a light is position x y z, such as position 0 20 10", "pos location center centre centro lugar"),
     ("lights stand in LIGHTS, as AREA or POINT", "light luz lamp lampada sun sol emitter"),
 )  # fmt: skip
+#: The textures that exist without a statement, by all their names.
+TEXTURES = [*BUILT_IN, *ALIASES]
 HINTS = {word: said for said, words in SAID for word in words.split()}
 
 
@@ -55,5 +58,10 @@ def nearest(word: str, words: list[str], cutoff: float = 0.7) -> str:
 def meant(word: str, fitting: set[str]) -> str:
     """A hint, or else the nearest word of the language, of the roles that fit before all others."""
     known = [spelling for row in WORDS if row.role in fitting for spelling in row.spellings]
+    if "TEXTURE_NAME" in fitting:
+        known += TEXTURES
+    for material, names in (("CONDUCTOR", METALS), ("DIELECTRIC", GLASSES)):
+        if material in fitting and fold(word) in names:
+            return f"; did you mean '{canonical(material, '')} {word}'?"
     every = [spelling for row in WORDS for spelling in row.spellings]
     return hint(word) or nearest(word, known) or nearest(word, every)

@@ -6,7 +6,8 @@ ROTATE, a remark elsewhere) and because a word is a keyword only where the gramm
 
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
+from functools import lru_cache
 
 from lark import Token
 
@@ -15,9 +16,11 @@ from .definitions import NAME, NUMBER, Definitions, UndefinedError, written
 from .messages import Place, SceneError, Source, quote
 from .words import OPERATORS, ROLES, ROWS, STATEMENT_OF, STATEMENTS, fold
 
+#: The piece that stands at a place, or behind the space that is there. What is most frequent comes first.
 PIECE = re.compile(
-    r'(?P<space>\s+)|(?P<remark>\#[^\n]*)|(?P<open>\()|(?P<close>\))|(?P<expression>\{[^{}\n]*\}?)|(?P<string>"[^"\n]*"?)'
-    r'|(?P<equals>[:=])|(?P<operator>[*+-](?![\d.]|inf|nan))|(?P<word>[^\s()#":=]+)',
+    rf'\s*(?:(?P<number>{NUMBER.pattern})(?![^\s()#":=])|(?P<operator>[*+-](?![\d.]|inf|nan))'
+    r'|(?P<word>[^\s()#":={][^\s()#":=]*)|(?P<equals>[:=])|(?P<open>\()|(?P<close>\))'
+    r'|(?P<remark>\#[^\n]*)|(?P<expression>\{[^{}\n]*\}?)|(?P<string>"[^"\n]*"?))',
     re.IGNORECASE,
 )
 PARENTHESIS = re.compile(r"[()]")
@@ -28,7 +31,7 @@ VALUES = frozenset(
 
 
 def lex(
-    source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions, start: int = 0
+    source: Source, accepted: Callable[[], frozenset[str]], definitions: Definitions, start: int = 0
 ) -> Iterator[Token]:
     """Tokens and remarks of a text in order, from ``start``, where a statement begins, up to END and what follows it.
 
@@ -44,7 +47,7 @@ class _Lexer:
     """A text, and how far it has been read."""
 
     def __init__(
-        self, source: Source, accepted: Callable[[], Collection[str]], definitions: Definitions, start: int
+        self, source: Source, accepted: Callable[[], frozenset[str]], definitions: Definitions, start: int
     ) -> None:
         self.source, self.accepted, self.definitions = source, accepted, definitions
         self.position = start
@@ -54,8 +57,16 @@ class _Lexer:
 
     def tokens(self) -> Iterator[Token]:
         """What :func:`lex` gives."""
-        while self.position < len(self.source.text):
-            token = self.next()
+        text, match = self.source.text, PIECE.match
+        while found := match(text, self.position):
+            kind = str(found.lastgroup)
+            start, self.position = found.span(kind)
+            if kind == "number":
+                token: Token | None = _token("NUMBER", found[kind], start)
+            elif kind == "word" and text[start] != "$":
+                token = self.word(found[kind], start)
+            else:
+                token = self.other(kind, found[kind], start)
             if token is None:
                 continue
             ends = token.type == "END" and "END" in self.accepted()
@@ -71,12 +82,8 @@ class _Lexer:
         if self.previous is not None and self.previous.type == "END":
             yield from _after_end(self.source, self.position)
 
-    def next(self) -> Token | None:
-        """The next token or remark; None for what only separates words."""
-        kind, start, self.position = _piece(self.source.text, self.position)
-        piece = self.source.text[start : self.position]
-        if kind == "space":
-            return None
+    def other(self, kind: str, piece: str, start: int) -> Token | None:
+        """The token or remark of what is neither a word nor a number; None for what only separates words."""
         if kind in ("open", "remark"):
             return self.parenthesis(start) if kind == "open" else _token("REMARK", piece, start)
         if kind == "close":
@@ -96,9 +103,7 @@ class _Lexer:
             return _token("STRING", piece[1:-1], start, self.position)
         if kind == "expression":
             return self.expression(start)
-        if piece.startswith("$"):
-            return self.name(piece, start)
-        return _token(OPERATORS[piece], piece, start) if kind == "operator" else self.word(piece, start)
+        return _token(OPERATORS[piece], piece, start) if kind == "operator" else self.name(piece, start)
 
     def parenthesis(self, start: int) -> Token:
         """An argument directly after SCALE, ROTATE or TRANSLATE, a remark elsewhere."""
@@ -138,12 +143,14 @@ class _Lexer:
             kind = next((role for role in ("NUMBER", "WORD", *sorted(VALUES)) if role in accepted), "WORD")
             return _token(kind, word, start)
         piece = PIECE.fullmatch(text)
-        if piece is None or piece.lastgroup != "word":
+        if piece is None or piece.lastgroup not in ("word", "number") or piece.start(piece.lastgroup) > 0:
             return _token("STRING", text, start, self.position)
         kind = _type(text, accepted, self.statement)
         if kind not in VALUES:
             raise self.source.error(
-                where, f"{word} stands for {quote(text)}, a keyword; expected a number, or a word that is a value"
+                where,
+                f"{word} stands for {self.source.names.get(word[1:], quote(text))}, a keyword; expected a number, or a "
+                "word that is a value",
             )
         return _token(kind, text, start, self.position)
 
@@ -162,13 +169,11 @@ def place(token: Token) -> Place:
 
 
 def _token(kind: str, value: str, start: int, end: int | None = None) -> Token:
-    return Token(kind, value, start, end_pos=start + len(value) if end is None else end)
-
-
-def _piece(text: str, position: int) -> tuple[str, int, int]:
-    match = PIECE.match(text, position)
-    assert match is not None and match.lastgroup is not None  # the last alternatives leave out no character
-    return match.lastgroup, position, match.end()
+    token = str.__new__(Token, value)  # what Token(...) does, in a third of its time
+    token.type, token.value = kind, value
+    token.start_pos, token.end_pos = start, start + len(value) if end is None else end
+    token.line = token.column = token.end_line = token.end_column = None
+    return token
 
 
 def _end_of_remark(source: Source, start: int) -> int:
@@ -183,26 +188,27 @@ def _end_of_remark(source: Source, start: int) -> int:
 def _after_end(source: Source, position: int) -> Iterator[Token]:
     """The remarks after END; from anything else on, the rest of the text."""
     text = source.text
-    while position < len(text):
-        kind, start, position = _piece(text, position)
+    while found := PIECE.match(text, position):
+        kind = str(found.lastgroup)
+        start, position = found.span(kind)
         stop: int | None = position
         if kind == "open":
             try:
                 stop = _end_of_remark(source, start)
             except SceneError:
                 stop = None
-        elif kind not in ("space", "remark"):
+        elif kind != "remark":
             stop = None
         if stop is None:
             warnings.warn(source.warning(Place(start, position), "what follows END is ignored"), stacklevel=2)
             yield _token("REST", text[start:], start)
             return
-        if kind != "space":
-            yield _token("REMARK", text[start:stop], start)
+        yield _token("REMARK", text[start:stop], start)
         position = stop
 
 
-def _type(word: str, accepted: Collection[str], statement: str) -> str:
+@lru_cache(maxsize=1 << 12)
+def _type(word: str, accepted: frozenset[str], statement: str) -> str:
     """The terminal of a word: a number, the keyword that fits here, a name, or else whatever explains it best.
 
     The parser's table may accept, at the end of a list of numbers, what has its place in another statement: a word of

@@ -2,16 +2,17 @@
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from os import PathLike
+from typing import NamedTuple
 
+USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
 CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
+OTHERS = 4  # so many errors are told beside the first one
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """Where something stands in the text: character offsets ``start`` and ``end``."""
 
     start: int
@@ -33,8 +34,10 @@ class SceneError(ValueError):
     """Wrong input. ``str()`` is the whole message: file, line, column, what was found and expected, and a caret.
 
     The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
-    text), ``reason``, and ``place``, or None.
+    text), ``reason``, and ``place``, or None. Where other errors are known as well, ``others``, the text has them too.
     """
+
+    others: tuple["SceneError", ...] = ()
 
     def __init__(
         self,
@@ -50,11 +53,24 @@ class SceneError(ValueError):
         self.place = place
 
 
+def together(first: SceneError, others: Sequence[SceneError]) -> SceneError:
+    """The first error, whose text goes on with the others."""
+    if not others:
+        return first
+    more = len(others) - OTHERS
+    text = "\n".join([str(first), *map(str, others[:OTHERS]), *([f"and {more} more errors"] if more > 0 else [])])
+    result = type(first)(text, first.filename, first.line, first.column, first.reason, first.place)
+    result.others = tuple(others)
+    return result
+
+
 class Source:
     """The text of a scene and its file name; turns offsets into lines, columns and messages."""
 
     def __init__(self, text: str, filename: str | PathLike[str]) -> None:
         self.text, self.filename = text, str(filename)
+        #: What ``$names`` stand for, and where that is from: ``'5', by -D x=5``. Messages about them say it.
+        self.names: dict[str, str] = {}
 
     @cached_property
     def line_starts(self) -> list[int]:
@@ -84,13 +100,21 @@ class Source:
         caret = " " * (len(before) + place.start - first) + "^" + "~" * (width - 1)
         return f"{self.filename}:{line}:{column}: {reason}\n    {quoted}\n    {caret}"
 
+    def _of_names(self, place: Place, reason: str) -> str:
+        """``; `` and what the names at a place stand for, of which the reason does not speak."""
+        found = dict.fromkeys(USE.findall(self.text[place.start : min(place.end, place.start + CLIP)]))
+        said = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
+        return f"; {listing(said[:3], 'and')}" if said else ""
+
     def error(self, place: Place, reason: str) -> SceneError:
         """The error to raise about what stands at ``place``."""
+        reason += self._of_names(place, reason)
         line, column = self.line_column(place.start)
         return SceneError(self.message(place, reason), self.filename, line, column, reason, place)
 
     def warning(self, place: Place, reason: str) -> SceneWarning:
         """The warning to emit about what stands at ``place``."""
+        reason += self._of_names(place, reason)
         return SceneWarning(self.message(place, reason), reason, place)
 
 

@@ -18,7 +18,7 @@ EXPLAINED = "operators come before their operands, as in - CUBE 1 SPHERE 2, and 
 def judge(source: Source, pieces: list[Token], tree: Tree[Token]) -> None:
     """Raises or warns where remarks in CSG-TREE hold what looks like the tree."""
     remarks = in_tree(pieces)
-    empty = any(len(csg.children) == 1 for csg in tree.find_data("csg"))
+    empty = any(isinstance(s, Tree) and s.data == "csg" and len(s.children) == 1 for s in tree.children)
     for remark in remarks:
         if empty and PREFIX.search(remark):
             raise source.error(place(remark), f"the tree stands in a remark: {EXPLAINED}")

@@ -1,50 +1,44 @@
-"""Tokens -> lark's tree, and what is said of a token that has no place where it stands.
+"""Tokens -> lark's tree, and what is said of a token that has no place where it stands."""
 
-The parser is lark's LALR with grammar.lark. It keeps its own stack, so that no input can exhaust Python's.
-"""
-
+import itertools
 import re
-from functools import cache
-from pathlib import Path
 
-from lark import Lark, Token, Tree, UnexpectedToken
-from lark.parsers.lalr_interactive_parser import InteractiveParser
+from lark import Token, Tree, UnexpectedToken
 
 from . import lexer
+from .automaton import Parser
 from .definitions import Definitions
-from .hints import meant
-from .messages import Place, SceneError, Source, listing, quote
-from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, meanings
+from .hints import TEXTURES, hint, meant, nearest
+from .messages import CLIP, Place, SceneError, Source, listing, quote
+from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, Numbers, canonical, fold, is_statement, meanings, row
 
 #: The order in which a message lists what it expected.
 ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
 #: Numbers as other languages write them. A comma is not read: in 0,5 it may be a point, or stand between two numbers.
 SEPARATED = re.compile(r"[-+.e\d]*[,;][-+.e\d,;]*", re.IGNORECASE)
+#: Sizes as they are written elsewhere: 320x240.
+BY_SIGN = re.compile("[x×]", re.IGNORECASE)
+BY = re.compile(r"[-+.\d]+([x×][-+.\d]+)+", re.IGNORECASE)
 #: An operator, but for the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
-
-
-@cache
-def _parser() -> Lark:
-    grammar = Path(__file__).with_name("grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr")
-
-
-def begin() -> InteractiveParser:
-    """A parser at the beginning of a scene, or of a statement."""
-    return _parser().parse_interactive()
+BRACES = "; arithmetic stands in braces, as in {360 * $frame / 48}"
+LIGHT = "; a light begins with AREA or POINT, as in POINT position 0 20 10 SPOT"
+#: Beginnings of words that belong to other languages.
+FOREIGN = dict.fromkeys(("//", "/*", "--"), "expected a remark to begin with #, or to stand in parentheses") | {
+    "<": "that is no scene in this language; expected a name that ends in .xml of a file in Mitsuba's"
+}
 
 
 def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Token], Tree[Token]]:
     """All pieces of the text in order (tokens and remarks), and lark's tree; raises SceneError."""
-    parser = begin()
+    parser = Parser()
     pieces: list[Token] = []
     try:
         for piece in lexer.lex(source, parser.choices, definitions):
             pieces.append(piece)
             if piece.type not in ("REMARK", "REST"):
                 parser.feed_token(piece)
-        tree: Tree[Token] = parser.feed_eof()
+        tree = parser.feed_eof()
     except UnexpectedToken as error:
         raise syntax_error(source, error.token, parser.accepts(), pieces) from None
     return pieces, tree
@@ -62,20 +56,38 @@ def syntax_error(source: Source, token: Token, expected: set[str], pieces: list[
         if "END" in expected:
             return source.error(place, "the file ends here and END is missing; expected END as the last statement")
         return source.error(place, f"the file ends after this; expected {listing(names)}")
-    place = lexer.place(token)
+    return source.error(lexer.place(token), _reason(source, token, expected, pieces, listing(names)))
+
+
+def _reason(source: Source, token: Token, expected: set[str], pieces: list[Token], names: str) -> str:
+    """What is said of a token; ``names``: what has a place where it stands."""
+    found = f"found {quote(token)}"
+    if foreign := next((said for begin, said in FOREIGN.items() if token.startswith(begin)), None):
+        return f"{found}; {foreign}"
     if mistake := _mistake(token, expected, pieces):
-        return source.error(place, f"found {quote(token)}{mistake}")
+        return found + mistake
+    if named := _named(source, token, pieces):
+        return f"{found} after a name; expected one word, or more in quotes: {named}"
+    lacking = _lacking(pieces)
     if token.type == "WORD":
-        return source.error(place, f"unknown word {quote(token)}; expected {listing(names)}{meant(token, expected)}")
+        near = BRACES if lacking and ARITHMETIC.search(token) else meant(token, set() if lacking else expected)
+        return f"unknown word {quote(token)}{lacking or f'; expected {names}'}{near}"
+    return found + (lacking or _misplaced(token, expected, pieces, names))
+
+
+def _misplaced(token: Token, expected: set[str], pieces: list[Token], names: str) -> str:
+    """What is said after ``found`` of a word that has its place elsewhere, or of a number."""
+    if token.type == "NUMBER" and [piece.type for piece in pieces[-2:-1]] == ["DIELECTRIC"]:
+        return f"; expected a glass's name, or n-refr = {quote(token)[1:-1]}"
+    if "TEXTURE_NAME" in expected and (near := nearest(token, TEXTURES)):
+        return f", the kind of a texture; expected the name of one{near}"
     owner = STATEMENT_OF.get(token.type)
     if owner and owner != _statement(pieces):
         owner = canonical(owner)
-        return source.error(
-            place, f"found {quote(token)}, a word of {owner}; expected it after {owner}, before any other statement"
-        )
+        return f", a word of {owner}; expected it after {owner}, before any other statement"
     if token.type in ROLES and token.type not in STATEMENTS and "NUMBER" not in expected:
-        return source.error(place, f"found {quote(token)}, which has no place here; expected {listing(names)}")
-    return source.error(place, f"found {quote(token)}; expected {listing(names)}")
+        return f", which has no place here; expected {names}{LIGHT if 'LIGHT' in expected else hint(token)}"
+    return f"; expected {names}"
 
 
 def _mistake(token: Token, expected: set[str], pieces: list[Token]) -> str:
@@ -84,17 +96,46 @@ def _mistake(token: Token, expected: set[str], pieces: list[Token]) -> str:
         return "; expected a name, such as $angle"
     if "NUMBER" not in expected or token.type not in (*OPERATORS.values(), "WORD"):
         return ""
-    braces = "; arithmetic stands in braces, as in {360 * $frame / 48}" if ARITHMETIC.search(token) else ""
+    braces = BRACES if ARITHMETIC.search(token) else ""
     if braces and [piece.type for piece in pieces[-2:-1]] == ["NUMBER"]:
         return f" after a number{braces}"
     if fold(token.lstrip("+-")) in ("nan", "inf", "infinity"):
         return "; expected a finite number"
+    if BY.fullmatch(token):
+        return f"; expected numbers with nothing but spaces between them: {' '.join(BY_SIGN.split(token))}"
     if SEPARATED.fullmatch(token):
         return (
             "; expected numbers with nothing but spaces between them, as in 1 2 3, and with a point for the fraction, "
             "as in 0.5"
         )
     return f", which is not a number{braces}" if token.type == "WORD" and token[0] in "0123456789.+-" else ""
+
+
+def _lacking(pieces: list[Token]) -> str:
+    """After which keyword the last token stands, and the numbers that are still lacking there; nothing elsewhere."""
+    before = [piece for piece in pieces[:-1] if piece.type not in ("REMARK", "LPAR")]
+    given = 0
+    while before and before[-1].type == "NUMBER":
+        before.pop()
+        given += 1
+    takes = row(before[-1]).takes if before and before[-1].type in ROLES else None
+    if not isinstance(takes, Numbers) or given >= (1 if takes.channels and given < 2 else takes.count):
+        return ""
+    return f" after {before[-1]}; expected {takes.counted()}"
+
+
+def _named(source: Source, token: Token, pieces: list[Token]) -> str:
+    """NAME and all the words on its line, in quotes, where the last token may be one of them; nothing elsewhere."""
+    words = [piece for piece in pieces if piece.type != "REMARK"]
+    begin = next((i for i in range(len(words) - 1, max(len(words) - 5, -1), -1) if words[i].type == "NAME"), None)
+    if token.type != "WORD" or begin is None or begin + 2 >= len(words):
+        return ""
+    start, here = lexer.place(words[begin + 1]).start, lexer.place(token)
+    if "\n" in source.text[start : here.start]:
+        return ""
+    line = re.split(r'[\n"#()]', source.text[here.end : here.end + CLIP], maxsplit=1)[0].split()
+    more = itertools.takewhile(lambda word: not (word.isupper() and is_statement(word)), line)
+    return f'NAME "{" ".join([*source.text[start : here.end].split(), *more])}"'
 
 
 def _statement(pieces: list[Token]) -> str:

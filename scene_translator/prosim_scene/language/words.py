@@ -7,6 +7,7 @@ also mixed. A word of several roles has a row for each, and the one counts that 
 
 import unicodedata
 from dataclasses import dataclass
+from functools import lru_cache
 
 from lark import Token
 
@@ -25,6 +26,10 @@ class Numbers:
     least: float = 0  #: smaller magnitudes are refused, but for 0
     nonzero: bool = False  #: and 0 too
     unit: str = ""
+
+    def counted(self) -> str:
+        """How many there are, in words."""
+        return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
 
     def bounds(self) -> str:
         """What is allowed, in words."""
@@ -263,7 +268,17 @@ for _row in WORDS:
 
 def row(token: Token) -> Word:
     """The row of a keyword's token."""
-    return next(word for word in ROWS[fold(token)] if word.role == token.type)
+    return _row_of(token.type, token.value)
+
+
+@lru_cache(maxsize=1 << 10)
+def _row_of(role: str, spelling: str) -> Word:
+    return next(word for word in ROWS[fold(spelling)] if word.role == role)
+
+
+def is_statement(word: str) -> bool:
+    """Whether a word may begin a statement."""
+    return any(row.role in STATEMENTS for row in ROWS.get(fold(word), ()))
 
 
 def of_role(role: str) -> list[Word]:

@@ -2,7 +2,7 @@
 
 An operand joins the earliest *round* that comes after all earlier operands that it touches and does not commute with; a
 round takes away first, and then adds. So the number of rounds is that of the additions and subtractions that alternate
-at one place.
+at one place. Where there are many, those that later ones cover are left out first, see :mod:`.hidden`.
 
 Many rounds are evaluated in halves. A sequence of rounds takes X to X - S + P, with solids S and P of its own, and two
 of these in succession are one of their kind:
@@ -16,9 +16,11 @@ have in common. That is settled by :func:`_associative`, which else leaves the r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from .hidden import Extent, covered, within_boxes
 from .parts import Part, boxes, union
 from .sweep import touching
 from .values import Value, total, united, without
@@ -26,27 +28,38 @@ from .values import Value, total, united, without
 DEEP = 64  # rounds
 
 
+@dataclass(eq=False)
+class _Operand:
+    """An operand of a chain: whether it is added, its value, the parts of this and the box around them."""
+
+    added: bool
+    value: Value
+    parts: list[Part]
+    low: np.ndarray
+    high: np.ndarray
+
+    def extent(self) -> Extent:
+        """Where it lies."""
+        known = self.parts[0].extent if len(self.parts) == 1 else None
+        return known() if known else within_boxes(self.low, self.high)
+
+
 def evaluate(operands: Sequence[tuple[str, Value]]) -> Value:
     """The value of a chain: signs, "+" or "-", and operands; the first one is positive."""
-    adds = np.array([sign == "+" for sign, _ in operands])
-    values = [value for _, value in operands]
-    parts = [[p for some in value.values() for p in some] for value in values]
-    ends = [boxes(some) for some in parts]
-    low = np.array([b.min(axis=0, initial=np.inf) for b, _ in ends])
-    high = np.array([b.max(axis=0, initial=-np.inf) for _, b in ends])
-    order = np.zeros(len(adds), int)
-    for i in range(1, len(adds)):
-        near = touching(low[:i], high[:i], (low[i], high[i]))
-        order[i] = (order[near] + (adds[near] & ~adds[i])).max(initial=0)
+    chain = [_operand(sign == "+", value) for sign, value in operands]
+    order = _rounds(chain)
+    if order.max() >= DEEP:
+        chain = _not_covered(chain)
+        order = _rounds(chain)
     count = int(order.max()) + 1
     taken: list[list[list[Part]]] = [[] for _ in range(count)]
     added: list[list[Value]] = [[] for _ in range(count)]
-    for adding, value, number in zip(adds.tolist(), values, order.tolist()):
-        if adding:
-            added[number].append(value)
+    for one, number in zip(chain, order.tolist()):
+        if one.added:
+            added[number].append(one.value)
         else:
-            taken[number].append(total(value))
-    if count > DEEP and _associative(adds, low, high, parts):
+            taken[number].append(total(one.value))
+    if count > DEEP and _associative(chain):
         return in_halves(taken, added, 0, count)[1]
     result: Value = {}
     for some, others in zip(taken, added):
@@ -66,14 +79,43 @@ def in_halves(
     return union([first, second]) if begin else [], united([without(result, second), more])
 
 
-def _associative(adds: np.ndarray, low: np.ndarray, high: np.ndarray, parts: list[list[Part]]) -> bool:
+def _operand(added: bool, value: Value) -> _Operand:
+    parts = [part for some in value.values() for part in some]
+    low, high = boxes(parts)
+    return _Operand(added, value, parts, low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf))
+
+
+def _rounds(chain: list[_Operand]) -> np.ndarray:
+    """The number of each operand's round."""
+    adds = np.array([one.added for one in chain])
+    low, high = (np.asfortranarray(ends) for ends in ([one.low for one in chain], [one.high for one in chain]))
+    order = np.zeros(len(chain), int)
+    for i in range(1, len(chain)):
+        near = touching(low[:i], high[:i], (low[i], high[i]))
+        order[i] = (order[near] + (adds[near] & ~adds[i])).max(initial=0)
+    return order
+
+
+def _not_covered(chain: list[_Operand]) -> list[_Operand]:
+    """A chain without the operands that later ones cover. Of several media it stays as it is: none covers another's."""
+    chain = [one for one in chain if one.parts]
+    if len({medium for one in chain for medium in one.value}) > 1:
+        return chain
+    margin = 16 * chain[0].parts[0].planes.step  # far from where coincident faces are moved to
+    gone = covered([one.extent() for one in chain], margin)
+    return [one for one, hidden in zip(chain, gone.tolist()) if not hidden]
+
+
+def _associative(chain: list[_Operand]) -> bool:
     """Whether a chain may be evaluated in halves, and every face goes to the operand that it goes to one by one.
 
     Where a face of the result is covered by a later operand, and laid bare again by one still later that has a face on
     the same surface, it is the latter's; but in halves the first one's. It cannot be covered if nothing that is added
     reaches beyond the surface.
     """
-    surfaces = [frozenset().union(*(p.surfaces for p in some)) for some in parts]
+    adds = np.array([one.added for one in chain])
+    low, high = np.array([one.low for one in chain]), np.array([one.high for one in chain])
+    surfaces = [frozenset().union(*(part.surfaces for part in one.parts)) for one in chain]
     for i in np.flatnonzero(~adds).tolist():
         if not surfaces[i]:
             continue
@@ -81,6 +123,6 @@ def _associative(adds: np.ndarray, low: np.ndarray, high: np.ndarray, parts: lis
         before = [surfaces[j] & surfaces[i] for j in near[near < i].tolist()]
         added = near[adds[near]]
         for surface in frozenset().union(*before):
-            if not parts[i][0].planes.one_sided(surface, low[added], high[added]):
+            if not chain[i].parts[0].planes.one_sided(surface, low[added], high[added]):
                 return False
     return True

@@ -3,6 +3,8 @@
 import numpy as np
 
 from ..language.document import Document
+from .caps import crowded
+from .remains import Ball
 from .sight import Sight
 from .solid import Solid
 
@@ -10,17 +12,23 @@ TOLERANCE = 0.1  # chord error in pixels
 MOST_TRIANGLES = 4_000_000  # of all primitives, about 3 GB while they are united
 
 
-def choose_segments(document: Document, solids: list[Solid], camera: Sight, tolerance: float) -> None:
+def choose_segments(
+    document: Document, solids: list[Solid], bounds: list[Ball], camera: Sight, tolerance: float
+) -> None:
     """Sets ``segments`` of all solids, so that the chord error stays below ``tolerance`` pixels.
 
-    Solids with a common curved face get the same number. Where that would be more than MOST_TRIANGLES, all are coarser,
+    They do not matter outside of ``bounds``; where such a one leaves a cap of a ball, its ``frame`` is set too. Solids
+    with a common curved face get the same number. Where that would be more than MOST_TRIANGLES, all are coarser,
     with a :class:`SceneWarning`; where even the coarsest are, that is a :class:`SceneError`.
     """
     wanted = tolerance
     while True:
         most: dict[int, int] = {}
-        for s in solids:
-            s.segments = s.primitive.segments(s.to_world, camera, tolerance)
+        for s, bound in zip(solids, bounds):
+            cap = crowded(s, bound, camera, tolerance) if s.primitive.axes == 3 and s.curved_surface < 0 else None
+            s.segments = s.primitive.segments(s.to_world, camera, tolerance) if cap is None else cap[0]
+            if s.curved_surface < 0:
+                s.frame = np.eye(4) if cap is None else cap[1]
             if s.curved_surface >= 0:
                 most[s.curved_surface] = max(most.get(s.curved_surface, 0), s.segments)
         for s in solids:

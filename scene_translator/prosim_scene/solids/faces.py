@@ -8,9 +8,10 @@ import numpy as np
 
 
 class Skin(NamedTuple):
-    """What triangles look alike by: the material of their primitive, and of a dielectric the media on both sides.
+    """What triangles look alike by: the material of their primitive, and the media on both sides.
 
-    ``outside`` is where the normal points, None is air; of what is opaque both are None.
+    ``outside`` is where the normal points, None is air. Of what is opaque ``inside`` is None, and ``outside`` too if it
+    does not reflect by Fresnel's equations.
     """
 
     material: Hashable
@@ -34,8 +35,8 @@ class Triangles:
 class Faces:
     """What a tree comes to, whatever it looks like: all triangles, and the number of the ``kind`` (n,) of each.
 
-    ``kinds`` are the numbers of their leaf and of the media inside and outside. ``seen`` (kinds,) says of which there
-    is more than seams of no width.
+    ``kinds`` are the numbers of their leaf and of the media that lie inside and outside. ``seen`` (kinds,) says of
+    which there is more than seams of no width.
     """
 
     triangles: Triangles

@@ -5,8 +5,6 @@ stand out of the outer one's: patches of the wrong solid, many pixels wide altho
 inner one is made smaller, by no more than the chord error of the outer one.
 """
 
-import math
-
 import numpy as np
 
 from .placing import corners
@@ -30,7 +28,7 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     for _ in range(len(bounds)):  # a chain of inscribed solids takes as many rounds as it is long
         changed = False
         for inner, outer in bounds:
-            gap = 1 - _inradius(outer) * outer.shrink
+            gap = 1 - outer.inradius * outer.shrink
             factor = max(1 - gap * outer.widest / inner.narrowest, 0.5)
             if factor < inner.shrink:
                 changed = True
@@ -39,11 +37,6 @@ def shrink_inscribed(solids: list[Solid]) -> None:
                         s.shrink = factor
         if not changed:
             break
-
-
-def _inradius(solid: Solid) -> float:
-    """Of a solid's mesh, in the unit of its curved face."""
-    return math.cos(math.pi * solid.primitive.segment_factor / solid.segments)
 
 
 def _touching(solids: list[Solid]) -> list[tuple[int, int]]:
@@ -74,4 +67,4 @@ def _touches_within(inner: Solid, outer: Solid) -> bool:
         value = np.einsum("ij,ij->i", p @ quadric[:3, :3], p) + 2 * p @ quadric[:3, 3] + quadric[3, 3]
         if (value > CONTAINED).any():
             return False
-    return bool(value.max() > -SPACING - 4 * (1 - _inradius(outer)))
+    return bool(value.max() > -SPACING - 4 * (1 - outer.inradius))

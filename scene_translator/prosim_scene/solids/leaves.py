@@ -9,10 +9,12 @@ from ..language.document import Document
 from . import tree
 from .coincidence import STEP, Planes
 from .detail import choose_segments, warn_if_far
+from .hidden import Extent, within_boxes
 from .inscribed import shrink_inscribed
 from .placing import corners, facet_planes, placed
 from .primitives import PRIMITIVES
 from .recognition import same_surfaces
+from .remains import clipped, remains
 from .sight import Sight
 from .solid import Solid
 from .transforms import matrix
@@ -36,8 +38,9 @@ class Leaves:
     """Tables for the leaves of a scene.
 
     ``solids`` are the different ones, ``of_leaf`` has the number of a leaf's solid. After :meth:`make_meshes` there are
-    their ``meshes`` in the world, with ``origin`` as the point 0. The facets of all solids are numbered through, those
-    of solid i from ``first[i]``: ``faces`` has the face of each, ``planes`` those that facets have in common.
+    their ``meshes`` in the world, with ``origin`` as the point 0, and the ``boxes`` (n, 2, 3) around these, min and max
+    corner. The facets of all solids are numbered through, those of solid i from ``first[i]``: ``faces`` has the face of
+    each, ``planes`` those that facets have in common.
     """
 
     def __init__(self, document: Document, camera: Sight, tolerance: float, cutters: np.ndarray | None = None) -> None:
@@ -51,15 +54,17 @@ class Leaves:
         matrices = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
         self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
         boxes = corners(self.solids)
-        warn_if_far(document, camera, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         self._share(cutters)
-        choose_segments(document, self.solids, camera, tolerance)
+        bounds = remains(document.scene.csg, self.solids, self.of_leaf.tolist())
+        warn_if_far(document, camera, clipped(corners(self.solids), bounds))
+        choose_segments(document, self.solids, bounds, camera, tolerance)
         shrink_inscribed(self.solids)
+        offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:
-            s.to_world = s.to_world - np.pad(self.origin[:, None], ((0, 1), (3, 0)))
+            s.to_world = s.to_world - offset
         self._step = STEP * float(np.abs(np.stack([low, high]) - self.origin).max())
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
         self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
@@ -130,6 +135,16 @@ class Leaves:
         for i, mesh in zip(sharing, adjusted):
             meshes[i] = mesh
         self.meshes = meshes
+        begins = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+        vertices = np.concatenate([m.vertices for m in meshes])
+        self.boxes = np.stack([np.minimum.reduceat(vertices, begins), np.maximum.reduceat(vertices, begins)], axis=1)
+
+    def extent(self, i: int) -> Extent:
+        """Where solid i lies; after :meth:`make_meshes`."""
+        core = self.solids[i].core
+        if core is None:
+            return within_boxes(*self.boxes[i])
+        return Extent(self.to_local[i], self.solids[i].primitive.box, core)
 
     def surface(self, positions: np.ndarray, leaf: np.ndarray, facet: np.ndarray, sign: np.ndarray) -> Surface:
         """Normals and surface parameters of triangles (n, 3, 3) of the leaves with these numbers; ``sign`` (n,) is -1

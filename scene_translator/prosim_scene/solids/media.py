@@ -4,7 +4,7 @@ Media are numbers: the opaque one's, and one for every kind of dielectric. Every
 id, which manifold3d carries to the triangles of the result.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,13 +93,15 @@ class _Layer:
     interfaces: list[Shell]
 
 
-def shells(value: Value) -> list[Shell]:
+def shells(value: Value, fresnel: Collection[int] = ()) -> list[Shell]:
     """The surfaces to render. Media are numbers in their order of precedence, OPAQUE first.
 
     An opaque solid is bounded by its whole surface. A dielectric gives way to opaque solids, and to dielectrics that
     stand before it in the tree: of its surface there remains what bounds the union of all up to it. So every interface
     exists exactly once, and from inside a dielectric every way out leads through its own surface or onto another's.
-    What another dielectric touches of this surface is an interface between the two.
+    What another dielectric touches of this surface is an interface between the two. ``fresnel`` are the original ids of
+    opaque primitives that reflect by Fresnel's equations: where a dielectric touches one, what it touches of the opaque
+    solid is an interface too.
     """
     (first, parts), *others = sorted((medium, parts) for medium, parts in value.items() if parts) or [(OPAQUE, [])]
     none = np.empty(0, np.int64)
@@ -109,16 +111,19 @@ def shells(value: Value) -> list[Shell]:
     for medium, parts in others:
         own, ids, originals = _renamed(parts)
         total = layers[-1].total
-        glass = [layer for layer in layers if layer.medium != OPAQUE]
-        for shell in map(_shell, beneath(own, total) if glass else []):
-            for layer in glass:
+        known = [layer for layer in layers if layer.medium != OPAQUE or fresnel]
+        for shell in map(_shell, beneath(own, total) if known else []):
+            for layer in known:
                 face = shell.between(medium, layer.medium).bearing(layer.ids, layer.originals).turned()
                 layer.interfaces += [face] if len(face.ids) else []
         layers.append(_Layer(medium, ids, originals, union([total, own]), []))
     result: list[Shell] = []
     for layer in layers:
         width = 2 * layer.total[0].planes.step if layer.total else 0.0
-        touched = any((face.heights() > width).any() for face in layer.interfaces)  # and not in seams alone
+        touched = any(  # and not in seams alone
+            ((face.heights() > width) & (layer.medium != OPAQUE or np.isin(face.ids, list(fresnel)))).any()
+            for face in layer.interfaces
+        )
         found = [_shell(part).between(layer.medium, AIR) for part in (layers[-1] if touched else layer).total]
         if touched or layer is not layers[0]:
             found = [shell.bearing(layer.ids, layer.originals) for shell in found]

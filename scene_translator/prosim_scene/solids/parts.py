@@ -14,14 +14,15 @@ import numpy as np
 from manifold3d import Error, Manifold, Mesh64
 
 from .coincidence import Planes
+from .hidden import Extent
 from .sweep import components, touching
 
 
 @dataclass(eq=False)
 class Part:
     """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that
-    its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same. It
-    is ``plain`` where it is a whole primitive none of whose curved faces is shared.
+    its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same,
+    and its ``extent``. It is ``plain`` where it is a whole primitive none of whose curved faces is shared.
     """
 
     make: Callable[[], Manifold]
@@ -31,6 +32,7 @@ class Part:
     planes: Planes
     key: Hashable = None
     plain: bool = False
+    extent: Callable[[], Extent] | None = None
 
     @cached_property
     def manifold(self) -> Manifold:
@@ -43,12 +45,16 @@ def solid(
     triangles: np.ndarray,
     facets: np.ndarray,
     original_id: int,
+    box: np.ndarray,
     planes: Planes,
     surfaces: frozenset[int] = frozenset(),
     key: Hashable = None,
     plain: bool = False,
+    extent: Callable[[], Extent] | None = None,
 ) -> list[Part]:
-    """A closed mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets."""
+    """A closed mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets; ``box``
+    (2, 3) is around it.
+    """
 
     def make() -> Manifold:
         return _checked(
@@ -63,8 +69,7 @@ def solid(
             )
         )
 
-    low, high = vertices.min(axis=0) - planes.step, vertices.max(axis=0) + planes.step
-    return [Part(make, low, high, surfaces, planes, key, plain)]
+    return [Part(make, box[0] - planes.step, box[1] + planes.step, surfaces, planes, key, plain, extent)]
 
 
 def as_parts(manifold: Manifold, planes: Planes, *surfaces: frozenset[int]) -> list[Part]:

@@ -1,5 +1,6 @@
 """A primitive at its place in the world."""
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -37,6 +38,21 @@ class Solid:
         return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))
 
     @property
+    def inradius(self) -> float:
+        """The curved face's, in its own unit, of the mesh without ``frame`` and ``shrink``."""
+        return math.cos(math.pi * self.primitive.segment_factor / self.segments)
+
+    @property
+    def core(self) -> np.ndarray | None:
+        """A box (2, 3) in its mesh, in its own space; None where no such one is known."""
+        if self.primitive.curved is None:
+            return self.primitive.core
+        if (self.frame != np.eye(4)).any():
+            return None
+        scale = np.where(np.arange(3) < self.primitive.axes, self.inradius * self.shrink, 1.0)
+        return np.asarray(scale * self.primitive.core)
+
+    @property
     def curved_surface(self) -> int:
         """The number of the surface of its curved face, -1 where it has none or is alone on it."""
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
@@ -44,7 +60,8 @@ class Solid:
     @property
     def key(self) -> Hashable:
         """Equal for solids that are the same; None where one of its surfaces shows that there is no other."""
-        return None if (self.surfaces < 0).any() else (self.primitive.name, frozenset(self.surfaces.tolist()))
+        surfaces = self.surfaces.tolist()
+        return None if min(surfaces, default=0) < 0 else (self.primitive.name, frozenset(surfaces))
 
     @property
     def own_mesh_key(self) -> Hashable:

@@ -1,6 +1,6 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 
 import numpy as np
 
@@ -26,12 +26,14 @@ def tessellate(
     tolerance: float,
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
+    fresnel: Callable[[Leaf], bool],
     kept: Callable[[Hashable, Callable[[], Faces]], Faces] = anew,
 ) -> dict[Skin, Triangles]:
     """The surfaces of a document's scene.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
     None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
+    ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, to which its outside matters.
     ``kept(key, make)`` may give what ``make`` has made for an equal key before. Raises :class:`SceneError` for a
     transform that cannot be inverted and for more triangles than memory is provided for.
     """
@@ -43,14 +45,20 @@ def tessellate(
     media_of = _numbered(names)[1:]
     table = Leaves(document, camera, tolerance, media.cutters(nodes, media_of))
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
-    faces = kept((symbols, tuple(media_of), table.content()), lambda: _faces(nodes, table, media_of))
-    seen = np.zeros(len(leaves), bool)
+    reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
+    faces = kept(
+        (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects)
+    )
+    seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     alike: dict[Skin, list[int]] = {}
     of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
     for number, (leaf, inside, outside) in enumerate(faces.kinds):
         seen[leaf] |= faces.seen[number]
+        lining[leaf] |= faces.seen[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
+        inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
         alike.setdefault(Skin(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
     _report_vanished(document, seen)
+    _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
     shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
     return dict(zip(shown, faces.chosen(list(shown.values()))))
 
@@ -61,34 +69,39 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
-    """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric."""
+def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool]) -> Faces:
+    """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric; ``reflects[i]``:
+    it is opaque, and reflects by Fresnel's equations.
+    """
     table.make_meshes()
     base = parts.reserve_ids(len(media_of))
 
     def leaf_value(number: int, leaf: Leaf) -> Value:
         i = table.of_leaf[number]
-        solid, mesh = table.solids[i], table.meshes[i]
+        solid, mesh, surfaces = table.solids[i], table.meshes[i], table.solids[i].surfaces.tolist()
         return {
             media_of[number]: parts.solid(
                 mesh.vertices,
                 mesh.triangles,
                 table.first[i] + mesh.facets,
                 base + number,
+                table.boxes[i],
                 table.planes,
-                frozenset(solid.surfaces[solid.surfaces >= 0].tolist()),
+                frozenset(surface for surface in surfaces if surface >= 0),
                 solid.key,
                 solid.curved_surface < 0,
+                lambda: table.extent(i),
             )
         }
 
     value = csg.evaluate(nodes, leaf_value)
-    own, count = np.array(media_of), max(media_of) + 2
+    count = max(media_of) + 2
     collected = [
         [np.empty(0, int), np.empty(0, bool), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)]
     ]
     vertices = alone = 0  # so far: what keys are made of
-    for shell in media.batches(media.shells(value), CHUNK, table.planes):
+    fresnel = {base + number for number, reflecting in enumerate(reflects) if reflecting}
+    for shell in media.batches(media.shells(value, fresnel), CHUNK, table.planes):
         for start in range(0, len(shell.triangles), CHUNK):
             part = slice(start, start + CHUNK)
             leaf, corner = shell.ids[part] - base, shell.triangles[part]
@@ -98,7 +111,7 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
             keys = (((corner + vertices) * len(media_of) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
             keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
             alone += int(found.alone.sum())
-            kind = _kinds(leaf, own[leaf], shell.inside[part], shell.outside[part], count)
+            kind = (leaf * count + shell.inside[part]) * count + shell.outside[part] + 1
             high = shell.heights(part) > 2 * table.planes.step
             collected.append([kind, high, positions + table.origin, found.normals, found.uv, keys])
         vertices += len(shell.vertices)
@@ -109,13 +122,33 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int]) -> Faces:
     return Faces(Triangles(*columns), kind, kinds, np.bincount(kind[high], minlength=len(kinds)) > 0)
 
 
-def _kinds(leaf: np.ndarray, own: np.ndarray, inside: np.ndarray, outside: np.ndarray, count: int) -> np.ndarray:
-    """A number for the leaf of each triangle and the media on its sides, of which only a dielectric's faces know:
-    ``own`` is the leaf's. A dielectric that has cut what is opaque is a dielectric's face all the same.
+def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
+    """What a face tells of the media on its sides: ``own`` is its leaf's. What is opaque tells where it lies if it
+    ``reflects`` by Fresnel's equations. A dielectric that has cut what is opaque is a dielectric's face all the same.
     """
-    inside = np.where((own == media.OPAQUE) | (inside == media.OPAQUE), own, inside)
-    outside = np.where(own == media.OPAQUE, media.AIR, outside)
-    return np.asarray((leaf * count + inside) * count + outside + 1)
+    if own == media.OPAQUE:
+        return own, outside if reflects else media.AIR
+    return own if inside == media.OPAQUE else inside, outside
+
+
+def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:
+    """Warns of what is opaque and has cut glass, which it lines with its own surface; and of glass in its place."""
+    numbers = [n for n, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
+    said = set()
+    for leaf in np.flatnonzero(lining).tolist():
+        node = document.scene.csg[numbers[leaf]]
+        if isinstance(node, Leaf) and (node.shape, node.index) not in said:
+            said.add((node.shape, node.index))
+            document.warn(
+                f"{node.shape.upper()} {node.index} cuts glass, and the faces of the cut are its own: SURFACE "
+                f"{node.index} is opaque, and lines the glass; expected material dieletrico in SURFACE {node.index}"
+                if opaque[leaf]
+                else f"{node.shape.upper()} {node.index} cuts what is opaque, and the faces of the cut are its own: "
+                f"SURFACE {node.index} is a dieletrico, through which one looks into the solid; expected another "
+                f"material in SURFACE {node.index}",
+                "csg",
+                numbers[leaf],
+            )
 
 
 def _report_vanished(document: Document, seen: np.ndarray) -> None:

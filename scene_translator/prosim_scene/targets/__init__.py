@@ -32,7 +32,7 @@ class Target(Protocol):
 
     def surface(self, context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
         """The entries of a shape that give it the look of a leaf, node ``number`` of the tree. ``sides`` are the media
-        on both sides, if that is a dielectric.
+        on both sides.
         """
 
 

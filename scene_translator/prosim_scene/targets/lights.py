@@ -66,7 +66,7 @@ def warn_of_radius(context: Context, number: int, light: Light) -> None:
         and context.document.given("lights", number, "radius")
     ):
         context.document.warn(
-            "has no effect on a POINT light, but with light units 'radiance'", "lights", number, "radius"
+            "raio has no effect on a POINT light, but with light units 'radiance'", "lights", number, "radius"
         )
 
 

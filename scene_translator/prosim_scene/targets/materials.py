@@ -17,7 +17,9 @@ LEAST = 1e-7
 
 @dataclass(frozen=True)
 class Sides:
-    """The media on both sides of a dielectric's face, as the indices of SURFACEs; ``outside`` is None for air."""
+    """The media on both sides of a face, as the indices of SURFACEs; ``outside`` is None for air, and ``inside`` the
+    face's own SURFACE where that is opaque.
+    """
 
     inside: int
     outside: int | None = None
@@ -72,11 +74,15 @@ def indices(context: Context, sides: Sides) -> Node:
 
 def mean_indices(context: Context, sides: Sides) -> Node:
     """The same as one number each."""
-    surfaces = context.scene.surfaces
-    inside, outside = mean_index(context, sides.inside, surfaces[sides.inside]), context.scene.air_index
-    if sides.outside is not None:
-        outside = mean_index(context, sides.outside, surfaces[sides.outside])
-    return {"int_ior": inside, "ext_ior": outside}
+    inside = mean_index(context, sides.inside, context.scene.surfaces[sides.inside])
+    return {"int_ior": inside, "ext_ior": index_outside(context, sides)}
+
+
+def index_outside(context: Context, sides: Sides) -> float:
+    """The index of refraction outside of a face, as one number."""
+    if sides.outside is None:
+        return context.scene.air_index
+    return mean_index(context, sides.outside, context.scene.surfaces[sides.outside])
 
 
 def invisible(indices: Node) -> bool:
@@ -93,9 +99,8 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
     def textured(color: Vector) -> Node:
         return textures.reflectance(context, number, leaf, slots(leaf, surface), color)
 
-    air = context.scene.air_index
     if surface.material == "conductor":
-        node: Node = {"type": "prosim_conductor", "ext_ior": air, **roughness(surface)}
+        node: Node = {"type": "prosim_conductor", "ext_ior": index_outside(context, sides), **roughness(surface)}
         if surface.metal:
             node["material"] = surface.metal
         elif surface.eta and surface.k:
@@ -110,8 +115,7 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
             "type": "prosim_composite",
             "diffuse_reflectance": textured(kd),
             "specular_reflectance": rgb(ks),
-            "int_ior": mean_index(context, leaf.index, surface),
-            "ext_ior": air,
+            **mean_indices(context, sides),
             **roughness(surface),
         }
     else:

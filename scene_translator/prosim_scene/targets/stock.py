@@ -158,7 +158,7 @@ def _mean(kind: str, values: dict[str, Any]) -> np.ndarray:
 
 
 def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides, diffuse: Node, ks: Vector) -> Node:
-    path, air = ("surfaces", index), context.scene.air_index
+    path = "surfaces", index
     alpha = materials.beckmann_slope(surface)
     if alpha:
         context.approximate("stock target: rough surfaces have Beckmann's distribution and Smith's shadowing", *path)
@@ -166,8 +166,11 @@ def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides
     prefix = "rough" if alpha else ""
     if surface.material == "conductor":
         optics: Node = {"material": surface.metal}
+        outside = materials.index_outside(context, sides)
         if surface.eta and surface.k:  # no parameter for the medium outside: relative to it
-            optics = {"eta": rgb([x / air for x in surface.eta]), "k": rgb([x / air for x in surface.k])}
+            optics = {"eta": rgb([x / outside for x in surface.eta]), "k": rgb([x / outside for x in surface.k])}
+        elif sides.outside is not None:
+            context.approximate("stock target: a metal with a name reflects in a dieletrico as it does in air", *path)
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
         if surface.glass or surface.abbe:
@@ -179,14 +182,15 @@ def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides
     if surface.material == "lambertian":
         return {"type": "diffuse", "reflectance": diffuse}
     if surface.material == "composite":
-        mean = materials.mean_index(context, index, surface)
+        indices = materials.mean_indices(context, sides)
         context.approximate("stock target: a composto is a (rough)plastic", *path)
+        if materials.invisible(indices):  # a rough one takes no equal indices, and there is no coat to be seen
+            return {"type": "diffuse", "reflectance": diffuse}
         return {
             "type": prefix + "plastic",
             "diffuse_reflectance": diffuse,
             "specular_reflectance": rgb(ks),
-            "int_ior": mean,
-            "ext_ior": air,
+            **indices,
             **rough,
         }
     if not any(ks):

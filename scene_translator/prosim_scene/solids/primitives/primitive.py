@@ -54,6 +54,8 @@ class Primitive(ABC):
     quadrics: ClassVar[np.ndarray]
     #: Its bounding box, min and max corner.
     box: ClassVar[np.ndarray]
+    #: A box in it, min and max corner.
+    core: ClassVar[np.ndarray]
     #: The curved face, if it has one.
     curved: ClassVar[int | None] = None
     #: It is round in so many of the axes: 2 about z, 3 about the origin.
@@ -71,7 +73,8 @@ class Primitive(ABC):
         """The solid with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
 
         ``frame`` (4, 4) is a map that takes the quadric to itself, or another primitive's of the same quadric to this
-        one: the facets of the curved face are the images of those that the identity gives, in the same order.
+        one: the facets of the curved face are the images of those that the identity gives, in the same order. Of a
+        sphere it may be a projective map.
         """
 
     @abstractmethod
@@ -104,7 +107,10 @@ class Primitive(ABC):
         if distance < radius:  # the eye is near the ball around the solid, but maybe not near its surface
             a, b = (self.lines[:, i] @ linear.T + offset for i in range(2))
             distance = max(distance, to_segments(a, b, camera.eye) - self.gap * size)
-        error = tolerance * camera.footprint(distance) / size
+        return self.segments_for(tolerance * camera.footprint(distance) / size, most)
+
+    def segments_for(self, error: float, most: int = MAX_SEGMENTS) -> int:
+        """Segments around a circle for a chord error, a share of the curved face's radius; ``most`` of them at most."""
         n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else most
         n = min(max(n * self.segment_factor, MIN_SEGMENTS), most)
         return 4 * math.ceil(n / 4)
@@ -113,6 +119,11 @@ class Primitive(ABC):
 def box_corners(box: np.ndarray) -> np.ndarray:
     """The eight corners of a box that is given by its min and max corner."""
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+
+
+def longest_axis(linear: np.ndarray) -> float:
+    """The longest semi-axis of the unit ball's image under a linear map (m, n)."""
+    return float(np.linalg.svd(linear, compute_uv=False)[0])
 
 
 def to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:

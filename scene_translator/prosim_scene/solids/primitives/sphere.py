@@ -5,7 +5,7 @@ import math
 import numpy as np
 from manifold3d import Manifold
 
-from .primitive import MIN_SEGMENTS, Corners, Mesh, Primitive, azimuth
+from .primitive import MIN_SEGMENTS, Corners, Mesh, Primitive, azimuth, longest_axis
 
 
 def _octahedral(segments: int) -> tuple[np.ndarray, np.ndarray]:
@@ -21,6 +21,7 @@ class Sphere(Primitive):
     name = "sphere"
     quadrics = np.diag([1.0, 1, 1, -1])[None]
     box = np.array([[-1.0, -1, -1], [1, 1, 1]])
+    core = box / math.sqrt(3)
     curved = 0
     axes = 3
     lines = np.repeat(_octahedral(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
@@ -28,13 +29,16 @@ class Sphere(Primitive):
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
         vertices, triangles = _octahedral(segments)
-        return Mesh(vertices @ frame[:3, :3].T, triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
+        placed = vertices @ frame[:3, :3].T
+        if frame[3, :3].any():  # a projective map
+            placed = (placed + frame[:3, 3]) / (vertices @ frame[3, :3] + frame[3, 3])[:, None]
+        return Mesh(placed, triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
 
     def count(self, segments: int) -> int:
         return max(segments, MIN_SEGMENTS) ** 2 // 2
 
     def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        size = float(np.linalg.norm(linear, 2))
+        size = longest_axis(linear)
         return size, np.zeros(3), size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:

@@ -1,16 +1,23 @@
 """Statements that were read one by one -> what is wrong and what is doubtful in the scene that they make."""
 
-import tempfile
+import re
 import warnings
-from collections.abc import Iterator, MutableMapping
-from pathlib import Path as FilePath
+from collections.abc import Iterator, Mapping, MutableMapping
 from typing import Any
 
-from ..language.builder import Builder
-from ..language.document import Document, Path
-from ..language.messages import Place, SceneError, SceneWarning, Source
-from ..translator import Options, assemble
+from .builder import Builder
+from .checks import lacking
+from .document import Document, Path
+from .hints import nearest
+from .messages import Place, SceneError, SceneWarning, Source
 from .reading import Reading, Said, Unit, said
+from .words import STATEMENTS, is_statement, of_role
+
+#: Longer texts are not read once more for the sake of a second error.
+LONGEST = 2**16
+BEGINNINGS = [spelling for role in STATEMENTS for row in of_role(role) for spelling in row.spellings]
+UNDEFINED = "nothing above says what"
+WORD, INDEX = re.compile(r"[^\s()#\":=]+"), re.compile(r"(?<![\w.])\d{1,9}(?![\w.])")
 
 
 class Places(MutableMapping[Path, Place]):
@@ -78,19 +85,54 @@ def judge(reading: Reading) -> tuple[list[Said], Document | None]:
             except SceneError as error:
                 result.append(said(error))
         result += [said(w.message) for w in warned if isinstance(w.message, SceneWarning)]
+    if document is None:
+        starts = {one.start for one in result if one.error}
+        result += [one for one in _lacking(reading, fields, places) if one.start not in starts]
     return result, document
 
 
-def evaluate(document: Document, folder: FilePath | None) -> list[Said]:
-    """What ``prosim_scene.check`` says of a document when it evaluates the tree; ``folder`` has its images."""
-    with warnings.catch_warnings(record=True) as warned, tempfile.TemporaryDirectory() as nowhere:
-        warnings.simplefilter("always", SceneWarning)
-        failed = []
-        try:
-            assemble(document, folder or FilePath(nowhere), Options(), lambda name, _: name, str)
-        except SceneError as error:
-            failed.append(said(error))
-    return [*failed, *(said(w.message) for w in warned if isinstance(w.message, SceneWarning))]
+def others(first: SceneError, text: str, filename: str, given: Mapping[str, object] | None) -> list[SceneError]:
+    """The errors beside the first one of a text, as far as they do not follow from one another."""
+    if first.place is None or len(text) > LONGEST:
+        return []
+    reading = Reading(text, filename, given)
+    found = {one.start: one for one in judge(reading)[0] if one.error}
+    if found.pop(first.place.start, None) is None:
+        return []
+    # A name lacks its value because of another error, or wherever it is used.
+    return [
+        reading.source.error(Place(start, one.end), one.reason)
+        for start, one in sorted(found.items())
+        if not one.reason.startswith(UNDEFINED)
+    ]
+
+
+def _lacking(reading: Reading, fields: Mapping[str, Any], places: Places) -> list[Said]:
+    """The errors about primitives without SURFACE or TRANSFORM that no wrong statement can have been meant for."""
+    surfaces, transforms = set(fields["surfaces"]), set(fields["transforms"])
+    for base, unit in zip(reading.bases, reading.units):
+        if not unit.wrong:
+            continue
+        text = reading.source.text[base : base + unit.end - unit.base]
+        error = min(one.start for one in unit.said if one.error) - unit.base
+        kind = "" if unit.keyword is None else unit.keyword.type
+        own = next((int(t) for t in unit.tokens if t.type == "NUMBER" and INDEX.fullmatch(t)), None)
+        # What is wrong may be, or may hide, the beginning of another statement.
+        begins = not text[text.rfind("\n", 0, error) + 1 : error].strip()
+        words = WORD.findall(text, error)
+        hiding = begins or any(map(is_statement, words)) or nearest(" ".join(words[:1]), BEGINNINGS)
+        if hiding or own is None:
+            numbers = {int(n) for n in INDEX.findall(text)}
+            surfaces |= numbers
+            transforms |= numbers
+        elif kind == "SURFACE":
+            surfaces.add(own)
+        elif kind == "TRANSFORM":
+            transforms.add(own)
+    return [
+        said(reading.source.error(places["csg", number], reason))
+        for number, reason in lacking(fields.get("csg", ()), surfaces, transforms)
+    ]
 
 
 def _twice(source: Source, unit: Unit, base: int, places: Places) -> Said | None:

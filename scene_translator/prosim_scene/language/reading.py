@@ -7,19 +7,20 @@ what ``$names`` stand for; and an error in one does not hide the others.
 import re
 import warnings
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from lark import Token, UnexpectedToken
 
-from ..language import lexer, parentheses
-from ..language.builder import Builder
-from ..language.definitions import Definitions
-from ..language.document import Path
-from ..language.messages import Place, SceneError, SceneWarning, Source
-from ..language.parser import begin, syntax_error
-from ..language.words import STATEMENTS, WORDS
+from . import lexer, parentheses
+from .automaton import Parser
+from .builder import Builder
+from .definitions import Definitions
+from .document import Path
+from .messages import Place, SceneError, SceneWarning, Source
+from .parser import syntax_error
+from .words import STATEMENTS, WORDS
 
 #: Lines that begin with the keyword of a statement: where reading goes on after an error.
 STATEMENT_LINE = re.compile(
@@ -71,10 +72,10 @@ class Unit:
 
 
 class Reading:
-    """A text and its statements: ``units``, and where each of them is now, ``bases``."""
+    """A text and its statements: ``units``, and where each of them is now, ``bases``. ``given``: see Definitions."""
 
-    def __init__(self, text: str = "", filename: str = "<string>") -> None:
-        self.source = Source("", filename)
+    def __init__(self, text: str = "", filename: str = "<string>", given: Mapping[str, object] | None = None) -> None:
+        self.source, self.given = Source("", filename), given
         self.units: list[Unit] = []
         self.bases: list[int] = []
         self.change(text)
@@ -90,7 +91,7 @@ class Reading:
         }
         self.source = Source(text, self.source.filename)
         self.units, self.bases = [], []
-        definitions = Definitions(self.source)
+        definitions = Definitions(self.source, self.given)
         position = i = 0
         while position < len(text):
             # An unchanged unit ends before the change, and so does the keyword that follows it.
@@ -163,7 +164,7 @@ def _value(definitions: Definitions, name: str) -> str | None:
 def read(source: Source, start: int, definitions: Definitions) -> Unit:
     """The unit that begins at ``start``."""
     unit = Unit(start, len(source.text))
-    parser = begin()
+    parser = Parser()
     definitions.uses = set()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)
@@ -190,7 +191,7 @@ def read(source: Source, start: int, definitions: Definitions) -> Unit:
     return unit
 
 
-def _build(source: Source, unit: Unit, parser: Any) -> None:
+def _build(source: Source, unit: Unit, parser: Parser) -> None:
     """What a statement says, that the parser has been given all of."""
     keyword = unit.keyword
     if keyword is None:

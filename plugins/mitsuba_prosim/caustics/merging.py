@@ -1,0 +1,105 @@
+"""Light that rays of the eye and photons both find, shared between them (Georgiev et al. 2012; Hachisuka et al. 2012).
+
+Light that a glossy surface G gets by way of ideally smooth ones, the highlight of a mirror in a rough metal, is met by
+rays that G's lobe draws and that end in a source by luck; the smaller the source, the fewer and brighter they are.
+Photons that lie on G find the same light. Of a path that either could have found, each counts by the power heuristic
+(Veach 1997), for which it need be known how many photons lie within reach of G for each ray that is drawn: R.
+
+Along a chain of ideally smooth surfaces, the number of photons per area at right angles to the ray and per solid angle,
+their density, only falls by what is absorbed and by the choice of a lobe, and is scaled by the square of the index as
+radiance is: neither mirrors nor lenses change the product of area and solid angle of a beam. So R is that density,
+known at the source, times what a ray of the eye has brought along since G, the reach (:meth:`Merging.reach`): the area
+that photons count on, seen from the ray, over the density that the lobe has drawn the ray with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+
+from ..masks import but_not
+from ..transport import lobes
+from ..transport.indivisible import is_whole
+from .footprint import Footprint
+from .gathering import within_reach
+from .photons import Photons
+from .sources import Sources
+
+#: Area on which photons would count alike, with the same noise as by Epanechnikov's kernel, over that of the kernel.
+EVENLY = 0.75
+
+
+class Merging:
+    """Glossy lobes lit by photons that came by way of ideally smooth surfaces alone, at most ``deepest`` with those
+    of the eye's ray; within a pixel's width (``footprint``). ``indivisible``: whether any BSDF is taken whole.
+    """
+
+    def __init__(self, footprint: Footprint, sources: Sources, deepest: mi.UInt32, indivisible: bool) -> None:
+        self.footprint, self.sources, self.deepest, self.indivisible = footprint, sources, deepest, indivisible
+        self._drawn: tuple[Photons, mi.Float] | None = None
+
+    def draw(self, photons: Photons, shares: mi.Float) -> None:
+        """Makes ``photons`` what samples gather from; ``shares``: how many of each pair are in a map."""
+        self._drawn = photons, shares
+
+    def alone(self, reach: mi.Float, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        """Share that a ray of the eye has in the light of the source that it meets with ``reach``: from ``it``, along
+        ``ds``.
+        """
+        assert self._drawn is not None, "no photons have been drawn"
+        return share(reach * self.sources.density(it, ds, self._drawn[1], active))
+
+    def reach(self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, pdf: mi.Float) -> mi.Float:
+        """Area around ``si`` on which photons count, seen along ``d``, over ``pdf``, the density per solid angle with
+        which a lobe draws that direction.
+        """
+        radius = self.footprint.at(self.footprint.distance(si.p))
+        area = EVENLY * dr.pi * dr.square(radius) * dr.abs(dr.dot(si.n, d))
+        return dr.select(pdf > 0, area / dr.select(pdf > 0, pdf, 1), 0)
+
+    def __call__(
+        self,
+        si: mi.SurfaceInteraction3f,
+        bsdf: mi.BSDFPtr,
+        drawn: Sequence[mi.BSDFContext],
+        t: mi.UInt32,
+        level: mi.UInt32,
+        active: mi.Bool,
+    ) -> mi.Spectrum:
+        """Radiance towards the viewer of photons by the glossy lobes of ``bsdf`` at ``si``, for the ``t``-th sample of
+        a pixel, less what its rays find themselves. ``drawn``: the lobes, each with a ray of its own; ``level``: that
+        of the ray that has met ``si``.
+        """
+        assert self._drawn is not None, "no photons have been drawn"
+        photons = self._drawn[0]
+        density, levels = photons.density, photons.level
+        assert density is not None and levels is not None
+        active = active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (level < self.deepest)
+        if self.indivisible:
+            active = but_not(active, is_whole(bsdf, active))
+
+        def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
+            near = near & (level + dr.gather(mi.UInt32, levels, i, near) < self.deepest)
+            d = -dr.gather(mi.Vector3f, photons.directions, i, near)
+            wo = si.to_local(d)
+            cos = dr.abs(mi.Frame3f.cos_theta(wo))
+            near &= cos > 1e-6
+            dense, f = dr.gather(mi.Float, density, i, near), mi.Spectrum(0)
+            for lobe in drawn:
+                f_lobe, pdf = bsdf.eval_pdf(lobe, si, wo, near)
+                f += f_lobe * (1 - share(self.reach(si, d, pdf) * dense))
+            flux = dr.gather(mi.Spectrum, photons.flux, i, near)
+            return dr.select(near, f * flux * (kernel / dr.select(near, cos, 1)), 0)
+
+        number = t % dr.opaque(mi.UInt32, photons.maps)
+        L, per_area = within_reach(photons, number, self.footprint, si, light, active)
+        return L * per_area
+
+
+def share(photons: mi.Float) -> mi.Float:
+    """Share that a ray has in the light that it finds, where so many ``photons`` are to be expected for it: power
+    heuristic.
+    """
+    return dr.rcp(1 + dr.square(photons))

@@ -196,7 +196,8 @@ class Remote:
 
     def _present(self, desk: Desk, addresses: frozenset[str]) -> None:
         """Looks at who has come, and who has gone."""
-        for address in (absent := set(self.fleet.workers) - addresses):
+        absent = (set(self.fleet.workers) | set(self.joining)) - addresses
+        for address in set(self.fleet.workers) - addresses:
             desk.again.extend(self.fleet.remove(address))
             if any(ticket.lost >= LOSSES for ticket in desk.again):
                 raise ClusterError(
@@ -204,7 +205,7 @@ class Remote:
                 )
         if absent and not self.missed:
             self.missed = True
-            left = len(self.fleet.workers)
+            left = len(addresses - set(self.refused))
             self.say(
                 f"a worker was lost, {left or 'none'} {'is' if left < 2 else 'are'} left; others do what it had at "
                 "hand, and the image stays the same"

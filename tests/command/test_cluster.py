@@ -245,8 +245,6 @@ def test_a_film(client, lamp, monkeypatch):
     assert prosim(*one).exit_code == 0
     watch_kernels(client, True)
     assert prosim(*many, *cluster).exit_code == 0
-    known = kernels(client)
-    assert known[0] == known[1] and len(known[0]) < 6
     takers, clients, saved, make, save = [], [], [], Remote.make, files.save
     monkeypatch.setattr(Remote, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
     monkeypatch.setattr(local, "scheduler", lambda at, scheduler=local.scheduler: clients.append(at) or scheduler(at))
@@ -265,7 +263,7 @@ def test_a_film(client, lamp, monkeypatch):
     for said in ("2 of 6 frames rendered; interrupted", "2 had been rendered before; the scheduler has gone away"):
         result = prosim(*again, *cluster)
         assert result.exit_code == 1 and f"{said}. The same command goes on" in result.stdout, result.output
-    assert all(new <= known[0] for new in kernels(client))
+    assert max(map(len, kernels(client))) <= 6  # each frame takes two
     watch_kernels(client, False)
     result = prosim(*again, *cluster)
     assert result.exit_code == 0 and "2 of 6 frames rendered, 4 had been rendered before" in result.stdout

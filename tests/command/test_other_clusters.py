@@ -6,7 +6,7 @@ import queue
 import re
 import signal
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,11 @@ def recipe(name):
     """The code of the page that makes a cluster of this class, and its imports."""
     (code,) = re.findall(rf"^```python\n([^`]*{name}\([^`]*)^```$", PAGE, re.MULTILINE)
     return code
+
+
+async def pass_on(said, to):
+    while line := await said.readline():
+        to.write(line.decode())
 
 
 @contextmanager
@@ -41,8 +46,9 @@ def ssh_server(folder):
             pipes |= {"stderr": asyncio.subprocess.PIPE, "start_new_session": True}
             there = await asyncio.create_subprocess_shell(process.command, **pipes)
             running.append(there)
-            await process.redirect(stdout=there.stdout, stderr=there.stderr)
-            process.exit(await there.wait())
+            with suppress(BrokenPipeError):  # the client has gone
+                await asyncio.gather(pass_on(there.stdout, process.stdout), pass_on(there.stderr, process.stderr))
+                process.exit(await there.wait())
 
         keys = {"server_host_keys": [host], "authorized_client_keys": str(folder / "key.pub")}
         server = await asyncssh.create_server(asyncssh.SSHServer, "127.0.0.1", 0, process_factory=run, **keys)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LEVELS = 10  # of cells, each half as wide as those of the last
+SOON = 4  # where nothing has been found by then, most likely nothing is hidden
 PAIRS = 1 << 22  # of cells and operands, at most
 CHILDREN = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
@@ -65,6 +66,8 @@ def covered(extents: Sequence[Extent], margin: float) -> np.ndarray:
         chosen &= open_[cell]
         cell, solid, place = cell[chosen], solid[chosen], place[chosen]
         if not len(cell) or level == LEVELS or 8 * len(cell) > PAIRS:
+            break
+        if level == SOON and (certain | np.isin(np.arange(count), solid)).all():
             break
         half = half / 2
         steps = np.einsum("nij,kj->nki", linear, CHILDREN * half)

@@ -3,8 +3,8 @@
     python benchmarks/faults.py [--renders 50] [--workers 50] [--parts 16] [--seed 1] [--size 96]
 
 ``--renders``: so many times the whole render is killed (``SIGKILL``, at a random moment) and gone on with, by all
-policies and filters in turn. ``--workers``: so many times a random worker of two or three is, once there is a first
-portion. ``--parts``: the image is put together from 1, 2, ... so many parts, in any order. After each the bytes are
+policies and filters in turn. ``--workers``: so many times a random worker of two or three is, once the cluster is
+there. ``--parts``: the image is put together from 1, 2, ... so many parts, in any order. After each the bytes are
 compared with those of an undisturbed render, and the process ends with an error where they differ. States are written
 more often than usual, so that short renders have some to go on with.
 """
@@ -53,7 +53,7 @@ FILTERS = ("box", "gaussian")
 #: ``prosim`` that writes its state after each portion, which takes a fifth of a second.
 HURRIED = (
     "from mitsuba_prosim.saved.keeper import Keeper; from mitsuba_prosim.rendering.pace import Pace; "
-    "Keeper.SHORTEST = Keeper.TIMES = Keeper.LEAST_TIMES = 0; Pace.SHORTEST, Pace.LONGEST = 0.1, 0.4; "
+    "Keeper.SHORTEST, Keeper.TIMES, Keeper.SHARE = 0, 0, 1e9; Pace.SHORTEST, Pace.LONGEST = 0.1, 0.4; "
     "from prosim_start import main; main()"
 )
 
@@ -150,7 +150,7 @@ def kill_workers(number: int, folder: Path, size: int, chance: random.Random) ->
         stem, here, workers = folder / f"lost-{n}", 0, 2 + n % 2
         render = Render("render", path, "-o", stem, "--keep", "--workers", workers, *options)
         while not render.ends_within(None if here >= each else chance.uniform(0.2, 3)):
-            # Before the first portion the cluster is being set up, which Dask does not begin twice.
+            # Before, the cluster is being set up, which Dask does not begin twice.
             if stem.with_name(stem.name + ".state.exr").exists() and (there := render.workers()):
                 try:
                     chance.choice(there).kill()

@@ -192,4 +192,5 @@ def test_translate_has_names(film):
     done = prosim("translate", film, "-D", "frame=3", "-o", film.with_name("out"))
     assert done.exit_code == 0, done.output
     assert "0.43, 0.5, 0.5" in film.with_name("out").joinpath("film.xml").read_text()
-    assert "$kd" not in prosim("translate", film, "--check", "-D", "kd=2").stderr.splitlines()[0]
+    assert "found '2' after kd" in (said := prosim("translate", film, "--check", "-D", "kd=2").stderr.splitlines()[0])
+    assert said.endswith("; $kd stands for '2', by -D kd=2")

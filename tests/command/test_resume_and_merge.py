@@ -55,7 +55,7 @@ def stop_within(monkeypatch, portions):
     """The process dies after so many portions, as far as the files are concerned: the state of each is written."""
     monkeypatch.setattr(Keeper, "SHORTEST", 0.0)
     monkeypatch.setattr(Keeper, "TIMES", 0)
-    monkeypatch.setattr(Keeper, "LEAST_TIMES", 0)
+    monkeypatch.setattr(Keeper, "SHARE", 1e9)
     keep, left = Keeper.__call__, [portions]
 
     def call(self, record, last):
@@ -187,7 +187,7 @@ def test_a_disk_that_is_full(lamp, tmp_path_factory, monkeypatch):
 
 #: States are written more often than usual, so that something is there to go on with.
 HURRIED = (
-    "from mitsuba_prosim.saved.keeper import Keeper; Keeper.SHORTEST, Keeper.TIMES = 0.1, 2; "
+    "from mitsuba_prosim.saved.keeper import Keeper; Keeper.SHORTEST, Keeper.SHARE = 0.1, 1; "
     "from prosim_start import main; main()"
 )
 

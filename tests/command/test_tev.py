@@ -54,7 +54,7 @@ def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
     assert np.array_equal(image, pixels(palito.with_suffix(".exr")))
 
 
-def test_a_tev_that_is_not_there_or_goes_away(scene, tmp_path):
+def test_a_tev_that_is_not_there_or_goes_away(scene, tmp_path, monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
     done = prosim("render", scene, "--view", f"tev=127.0.0.1:{port}")
@@ -64,5 +64,12 @@ def test_a_tev_that_is_not_there_or_goes_away(scene, tmp_path):
     done = prosim("render", scene, "--view", viewer.place, "--resolution", "640x480", "--spp", 1)
     assert done.exit_code == 0 and "tev has gone" in done.stderr and scene.with_suffix(".exr").exists()
     viewer.packets()
+    # One that is there, but takes nothing: stopped, or at the end of a line that is cut.
+    monkeypatch.setattr(tev, "PATIENCE", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
+        place = f"tev=127.0.0.1:{deaf.getsockname()[1]}"
+        done = prosim("render", scene, "--view", place, "--resolution", "960x720", "--spp", 1)
+    assert done.exit_code == 0 and "tev has gone (timed out)" in done.stderr
     assert prosim("render", scene, "--view", "vet").exit_code == 2
     assert prosim("render", scene, "--view", "tev", "--frames", "0:2").exit_code == 2

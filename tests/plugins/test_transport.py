@@ -109,6 +109,19 @@ def test_lobes_that_cannot_be_told_apart_are_counted_once(variant_rgb, bsdf, bou
     )
 
 
+def test_an_instance_looks_as_what_it_is_of(variant_scalar):
+    """Also where the lobes cannot be told apart, of which the instance itself says nothing: none is counted thrice."""
+    shape = {"type": "rectangle", "to_world": T().scale(3), "bsdf": PRINCIPLED}
+    instance = {"type": "instance", "shapegroup": {"type": "ref", "id": "group"}}
+    light = {"type": "sphere", "center": [1.5, 1.5, 3], "radius": 0.3, "emitter": {"type": "area", "radiance": 10.0}}
+    images = []
+    for things in ({"card": shape}, {"group": {"type": "shapegroup", "card": shape}, "card": instance}):
+        scene = card(PRINCIPLED, light=light, integrator={"type": "prosim"})
+        del scene["card"]
+        images.append(np.array(mi.render(mi.load_dict(scene | things), spp=4)))
+    assert images[1].mean() == pytest.approx(images[0].mean(), rel=0.05)
+
+
 @pytest.mark.parametrize("variant_name", ["llvm_ad_rgb", "scalar_rgb"])
 @pytest.mark.parametrize(
     "wrap, expected",

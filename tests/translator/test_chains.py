@@ -6,7 +6,7 @@ import exact_csg
 import numpy as np
 import pytest
 from meshes import assert_closed, scene, solids, volume
-from prosim_scene.solids import chains
+from prosim_scene.solids import chains, parts
 from test_exact_csg import EDGE, wrong_pixels
 
 
@@ -88,3 +88,16 @@ def test_what_touches_the_surface_of_what_covers_it_stays(monkeypatch, gone, pla
     transforms = [f"SCALE (.5 .5 .5) TRANSLATE (.25 .25 {place})", "", "SCALE (.1 .1 9)"]
     meshes, _ = halved(monkeypatch, scene("- + CUBE 0 CUBE 1 CUBE 2", transforms))
     assert gone[0].tolist() == [covered, False, False] and (0 in meshes) != covered
+
+
+def test_many_holes_are_made_a_few_at_first_and_are_all_there(monkeypatch):
+    transforms = ["SCALE (8 8 1)"] + [
+        f"SCALE (.5 .5 3) TRANSLATE ({x + 0.25} {y + 0.25} -1)" for x in range(8) for y in range(8)
+    ]
+    text = scene(" ".join(["-"] * 64 + [f"CUBE {i}" for i in range(65)]), transforms)
+    for batch, counts in ((64, [64]), (4, [4, 12, 48])):
+        monkeypatch.setattr(parts, "BATCH", batch)
+        assert [len(some) for some in parts.batches(list(range(64)))] == counts
+        meshes = list(solids(text).values())
+        assert_closed(meshes)
+        assert volume(meshes) == pytest.approx(64 * 0.75, rel=1e-9)

@@ -161,6 +161,16 @@ WRONG = [
     (5, "SURFACE 0 material metal", 20, ["found 'metal'", "composto; for a metal: material condutor and its name"]),
     (5, "SURFACE 0 material ouro", 20, ["unknown word 'ouro'", "did you mean 'condutor ouro'"]),
     (5, "SURFACE 0 material BK7", 20, ["unknown word 'BK7'", "did you mean 'dieletrico BK7'"]),
+    (5, "SURFACE 0 material dieletrico 1.5", 31, ["found '1.5'; expected a glass's name, or n-refr = 1.5"]),
+    # other languages
+    (1, "// a scene", 1, ["found '//'; expected a remark to begin with #"]),
+    (4, "CSG-TREE CUBE 0 /* the table */", 17, ["found '/*'; expected a remark to begin with #"]),
+    (1, '<?xml version="1.0"?>', 1, ["no scene in this language; expected a name that ends in .xml"]),
+    (5, "SURFACE 0 kd = (1, 0, 0)", 11, ["found 0 numbers after kd", "'(1, 0, 0)' is a remark, as parentheses are"]),
+    (6, "TRANSFORM 0 ROTATE-X (pi/2)", 23, ["unknown word 'pi/2' after ROTATE-X", "arithmetic stands in braces"]),
+    (2, "LIGHTS SPOT position 0 5 5", 8, ["found 'SPOT'", "a light begins with AREA or POINT"]),
+    (1, "BACKGROUND sky.exr", 12, ["found 'sky.exr' after BACKGROUND; expected 3 numbers (r g b) before the image"]),
+    (4, "CSG-TREE CUBE 0 'wood.png'", 17, ["does not exist", "in double quotes, or in none"]),
     # names of several words
     (1, "NAME: a red ball (mine)", 9, ["found 'red' after a name; expected one word", 'NAME "a red ball"']),
     (1, "NAME my view of Rio NSAMPLES 4", 14, ["found 'of'", 'NAME "my view of Rio"']),

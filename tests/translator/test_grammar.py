@@ -230,13 +230,13 @@ def test_any_text_raises_scene_errors_or_nothing(text):
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=8, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(scenes())
 def test_whole_translations_raise_scene_errors_or_nothing(tmp_path_factory, tokens):
     path = tmp_path_factory.mktemp("scene") / "x.scn"
     path.write_text(plain(tokens), encoding="utf-8")
     try:
-        written = prosim_scene.translate(path, tolerance=5)
+        written = prosim_scene.translate(path, tolerance=200)  # coarse: only that it ends is wanted
     except SceneError:
         assert [p.name for p in path.parent.iterdir()] == ["x.scn"]
     else:

@@ -262,7 +262,7 @@ def test_a_radius_without_effect_is_a_warning(tmp_path):
     for target in ("prosim", "stock"):
         for units in ("calibrated", "unattenuated"):
             with pytest.warns(
-                SceneWarning, match="1:44: has no effect on a POINT light, but with light units 'radiance'"
+                SceneWarning, match="1:44: raio has no effect on a POINT light, but with light units 'radiance'"
             ):
                 prosim_scene.check(path, light_units=units, target=target)
     with warnings.catch_warnings():

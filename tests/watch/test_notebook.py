@@ -2,6 +2,8 @@
 
 import asyncio
 import base64
+import subprocess
+import sys
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -43,6 +45,27 @@ def test_turns_never_run_at_the_same_time_and_hand_on_what_is_raised():
     with pytest.raises(ValueError, match="enough"):
         turns.go_on()
     assert not turns.go_on()
+
+
+def test_work_that_is_left_behind_ends_before_the_interpreter_does():
+    """Also while it has a turn; else what Dr.Jit does in its thread then ends the process by a signal."""
+    program = """if 1:
+        import threading, time
+        from mitsuba_prosim.watch.turns import Turns
+        def work(pause):
+            try:
+                pause()
+                time.sleep(0.2)
+                pause()
+            finally:
+                print("ended", flush=True)
+        paused, busy, never = Turns(work), Turns(work), Turns(work)
+        for turns in (paused, busy):
+            turns.go_on()
+        threading.Thread(target=busy.go_on, daemon=True).start()
+        time.sleep(0.05)"""
+    done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ended\nended\n", "")
 
 
 @pytest.mark.slow

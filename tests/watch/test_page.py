@@ -145,9 +145,16 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
     until(lambda: shown(page)[20, 30, 2] > shown(page)[20, 30, 0])
     until(lambda: np.array_equal(shown(other), shown(page)))
     other.close()
+    blue = shown(page)
     scene.unlink()
-    is_(page, "failed")
+    is_(page, "missing")
+    assert "the file has gone" in page.inner_text("#state") and page.is_hidden("#error")
+    assert np.array_equal(shown(page), blue)
+    dark = LITTLE.replace("600000 600000 600000", ".1 .1 .1").replace("20000 20000 20000", "0 0 0")
+    save(page, scene, dark.replace("5000 6000 10000", "0 0 0"))
+    assert "Exposure 1" in page.inner_text("#black")
     save(page, scene, LITTLE)
+    assert page.is_hidden("#black")
     until(lambda: np.array_equal(shown(page), red))
 
 

@@ -109,15 +109,20 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         assert final(studio) is red
         path.unlink()
         studio.saved()
-        until(lambda: "No such file" in (studio.board.state.error or ""))
+        until(lambda: studio.board.state.doing == "missing")
+        assert studio.board.state.error is None and final(studio) is red
+        dark = RED.replace("600000 600000 600000", "0 0 0").replace("20000 20000 20000", "0 0 0")
+        save(studio, path, dark.replace("5000 6000 10000", "0 0 0"))
+        until(is_done(studio))
+        assert "the lights shine elsewhere, or are dark" in studio.board.state.black
         # In the midst of a wave, and many at once: what was saved last is what is seen.
         save(studio, path, LONG)
         until(lambda: studio.board.state.doing == "rendering" and studio.board.state.layers != ("final",))
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
             studio.saved()
-        until(lambda: studio.board.state.saves == 54 and is_done(studio)())
-        assert studio.board.state.error is None
+        until(lambda: studio.board.state.saves == 55 and is_done(studio)())
+        assert studio.board.state.error is None and studio.board.state.black is None
         assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
 
 
@@ -189,15 +194,21 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
         <sensor type="SENSOR"><film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/>
         <integer name="crop_width" value="8"/><integer name="crop_height" value="6"/><rfilter type="box"/></film>
         <sampler type="independent"><integer name="sample_count" value="9"/></sampler></sensor>
-        <shape type="sphere" id="ball"><point name="center" x="0" y="0" z="5"/></shape>
+        <shape type="sphere" id="ball"><point name="center" x="0" y="0" z="5"/>
+        <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+        <string name="filename" value="pictures/wood.png"/></texture></bsdf></shape>
         <emitter type="constant"/></scene>"""
     path = Path(tmp_path / "scene.xml")
+    wood = tmp_path / "pictures" / "wood.png"
+    wood.parent.mkdir()
+    mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.5), write_async=False)
     for sensor in ("prosim_window", "perspective"):
         path.write_text(xml.replace("SENSOR", sensor))
         with running(path, monkeypatch, tmp_path) as studio:
             until(is_done(studio))
             state = studio.board.state
             assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
+            assert {path, wood} <= studio.files()
             before = final(studio)
             assert studio.errand(lambda subject: subject.seen(7, 5)).result(20).startswith("Sphere ball, ")
             studio.move(lambda camera: camera.panned(0.3, 0))

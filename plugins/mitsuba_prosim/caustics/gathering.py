@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..optics.nested import all_within
 from ..transport import lobes
-from ..transport.indivisible import is_indivisible, is_whole
+from ..transport.indivisible import any_indivisible, is_whole
 from . import photons as grid
 from .footprint import Footprint
 from .photons import Photons
@@ -29,7 +29,7 @@ class Gathering:
     def __init__(self, scene: mi.Scene, footprint: Footprint) -> None:
         self.footprint = footprint
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
-        self.indivisible = any(map(is_indivisible, bsdfs))
+        self.indivisible = any_indivisible(scene)
         #: Whether the diffuse lobes of all of them are Lambert's.
         self.lambertian = (
             not any(s.class_name() == "Instance" for s in scene.shapes())

@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..masks import but_not
 from ..transport import dispersion, lobes
 from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
-from ..transport.indivisible import belongs_to, is_indivisible, is_whole
+from ..transport.indivisible import any_indivisible, belongs_to, is_whole
 from ..transport.merging import onward, possible
 from . import random
 from .sources import Start
@@ -77,10 +77,7 @@ class Walk:
         self.everything = lobes.everything()
         self.specular.mode = self.everything.mode = mi.TransportMode.Importance
         self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), dispersion.disperses(scene)
-        self.wholes, self.indivisible = (
-            wholes,
-            any(is_indivisible(s.bsdf()) for s in scene.shapes() if s.bsdf() is not None),
-        )
+        self.wholes, self.indivisible = wholes, any_indivisible(scene)
         self.merges = possible(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:

@@ -11,6 +11,8 @@ from multiprocessing import resource_tracker
 
 import dask
 import distributed
+from distributed.core import Status
+from tornado.ioloop import PeriodicCallback
 
 #: Dask looks at itself many times in a second, which takes the scheduler and each worker of this machine a twenty-fifth
 #: of a processor; what it would learn, nobody asks.
@@ -20,14 +22,25 @@ CALM = {
     "distributed.admin.system-monitor.interval": "10s",
 }
 
-#: Seconds that a scheduler has to answer.
-ANSWER = 10
+#: Seconds that a scheduler has to answer; and from one look at whether workers are missing for good to the next.
+ANSWER, REFILL = 10, 2
 
 
 def be_quiet() -> None:
     """Dask tells of every worker that is lost, and of a scheduler that is; what matters is said here."""
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+def refill(cluster: distributed.LocalCluster, number: int) -> None:
+    """Sees to it from now on that there are so many workers: Dask gives up on one that is lost while it begins."""
+
+    def look() -> None:
+        if cluster.status is Status.running:
+            cluster.scale(number)
+
+    cluster.periodic_callbacks["refill"] = callback = PeriodicCallback(look, 1000 * REFILL)
+    cluster.loop.add_callback(callback.start)  # type: ignore[union-attr]
 
 
 @contextmanager
@@ -50,6 +63,7 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
                     silence_logs=logging.CRITICAL,
                 )
             )
+        refill(cluster, number)
         yield until.enter_context(distributed.Client(cluster, set_as_default=False))
 
 

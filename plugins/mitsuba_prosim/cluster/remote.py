@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import itertools
 import queue
 import time
-from collections.abc import Callable, Coroutine, Iterable, Iterator
-from concurrent.futures import Future
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import dask
 import distributed
 import mitsuba as mi
 from distributed.comm.core import CommClosedError
@@ -24,6 +21,7 @@ from . import worker
 from .desk import Desk, Ticket
 from .errand import Errand, Whole
 from .fleet import DEPTH, Fleet, Worker
+from .link import Link
 from .parcel import Parcel
 
 #: Seconds from one look at who is there to the next; after which without any worker it is said that there is none; and
@@ -49,7 +47,7 @@ class Remote:
     """
 
     def __init__(self, client: distributed.Client, parcel: Parcel, say: Callable[[str], None] = lambda _: None) -> None:
-        self.client, self.parcel, self.say = client, parcel, say
+        self.link, self.parcel, self.say = Link(client), parcel, say
         self.before: str | None = None  # key of the scene before this one
         self.variant, self.ours = mi.variant() or "", origin.here()
         self.fleet = Fleet()
@@ -60,8 +58,6 @@ class Remote:
         self.missed = False  # whether it was said that one was lost
         self.fallen = 0  # workers that were lost before they were ready
         self.joining: dict[str, list[distributed.Future]] = {}  # what is asked of those that come
-        self.direct: bool | None = None
-        self.contents: dict[str, distributed.Future] = {}
         self.events: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
         self.asking: Worker | None = None
         #: Errands that were answered; seconds that the workers took for them, all together, and without what goes
@@ -70,15 +66,14 @@ class Remote:
         self.since = time.perf_counter()
         self.warned: set[str] = set()
         self.address = getattr(client.scheduler, "address", "of the cluster")
-        self.watch = self._begin(self._watch())
+        self.watch = self.link.begin(self._watch())
 
     def turn_to(self, parcel: Parcel) -> None:
         """Goes on with another scene, between two images. Of its files the workers are sent what they have not got."""
         self.before = self.parcel.key if self.parcel.key != parcel.key else self.before
         self.parcel, self.fallen, self.since = parcel, 0, time.perf_counter()
         self.refused.clear()  # who could not take part is asked again
-        for key in set(self.contents) - {content_key(content) for content in parcel.contents.values()}:
-            self.contents.pop(key).release()
+        self.link.keep(parcel.contents.values())
         for address in list(self.fleet.workers):
             self.fleet.remove(address)
             self._join(address)
@@ -88,8 +83,9 @@ class Remote:
         self.watch.cancel()
         for ticket in self.fleet.out():
             self.fleet.take_back(ticket)
-        for future in [*self.contents.values(), *itertools.chain(*self.joining.values())]:
+        for future in itertools.chain(*self.joining.values()):
             future.release()
+        self.link.keep([])
 
     def __enter__(self) -> Remote:
         return self
@@ -119,7 +115,7 @@ class Remote:
 
         Raises ClusterError as for portions.
         """
-        errands = (Errand.whole(image, self.parcel.key, self._is_there) for image in images)
+        errands = (Errand.whole(image, self.parcel.key, self.link.has) for image in images)
         return self._done(Desk(errands, False), cancelled)
 
     def _done(self, desk: Desk, cancelled: Callable[[], bool]) -> Iterator[Any]:
@@ -148,15 +144,15 @@ class Remote:
 
     def _send(self, ticket: Ticket, to: Worker) -> None:
         errand = ticket.errand
-        files = map(self._travelling, errand.files)
-        future = self._submit(to.address, errand.function, self.variant, *errand.arguments, *files)
+        files = map(self.link.file, errand.files)
+        future = self.link.submit(to.address, errand.function, self.variant, *errand.arguments, *files)
 
         async def collect() -> None:
-            self.events.put((self._answered, ticket, to.address, await self._outcome(future)))
+            self.events.put((self._answered, ticket, to.address, await self.link.outcome(future)))
 
         # What is released ends the gathering as well.
         self.fleet.give(ticket, to, future.release)
-        self._begin(collect())
+        self.link.begin(collect())
 
     def _heard(self, desk: Desk) -> Iterator[tuple[Ticket, Any]]:
         """What is heard from the cluster in the next moment: the answers to tickets, each once."""
@@ -235,42 +231,32 @@ class Remote:
                 self.events.put((self._joined, address, error))
 
         self.joining[address] = []
-        self._begin(greet())
+        self.link.begin(greet())
 
     async def _greeted(self, address: str) -> worker.Greeting:
         """The greeting of a worker that is of our kind, and has the scene."""
-        future = self._submit(address, worker.greet, self.variant, self.parcel.key)
+        future = self.link.submit(address, worker.greet, self.variant, self.parcel.key)
         self.joining[address].append(future)
-        greeting = await self._outcome(future, direct=False, release=False)
+        greeting = await self.link.outcome(future, direct=False, release=False)
         if isinstance(greeting, BaseException):
             raise greeting
-        if self.direct is None:
+        if self.link.direct is None:
             try:
-                await asyncio.wait_for(self._outcome(future, direct=True), DIRECT)
-                self.direct = True
+                await asyncio.wait_for(self.link.outcome(future, direct=True), DIRECT)
+                self.link.direct = True
             except asyncio.TimeoutError:
-                self.direct = False
+                self.link.direct = False
         if different := origin.differences(greeting.origin, self.ours, origin.EXACT):
             raise ClusterError(f"it would not make the same samples ({different})")
         if not greeting.loaded:
-            futures = [self._travelling(content) for content in self.parcel.contents.values()]
+            futures = [self.link.file(content) for content in self.parcel.contents.values()]
             bare, names = replace(self.parcel, contents={}), list(self.parcel.contents)
-            loading = self._submit(address, worker.load, self.variant, bare, self.before, names, *futures)
+            loading = self.link.submit(address, worker.load, self.variant, bare, self.before, names, *futures)
             if address in self.joining:
                 self.joining[address].append(loading)
-            if isinstance(error := await self._outcome(loading), BaseException):
+            if isinstance(error := await self.link.outcome(loading), BaseException):
                 raise error
         return greeting
-
-    def _travelling(self, content: bytes) -> distributed.Future:
-        """A file's content, which the workers pass on to each other."""
-        key = content_key(content)
-        if key not in self.contents:
-            self.contents[key] = self._submit(None, bytes, content, key=key)
-        return self.contents[key]
-
-    def _is_there(self, content: bytes) -> bool:
-        return content_key(content) in self.contents
 
     def _joined(self, desk: Desk, address: str, greeting: worker.Greeting | Exception) -> None:
         if self.joining.pop(address, None) is None:
@@ -298,50 +284,14 @@ class Remote:
         self.gone = why
         self.stop()
 
-    # ---------------------------------------------------------------- in the loop of the client
-
-    def _begin(self, coroutine: Coroutine[Any, Any, None]) -> Future:
-        assert self.client.loop is not None
-        return asyncio.run_coroutine_threadsafe(coroutine, self.client.loop.asyncio_loop)  # type: ignore[attr-defined]
-
     async def _watch(self) -> None:
         """Tells who is there, and when nobody knows any more."""
         while True:
-            try:
-                if self.client.status != "running":
-                    raise OSError
-                scheduler: Any = self.client.scheduler
-                present = frozenset(await scheduler.ncores())
-            except (OSError, ValueError, TypeError, AttributeError):  # whatever is left of a connection says
+            if (present := await self.link.present()) is None:
                 self.events.put((self._lost, f"the scheduler {self.address} has gone away"))
                 return
             self.events.put((self._present, present))
             await asyncio.sleep(LOOK)
-
-    def _submit(
-        self, address: str | None, function: Callable[..., Any], *arguments: Any, key: str | None = None
-    ) -> distributed.Future:
-        """What a worker is to do, or any of them."""
-        with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
-            return self.client.submit(
-                function, *arguments, key=key, pure=False, workers=None if address is None else [address]
-            )
-
-    async def _outcome(self, future: distributed.Future, direct: bool | None = None, release: bool = True) -> Any:
-        """What came of it, or the error."""
-        try:
-            direct = self.direct if direct is None else direct
-            return await self.client.gather(future, direct=direct, asynchronous=True)
-        except (Exception, distributed.CancelledError) as error:  # noqa: BLE001
-            return error
-        finally:
-            if release:
-                future.release()
-
-
-def content_key(content: bytes) -> str:
-    """Name of a file's content among what Dask keeps."""
-    return f"prosim-{hashlib.sha256(content).hexdigest()}"
 
 
 def lost(error: BaseException) -> bool:

@@ -12,8 +12,8 @@ import mitsuba as mi
 from ..rendering.part import Part
 from ..rendering.record import Record
 from ..saved.keeper import Keeper
-from ..scene_files import images, opening, rendering
-from . import black, denoised, reached
+from ..scene_files import black, images, opening, rendering
+from . import denoised, reached
 from .job import Job
 
 

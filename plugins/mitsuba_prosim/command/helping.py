@@ -90,10 +90,15 @@ class Helping:
             self.taker.turn_to(parcel)
             return self.taker
         from ..cluster import local
-        from ..cluster.remote import Remote
+        from ..cluster.remote import ClusterError, Remote
 
         there = (
             local.scheduler(helpers.cluster) if helpers.cluster else local.workers(helpers.workers or 1, self.threads)
         )
-        self.taker = self.until.enter_context(Remote(self.until.enter_context(there), parcel, self.say))
+        try:
+            client = self.until.enter_context(there)
+        except RuntimeError as error:
+            said = str(error) if helpers.cluster else f"the workers can't be begun here ({error})"
+            raise ClusterError(said) from None
+        self.taker = self.until.enter_context(Remote(client, parcel, self.say))
         return self.taker

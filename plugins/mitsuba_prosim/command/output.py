@@ -76,7 +76,7 @@ def spare(needed: Iterable[Path], what: str, stem: Path, suffixes: Collection[st
                 raise InputError(f"{path} is {what}; choose another name with -o.")
 
 
-def save(stem: Path, contents: Mapping[str, bytes | memoryview]) -> list[Path]:
+def save(stem: Path, contents: Mapping[str, writing.Content]) -> list[Path]:
     """Writes suffix -> content; returns the paths. What can't be written there goes wherever there is room.
 
     Raises ClickException, which says where that is.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
@@ -19,6 +20,9 @@ HOST, PORT = "127.0.0.1", 14158
 
 #: Seconds from one picture to the next.
 PACE = 1.0
+
+#: Seconds after which a tev that takes nothing counts as gone: it hears when it draws, many times a second.
+PATIENCE = 10.0
 
 #: What shows the progress of a render, and yields what is to be told of it; as :func:`.making.progress_bar`.
 Bar = Callable[[Any, str], AbstractContextManager[Callable[[float], None] | None]]
@@ -85,6 +89,8 @@ class Viewer:
         self.whole = list(film.crop_size()) == list(film.size())
         self._begun = False
         self._tev: Any = tevclient.Ipc(host, port)
+        before = socket.getdefaulttimeout()
+        socket.setdefaulttimeout(PATIENCE)  # of the socket that is made now
         try:
             self._tev.__enter__()
         except OSError as error:
@@ -92,6 +98,8 @@ class Viewer:
                 f"there is no tev at {host}:{port} ({error.strerror or error}); start it first, or say where it is: "
                 "--view tev=HOST:PORT"
             ) from None
+        finally:
+            socket.setdefaulttimeout(before)
 
     def show(self) -> None:
         """Sends what the film holds. Where tev has gone, that is said once, and no more is sent."""

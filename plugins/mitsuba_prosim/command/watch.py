@@ -129,7 +129,7 @@ def watch(
             with (
                 log(verbose),
                 session.threads(threads),
-                changes.watched(scene, shown.names, shown.saved),
+                changes.watched(shown.files, shown.saved),
                 interruptible(shown.leave),
             ):
                 shown.run()

@@ -14,8 +14,9 @@ class Pace:
 
     #: Seconds of a portion.
     SHORTEST, LONGEST = 0.5, 2.0
-    #: Samples of the first: few, as nobody knows yet how slow they are.
-    FIRST = 1 << 17
+    #: Samples of the first: few, as nobody knows yet how slow they are. From one to the next they become so many times
+    #: as many, at most.
+    FIRST, GROWTH = 1 << 14, 16
 
     def __init__(self, state: State) -> None:
         self.state = state
@@ -31,7 +32,7 @@ class Pace:
         if took > self.LONGEST:
             self.state.portion = max(1, int(portion / took))
         elif took < self.SHORTEST and portion < most:
-            self.state.portion = 2 * portion
+            self.state.portion = int(portion * min(1 / max(took, 1e-9), self.GROWTH))
 
     def go_on(self) -> None:
         """Before the next portion."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import io
+import errno
 import json
 import warnings
 import zlib
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +34,14 @@ def save(record: Record, path: str | Path) -> None:
 
     Raises OSError.
     """
-    writing.write({Path(path): encode(record)})
+    writing.write({Path(path): partial(put, record)})
 
 
-def encode(record: Record) -> memoryview:
-    """The content of the file. Its pixels are not compressed, as that would take long; the pixels of a part that are
-    another's, all zero, take next to no room.
+def put(record: Record, path: Path) -> None:
+    """Writes the content of the file, plane by plane. Its pixels are not compressed, as that would take long; the
+    pixels of a part that are another's, all zero, take next to no room.
+
+    Raises OSError.
     """
     groups = {
         "pixels": record.pixels,
@@ -63,9 +66,10 @@ def encode(record: Record) -> memoryview:
             if name == "pixels":
                 header |= {"dataWindow": window, **attributes(text)}
             parts.append(OpenEXR.Part(header, {k: np.ascontiguousarray(v) for k, v in planes.items()}, name))
-    file = io.BytesIO()
-    OpenEXR.File(parts).write(file)
-    return file.getbuffer()
+    try:
+        OpenEXR.File(parts).write(str(path))
+    except RuntimeError as error:  # which names the file and says why
+        raise OSError(errno.EIO, str(error)) from None
 
 
 def attributes(text: Mapping[str, Any]) -> dict[str, str]:

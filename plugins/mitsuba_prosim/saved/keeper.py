@@ -6,8 +6,11 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import drjit as dr
 
 from ..rendering.record import Record
 from ..scene_files import writing
@@ -21,9 +24,9 @@ class Keeper:
     of the work.
     """
 
-    #: Seconds from one to the next: so many times what writing it takes, within bounds; where it takes long, so many
-    #: times at least.
-    TIMES, SHORTEST, LONGEST, LEAST_TIMES = 50, 4.0, 7.0, 20
+    #: Seconds from one to the next, at least; the part of the processors' time that writing may take; and so many times
+    #: what it takes by the clock, where the disk is slow.
+    SHORTEST, SHARE, TIMES = 4.0, 0.02, 3
 
     def __init__(self, path: Path, about: Mapping[str, Any], say: Callable[[str], None] = lambda _: None) -> None:
         self.path, self.about, self.say = path, about, say
@@ -31,7 +34,7 @@ class Keeper:
         self.wait = self.SHORTEST
         #: Whether it went wrong; and what could not be written in the end.
         self.failed = False
-        self.unwritten: memoryview | None = None
+        self.unwritten: writing.Content | None = None
         self.writer: threading.Thread | None = None
 
     def __call__(self, record: Callable[[], Record], last: bool) -> None:
@@ -42,14 +45,15 @@ class Keeper:
             self.writer.join()
         elif not last and (time.perf_counter() - self.last < self.wait or (self.writer and self.writer.is_alive())):
             return
-        begun = time.perf_counter()
-        self.writer = threading.Thread(target=self._write, args=(record(), begun, last))
+        begun, used = time.perf_counter(), time.thread_time()
+        content = replace(record(), about=self.about)
+        self.writer = threading.Thread(target=self._write, args=(content, begun, time.thread_time() - used, last))
         self.writer.start()
         if last:
             self.writer.join()
 
-    def _write(self, record: Record, begun: float, last: bool) -> None:
-        content = files.encode(replace(record, about=self.about))
+    def _write(self, record: Record, begun: float, used: float, last: bool) -> None:
+        content, start = partial(files.put, record), time.thread_time()
         try:
             writing.write({self.path: content})
         except OSError as error:
@@ -59,5 +63,7 @@ class Keeper:
                 self.say(f"the state can't be written to {self.path}: {error.strerror or error}; the render goes on")
             self.failed = True
         self.last = time.perf_counter()
-        took = self.last - begun
-        self.wait = max(min(max(self.TIMES * took, self.SHORTEST), self.LONGEST), self.LEAST_TIMES * took)
+        used += time.thread_time() - start
+        self.wait = max(
+            self.SHORTEST, used / (self.SHARE * max(dr.thread_count(), 1)), self.TIMES * (self.last - begun)
+        )

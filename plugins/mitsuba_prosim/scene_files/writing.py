@@ -10,7 +10,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -18,6 +18,9 @@ from prosim_scene.replacing import PART
 
 #: How the names begin of folders for a while, and of those of what could not be written where it should.
 SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"
+
+#: What is written: the content of a file, or what writes it to a path, over what is there.
+Content = bytes | memoryview | Callable[[Path], None]
 
 #: What is younger, in seconds, is not taken for a leftover: it may not have been locked yet.
 YOUNG = 60
@@ -51,7 +54,7 @@ def check(paths: Iterable[Path], size: int) -> None:
             ) from None
 
 
-def write(contents: Mapping[Path, bytes | memoryview]) -> list[Path]:
+def write(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files, and makes their folders; returns their paths. They take the old ones' places when all are complete,
     keep their modes, and go where they are links to.
 
@@ -62,8 +65,11 @@ def write(contents: Mapping[Path, bytes | memoryview]) -> list[Path]:
             target = _target(path)
             target.parent.mkdir(parents=True, exist_ok=True)
             file, part = parts.new(target.parent)
-            with open(file, "wb", closefd=False) as stream:
-                stream.write(content)
+            if callable(content):
+                content(part)
+            else:
+                with open(file, "wb", closefd=False) as stream:
+                    stream.write(content)
             with suppress(OSError):  # there is no old one, or no mode on such a disk
                 os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))
             parts.finished[part] = target
@@ -72,7 +78,7 @@ def write(contents: Mapping[Path, bytes | memoryview]) -> list[Path]:
     return list(contents)
 
 
-def rescue(contents: Mapping[Path, bytes | memoryview]) -> list[Path]:
+def rescue(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files that :func:`write` could not to a new folder wherever there is room; returns their paths.
 
     Raises OSError if that is nowhere.

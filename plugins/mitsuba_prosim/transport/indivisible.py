@@ -12,6 +12,7 @@ import mitsuba as mi
 from ..masks import but_not
 from ..optics.nested import all_within
 from . import lobes
+from .shapes import all_shapes
 
 #: Class names of Mitsuba's BSDFs that have components by name, but evaluate all of them.
 BY_NAME_ONLY = ("Principled", "PrincipledThin")
@@ -23,6 +24,11 @@ def is_indivisible(bsdf: mi.BSDF) -> bool:
         one.class_name() in BY_NAME_ONLY or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
         for one in all_within(bsdf)
     )
+
+
+def any_indivisible(scene: mi.Scene) -> bool:
+    """Whether any surface of ``scene``, those of instances included, is of this kind."""
+    return any(is_indivisible(shape.bsdf()) for shape in all_shapes(scene) if shape.bsdf() is not None)
 
 
 def is_whole(bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:

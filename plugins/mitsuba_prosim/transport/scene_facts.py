@@ -10,7 +10,7 @@ from ..light.table import Lights
 from . import lobes
 from .absorption import absorbs_any
 from .dispersion import disperses
-from .indivisible import is_indivisible
+from .indivisible import any_indivisible
 from .settings import Settings
 
 
@@ -43,7 +43,6 @@ class SceneFacts:
     @classmethod
     def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
         """The facts of ``scene`` that matter under ``settings``; ``around``: the medium that the camera is in."""
-        bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         lights, flags = Lights(scene), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)
@@ -68,7 +67,7 @@ class SceneFacts:
             refracts,
             lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
             lobes.has_any(flags, *lobes.BOTH_SIDES),
-            settings.diffuse_bounces >= 0 and any(map(is_indivisible, bsdfs)),
+            settings.diffuse_bounces >= 0 and any_indivisible(scene),
             absorbs_any(scene, around),
             disperses(scene),
             alone,

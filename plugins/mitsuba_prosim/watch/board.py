@@ -17,12 +17,15 @@ class State:
 
     #: The name of the scene's file.
     scene: str
-    #: ``opening``, ``rendering``, ``stopped``, ``done``, or ``failed`` with an ``error``.
+    #: ``opening``, ``rendering``, ``stopped``, ``done``, ``missing`` where there is no file, or ``failed`` with an
+    #: ``error``.
     doing: str = "opening"
     #: How often the file had been saved before it was opened last.
     saves: int = 0
     error: str | None = None
     warnings: tuple[str, ...] = ()
+    #: Why the picture may be black, where it is.
+    black: str | None = None
     #: Width and height that the picture comes to.
     size: tuple[int, int] = (0, 0)
     #: The numbers of the newest pictures, by the name of the take.

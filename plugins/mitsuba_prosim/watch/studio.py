@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,17 @@ import mitsuba as mi
 import prosim_scene
 
 from ..denoising import layers
-from ..scene_files import session
+from ..scene_files import black, session
 from . import takes
 from .board import Board, State
 from .camera import Camera
 from .denoised import DenoisedTake
 from .picture import Picture, of_snapshot
-from .subject import Opener, Subject
+from .subject import Opener, Subject, places
+from .wish import Wish
+
+#: What makes a black picture brighter on the page.
+ON_THE_PAGE = "Exposure {} makes it bright here"
 
 #: Seconds between two reports of the part that is done.
 REPORT = 0.1
@@ -30,18 +34,6 @@ REPORT = 0.1
 
 class SupersededError(Exception):
     """Something else is wished than what is being rendered."""
-
-
-@dataclass(frozen=True)
-class Wish:
-    """What is to be seen; of several wishes the newest counts."""
-
-    #: How often the scene's file was saved.
-    text: int = 0
-    #: None for the scene's own view.
-    camera: Camera | None = None
-    compared: bool = False
-    stopped: bool = False
 
 
 class Studio:
@@ -60,7 +52,7 @@ class Studio:
         self._left = False
         self._number, self._reported, self._begun = 0, 0.0, 0.0
         self._subject: Subject | None = None
-        self._names: frozenset[str] = frozenset({path.name, path.resolve().name})
+        self._files: frozenset[Path] = frozenset(places(path))
         self._takes: dict[str, takes.Take] = {}
         self._integrator: Any = None
         self._view: Camera | None = None  # the scene's own, when it was opened last
@@ -71,9 +63,9 @@ class Studio:
         """The scene's file has changed."""
         self._ask(lambda wish: replace(wish, text=wish.text + 1, stopped=False))
 
-    def names(self) -> frozenset[str]:
-        """Names of the files that the scene is made of, as far as it is known."""
-        return self._names
+    def files(self) -> frozenset[Path]:
+        """The files that the scene is made of, as far as they are known."""
+        return self._files
 
     def move(self, by: Callable[[Camera], Camera]) -> None:
         """Moves the camera."""
@@ -199,7 +191,7 @@ class Studio:
             subject = Subject(self._path, self._opener)
         gc.collect()
         said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
-        self._subject, self._names = subject, frozenset(subject.names())
+        self._subject, self._files = subject, subject.files()
         before, self._view = self._view, subject.home
         if before is None or subject.home is None or (before.to_world != subject.home.to_world).any():
             with self._changed:  # the text says another view
@@ -229,6 +221,7 @@ class Studio:
         self.board.say(
             doing="rendering",
             error=None,
+            black=None,
             view=self._subject.view(),
             integrator=takes.name(take.integrator),
             alone=takes.alone(take.integrator),
@@ -255,12 +248,14 @@ class Studio:
             if take.done or not take.step(self._between):
                 continue
             picture = Picture(self._next_number(), take.layers())
+            said = {"black": self._why_black(picture)} if name == "own" else {}
             pictures = {n: p for n, p in self.board.pictures.items() if n in self._takes} | {name: picture}
             self.board.say(
                 pictures,
                 layers=tuple(pictures["own"].layers),
                 seconds=time.perf_counter() - self._begun,
                 **self._reached(),
+                **said,
             )
         if self._all_done():
             self.board.say(doing="done", part=1.0, **self._reached())
@@ -275,6 +270,10 @@ class Studio:
             self._takes["path"] = takes.rival(subject, self._takes["own"].integrator, self._spp, self._seed)
         pictures = {name: picture for name, picture in self.board.pictures.items() if name in self._takes}
         self.board.say(pictures, compared="path" in self._takes)
+
+    def _why_black(self, picture: Picture) -> str | None:
+        assert self._subject is not None
+        return black.why(self._subject.scene, self._subject.sensor, picture.layers["final"], ON_THE_PAGE)
 
     def _reached(self) -> dict[str, Any]:
         samples, noise = self._takes["own"].reached()
@@ -302,7 +301,8 @@ class Studio:
 
     def _fail(self, error: BaseException) -> None:
         self._close()
-        self.board.say(doing="failed", error=session.message(error))
+        missing = not self._path.exists()
+        self.board.say(doing="missing" if missing else "failed", error=None if missing else session.message(error))
 
     def _next_number(self) -> int:
         self._number += 1

@@ -24,6 +24,11 @@ Opener = Callable[[], tuple[SceneFile, Any, Any]]
 COARSE = 1 << 14
 
 
+def places(path: Path) -> set[Path]:
+    """Where a file lies, and where that which it may be a link to does."""
+    return {path.absolute(), path.resolve()}
+
+
 class Subject:
     """A scene file, opened. Raises what ``opener`` does."""
 
@@ -38,10 +43,14 @@ class Subject:
         self.home = self._home()
         self.camera = self.home
 
-    def names(self) -> set[str]:
-        """Names of the files that are part of it."""
-        named = {path.name for _, path in self.file.named_files()}
-        return {self.path.name, self.path.resolve().name} | named
+    def files(self) -> frozenset[Path]:
+        """The files that it is made of, wherever they lie; not those of its translation."""
+        found = [path for _, path in self.file.named_files()]
+        if self.file.document is None:
+            found += [Path(str(path)) for path in self.file.state.files]
+        else:
+            found = [path for path in found if self.file.xml.parent.resolve() not in path.resolve().parents]
+        return frozenset(place for path in [self.path, *found] for place in places(path))
 
     # ---------------------------------------------------------------- looking from elsewhere
 

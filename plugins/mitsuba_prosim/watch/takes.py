@@ -14,10 +14,10 @@ from ..rendering.plan import SAMPLING
 from ..rendering.snapshot import Snapshot
 from ..scene_files import rendering
 from .picture import of_snapshot
+from .portions import Growing
 from .subject import Subject
 
-#: Into how many parts a step of about a second is cut, as something else may be wished between two of them. More would
-#: cost more than they spare.
+#: Into how many parts a step of about a second is cut where portions can't be measured.
 STEPS = 4
 
 
@@ -26,8 +26,11 @@ class Take:
 
     def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
         self.integrator = integrator
-        per_pixel = spp or integrator.samples**2
-        integrator.band = max(2**10, rendering.samples_of_a_step() // STEPS // per_pixel)
+        if integrator.sampler is None:
+            integrator.taker = Growing()
+        else:  # it is seeded anew for each portion, so that these have to be the same each time
+            per_pixel = spp or integrator.samples**2
+            integrator.band = max(2**10, rendering.samples_of_a_step() // STEPS // per_pixel)
         self.snapshot: Snapshot | None = None
         self.done = False
         self.scene, self.sensor, self.spp, self.seed = scene, sensor, spp, seed
@@ -60,8 +63,12 @@ class Take:
 
     def first(self) -> Snapshot:
         """The image of one sample of each pixel, to be looked at while the film is as it is."""
-        waves: Iterator[Snapshot] = self.integrator.waves(self.scene, self.sensor, self.seed, 1)
-        return next(waves)
+        taker, self.integrator.taker = self.integrator.taker, None  # so few samples say nothing of their speed
+        try:
+            waves: Iterator[Snapshot] = self.integrator.waves(self.scene, self.sensor, self.seed, 1)
+            return next(waves)
+        finally:
+            self.integrator.taker = taker
 
 
 def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:

@@ -9,6 +9,7 @@ from pygls.lsp.server import LanguageServer
 from pygls.uris import to_fs_path
 from pygls.workspace import TextDocument
 
+from ..collector import still
 from ..language.formatter import format
 from ..language.judging import judge
 from ..language.messages import SceneError
@@ -53,8 +54,8 @@ class SceneServer(LanguageServer):
 
     def tell(self, uri: str, whole: bool) -> None:
         """Tells what is wrong with a document; ``whole``: the tree is evaluated as well."""
-        reading = self.reading(uri)
-        found, scene = judge(reading)
+        with still():
+            found, scene = judge(self.reading(uri))
         path = to_fs_path(uri)
         if whole and scene is not None and len(scene.scene.csg) <= LARGEST:
             found = [*found, *evaluate(scene, Path(path).parent if path else None)]

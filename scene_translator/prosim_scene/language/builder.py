@@ -108,6 +108,10 @@ class Builder:
         if children[-1].type in ("FILE", "STRING"):
             self.places["background", "image"] = place(children[-1])
             image = str(children[-1])
+            if len(children) == 2:
+                raise self.error(
+                    children[-1], f"found {quote(image)} after BACKGROUND; expected 3 numbers (r g b) before the image"
+                )
         fields["background"] = model.Background(read_value(self.source, children), image)
 
     def lights(self, fields: dict[str, Any], children: list[Token | Node]) -> None:

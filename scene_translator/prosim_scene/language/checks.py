@@ -35,21 +35,20 @@ def whole(document: Document) -> None:
 
 
 @functools.cache
-def _particular(role: str) -> dict[str, tuple[str, ...]]:
-    """The parameters of a role that only some kinds know: their names, and these kinds."""
-    return {
+def _of_others(role: str, kind: str) -> dict[str, tuple[str, ...]]:
+    """The parameters of a role that a kind does not know: their names, and the kinds that do."""
+    particular = {
         word.name: tuple(word.of)
         for word in WORDS
         if word.of and (word.role == role or (word.role == "METAL" and role == "OPTIC"))
     }
+    return {name: kinds for name, kinds in particular.items() if kind not in kinds}
 
 
 def _effects(document: Document, kind: str, called: str, role: str, *owner: str | int) -> None:
     """Warns of the given parameters that a kind of light or material does not know."""
     given = [
-        ((*owner, name), kinds)
-        for name, kinds in _particular(role).items()
-        if kind not in kinds and (*owner, name) in document.places
+        ((*owner, name), kinds) for name, kinds in _of_others(role, kind).items() if (*owner, name) in document.places
     ]
     for path, kinds in sorted(given, key=lambda one: document.places[one[0]].start):
         meant = listing(kind.upper() if role == "LIGHT_PARAMETER" else CALLED[kind] for kind in kinds)

@@ -21,6 +21,12 @@ BY_SIGN = re.compile("[x×]", re.IGNORECASE)
 BY = re.compile(r"[-+.\d]+([x×][-+.\d]+)+", re.IGNORECASE)
 #: An operator, but for the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
+BRACES = "; arithmetic stands in braces, as in {360 * $frame / 48}"
+LIGHT = "; a light begins with AREA or POINT, as in POINT position 0 20 10 SPOT"
+#: Beginnings of words that belong to other languages.
+FOREIGN = dict.fromkeys(("//", "/*", "--"), "expected a remark to begin with #, or to stand in parentheses") | {
+    "<": "that is no scene in this language; expected a name that ends in .xml of a file in Mitsuba's"
+}
 
 
 def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Token], Tree[Token]]:
@@ -50,29 +56,38 @@ def syntax_error(source: Source, token: Token, expected: set[str], pieces: list[
         if "END" in expected:
             return source.error(place, "the file ends here and END is missing; expected END as the last statement")
         return source.error(place, f"the file ends after this; expected {listing(names)}")
-    place = lexer.place(token)
+    return source.error(lexer.place(token), _reason(source, token, expected, pieces, listing(names)))
+
+
+def _reason(source: Source, token: Token, expected: set[str], pieces: list[Token], names: str) -> str:
+    """What is said of a token; ``names``: what has a place where it stands."""
+    found = f"found {quote(token)}"
+    if foreign := next((said for begin, said in FOREIGN.items() if token.startswith(begin)), None):
+        return f"{found}; {foreign}"
     if mistake := _mistake(token, expected, pieces):
-        return source.error(place, f"found {quote(token)}{mistake}")
+        return found + mistake
     if named := _named(source, token, pieces):
-        return source.error(place, f"found {quote(token)} after a name; expected one word, or more in quotes: {named}")
+        return f"{found} after a name; expected one word, or more in quotes: {named}"
     lacking = _lacking(pieces)
     if token.type == "WORD":
-        wanted, near = lacking or f"; expected {listing(names)}", meant(token, set() if lacking else expected)
-        return source.error(place, f"unknown word {quote(token)}{wanted}{near}")
-    if lacking:
-        return source.error(place, f"found {quote(token)}{lacking}")
+        near = BRACES if lacking and ARITHMETIC.search(token) else meant(token, set() if lacking else expected)
+        return f"unknown word {quote(token)}{lacking or f'; expected {names}'}{near}"
+    return found + (lacking or _misplaced(token, expected, pieces, names))
+
+
+def _misplaced(token: Token, expected: set[str], pieces: list[Token], names: str) -> str:
+    """What is said after ``found`` of a word that has its place elsewhere, or of a number."""
+    if token.type == "NUMBER" and [piece.type for piece in pieces[-2:-1]] == ["DIELECTRIC"]:
+        return f"; expected a glass's name, or n-refr = {quote(token)[1:-1]}"
     if "TEXTURE_NAME" in expected and (near := nearest(token, TEXTURES)):
-        return source.error(place, f"found {quote(token)}, the kind of a texture; expected the name of one{near}")
+        return f", the kind of a texture; expected the name of one{near}"
     owner = STATEMENT_OF.get(token.type)
     if owner and owner != _statement(pieces):
         owner = canonical(owner)
-        return source.error(
-            place, f"found {quote(token)}, a word of {owner}; expected it after {owner}, before any other statement"
-        )
+        return f", a word of {owner}; expected it after {owner}, before any other statement"
     if token.type in ROLES and token.type not in STATEMENTS and "NUMBER" not in expected:
-        said = hint(token) or nearest(token, names)
-        return source.error(place, f"found {quote(token)}, which has no place here; expected {listing(names)}{said}")
-    return source.error(place, f"found {quote(token)}; expected {listing(names)}")
+        return f", which has no place here; expected {names}{LIGHT if 'LIGHT' in expected else hint(token)}"
+    return f"; expected {names}"
 
 
 def _mistake(token: Token, expected: set[str], pieces: list[Token]) -> str:
@@ -81,7 +96,7 @@ def _mistake(token: Token, expected: set[str], pieces: list[Token]) -> str:
         return "; expected a name, such as $angle"
     if "NUMBER" not in expected or token.type not in (*OPERATORS.values(), "WORD"):
         return ""
-    braces = "; arithmetic stands in braces, as in {360 * $frame / 48}" if ARITHMETIC.search(token) else ""
+    braces = BRACES if ARITHMETIC.search(token) else ""
     if braces and [piece.type for piece in pieces[-2:-1]] == ["NUMBER"]:
         return f" after a number{braces}"
     if fold(token.lstrip("+-")) in ("nan", "inf", "infinity"):

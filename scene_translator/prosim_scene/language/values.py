@@ -8,9 +8,10 @@ from typing import Any
 from lark import Token
 
 from .lexer import place
-from .messages import Place, SceneError, Source, quote
+from .messages import CLIP, Place, SceneError, Source, quote
 from .words import LARGE, Flags, Numbers, row
 
+PARENTHESES = re.compile(r"[\s:=]*\([-+.\d\s,;e]*\)", re.IGNORECASE)
 HTML_COLOR = re.compile(r"[\s:=]*#([0-9a-f]{6})\b", re.IGNORECASE)
 
 
@@ -50,6 +51,9 @@ def _number(source: Source, keyword: Token, token: Token, takes: Numbers) -> flo
 def _miscounted(source: Source, keyword: Token, tokens: Sequence[Token], takes: Numbers) -> SceneError:
     """The error about a wrong count of numbers."""
     expected = takes.counted()
+    rest = source.text[span([keyword, *tokens]).end :]
+    if remark := PARENTHESES.match(rest[: 2 * CLIP]):
+        expected += f"; {quote(remark[0].strip(' :='))} is a remark, as parentheses are"
     html = HTML_COLOR.match(source.text, span([keyword, *tokens]).end)
     if html:
         values = " ".join(f"{int(html[1][i : i + 2], 16) / 255:.3g}" for i in (0, 2, 4))

@@ -293,6 +293,7 @@ def numbers(role: str, name: str) -> Numbers:
     return takes
 
 
+@lru_cache(maxsize=1 << 8)
 def canonical(role: str, name: str = "") -> str:
     """The canonical spelling of what the model calls ``name``; of the first word of the role, if no name is given."""
     return next(word.canonical for word in WORDS if word.role == role and name in ("", word.name))

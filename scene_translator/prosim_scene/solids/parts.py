@@ -9,6 +9,8 @@ import math
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64
@@ -16,6 +18,9 @@ from manifold3d import Error, Manifold, Mesh64
 from .coincidence import Planes
 from .hidden import Extent
 from .sweep import components, touching
+
+T = TypeVar("T")
+BATCH = 64  # holes at first; then so many times as many, until there are all
 
 
 @dataclass(eq=False)
@@ -110,9 +115,24 @@ def difference(minuend: list[Part], subtrahend: list[Part]) -> list[Part]:
     for part, hits in zip(minuend, _hits(minuend, subtrahend)):
         if not hits:
             result.append(part)
-        else:  # the boxes of the subtrahend's parts are disjoint: they compose to one without any computation
-            result += _combined("-", part, _composed([subtrahend[i] for i in hits]))
+        else:
+            rest = [part]
+            for some in batches([subtrahend[i] for i in hits]):
+                # The boxes of the subtrahend's parts are disjoint: they compose to one without any computation.
+                rest = [p for one in rest for p in _combined("-", one, _composed(some))]
+            result += rest
     return result
+
+
+def batches(parts: list[T]) -> list[list[T]]:
+    """Many parts that are taken from one, in few lists to be taken one after the other.
+
+    A triangle with n holes is divided into triangles in a time that grows as the square of n. So the first lists are
+    short, of parts from here and there, and leave the triangles small for the others.
+    """
+    ends = [0, *(BATCH**i for i in range(1, 9) if 2 * BATCH**i < len(parts)), len(parts)]
+    order = np.random.default_rng(0).permutation(len(parts)).tolist()
+    return [[parts[i] for i in sorted(order[begin:end])] for begin, end in pairwise(ends)]
 
 
 def beneath(solid: list[Part], others: list[Part]) -> list[Part]:

@@ -55,7 +55,8 @@ class Context:
                 *path,
             )
         if not exists:
-            raise error(f"the image {quote(name)} does not exist in the scene's folder", *path)
+            marks = "; a file's name stands in double quotes, or in none" if name[0] == "'" else ""
+            raise error(f"the image {quote(name)} does not exist in the scene's folder{marks}", *path)
         try:
             return self.image_path(full)
         except ValueError as reason:

@@ -63,14 +63,14 @@ function splitting() {
 
 // ---- what is told
 
-const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "stopped", done: "done", failed: "not rendered: the scene is wrong"};
+const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "stopped", done: "done", missing: "the file has gone; its last picture is shown until it is there again", failed: "not rendered: the scene is wrong"};
 
 function told(news) {
     state = news;
     find("scene").textContent = document.title = state.scene;
     const parts = [WORDS[state.doing]];
     if (state.doing === "rendering" && state.part > 0.01) parts.push(`${Math.round(100 * state.part)} %`);
-    if (state.doing !== "failed") {
+    if (!["failed", "missing"].includes(state.doing)) {
         if (state.samples) parts.push(`${state.samples.toFixed(1)} samples a pixel`);
         if (state.noise !== null) parts.push(`noise ${state.noise.toPrecision(2)}`);
         if (state.seconds) parts.push(`${state.seconds.toFixed(1)} s`);
@@ -82,6 +82,9 @@ function told(news) {
     find("part").value = state.part;
     find("error").hidden = !state.error;
     tellError(state.error ?? "");
+    const black = state.error || state.doing === "missing" ? "" : state.black ?? "";
+    if (find("black").textContent !== black) find("black").textContent = black;
+    find("black").hidden = !black;
     find("warnings").hidden = !state.warnings.length || Boolean(state.error);
     find("warnings").querySelector("summary").textContent = state.warnings.length === 1 ? "A warning" : `${state.warnings.length} warnings`;
     find("warnings").querySelector("pre").textContent = state.warnings.join("\n\n");

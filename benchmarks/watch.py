@@ -1,0 +1,161 @@
+"""``prosim watch`` beside ``prosim render``: from a save to the first picture and to the final one.
+
+A scene is saved again and again, while no page looks at it and while one does; and by turns the same scene, open and
+warm, is rendered as ``prosim render`` does. Seconds by the clock, and of the processor, all threads together.
+"""
+
+import argparse
+import http.client
+import json
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import mitsuba as mi
+import numpy as np
+
+PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
+STATES = ("opened", "first picture", "first wave", "final")
+
+
+def page(address):
+    """What a page asks for that shows the picture: the events, and after each wave the picture."""
+    place = urlsplit(address)
+    stream = http.client.HTTPConnection(place.hostname, place.port)
+    stream.request("GET", f"{place.path}events")
+    newest = 0
+    for line in stream.getresponse():
+        number = json.loads(line[6:])["pictures"].get("own", 0) if line.startswith(b"data: ") else newest
+        if number != newest:
+            newest, asking = number, http.client.HTTPConnection(place.hostname, place.port)
+            asking.request("GET", f"{place.path}layer/own/final")
+            asking.getresponse().read()
+            asking.close()
+
+
+def now():
+    """By the clock, and of the processor."""
+    return np.array([time.perf_counter(), time.process_time()])
+
+
+class Watched:
+    """A studio that notes when what is seen of it after a save."""
+
+    def __init__(self, scene, folder):
+        from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+        from mitsuba_prosim.watch import studio
+        from prosim_scene import Kept
+
+        kept = Kept()
+
+        def opened():
+            file = SceneFile(scene, folder, kept=kept)
+            loaded = file.load()
+            return file, loaded, pick_sensor(loaded, 0)
+
+        self.studio = studio.Studio(scene, opened)
+        self.times, self._say = {}, self.studio.board.say
+        self.studio.board.say = self.noted
+
+    def noted(self, pictures=None, **changes):
+        """In the place of the board's own."""
+        if changes.get("doing") == "opening":
+            self.times = {"saved": now()}
+        elif pictures:
+            self.times.setdefault("first wave" if "first picture" in self.times else "first picture", now())
+        elif changes.get("doing") in ("rendering", "done"):
+            self.times.setdefault("opened" if changes["doing"] == "rendering" else "final", now())
+        self._say(pictures, **changes)
+
+    def save(self):
+        """``{state: seconds}`` after a save."""
+        before, board = self.studio.board.state.saves, self.studio.board
+        self.studio.saved()
+        while board.state.saves == before or board.state.doing != "done":
+            time.sleep(0.02)
+        return {state: self.times[state] - self.times["saved"] for state in STATES}
+
+    def render(self):
+        """The seconds of the command's render."""
+        from mitsuba_prosim.scene_files import rendering
+
+        def rendered(subject):
+            integrator = subject.scene.integrator()
+            taker, integrator.taker = integrator.taker, None
+            begun = now()
+            rendering.render(subject.scene, subject.sensor, tell=lambda part: None)
+            image = np.array(subject.sensor.film().develop())
+            took, integrator.taker = now() - begun, taker
+            assert np.array_equal(image, self.studio.board.pictures["own"].layers["final"])
+            return {"final": took}
+
+        return self.studio.errand(rendered).result()
+
+
+def turns(watched, address, rounds):
+    """The rounds, of which the first warms up."""
+    found = {"no page": [], "a page": [], "render": []}
+    for turn in range(-1, rounds):
+        alone = watched.save()
+        with subprocess.Popen([sys.executable, __file__, "--page", address]) as looking:
+            time.sleep(1)
+            seen = watched.save()
+            looking.kill()
+        for values, value in zip(found.values(), (alone, seen, watched.render()), strict=True):
+            values += [value] if turn >= 0 else []
+    print("| seconds |", " | ".join([*STATES, *(f"CPU: {state}" for state in STATES)]), "|")
+    for name, values in found.items():
+        cells = [
+            f"{statistics.median(v[state][k] for v in values):.3f}" if state in values[0] else ""
+            for k in (0, 1)
+            for state in STATES
+        ]
+        print("|", name, "|", " | ".join(cells), "|")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scene", nargs="?", default=PALITO, type=Path)
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument(
+        "--busy", action="store_true", help="pace by the processor's time, as the clock's is others' too"
+    )
+    parser.add_argument("--page", metavar="ADDRESS", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.page:
+        page(arguments.page)
+        return
+    mi.set_variant(arguments.variant)
+    from mitsuba_prosim.scene_files import session
+    from mitsuba_prosim.watch import portions, server
+
+    if arguments.busy:
+        portions.clock = lambda: time.process_time() / arguments.threads
+    with tempfile.TemporaryDirectory() as folder, session.threads(arguments.threads):
+        scene = Path(folder) / arguments.scene.name
+        shutil.copy(arguments.scene, scene)
+        watched = Watched(scene, Path(folder) / "scratch")
+
+        def work(address):
+            try:
+                turns(watched, address, arguments.rounds)
+            finally:
+                watched.studio.leave()
+
+        with server.served(watched.studio, lambda exposure: {}, server.bound(0)) as address:
+            other = threading.Thread(target=work, args=(address,))
+            other.start()
+            watched.studio.run()
+            other.join()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""Portions of an image that somebody looks at: short at first, as something else may be wished between two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from time import perf_counter as clock
+
+from ..rendering.estimate import Estimate
+from ..rendering.taking import Here, Portion
+from ..scene_files import rendering
+
+#: Seconds that the samples of a portion take, at least and at most, and their part of the time since the image was
+#: begun: who has waited for it already can wait a little longer.
+SHORTEST, LONGEST, SHARE = 0.2, 0.5, 0.5
+
+#: Before them Dr.Jit follows the code, which takes as long for few samples as for many: this part of their time, up to
+#: where that is twice the longest.
+FOLLOWING = 0.2
+
+#: No portion may have more than so many times the samples of the one before: those of the next pixels may be slower.
+GROWTH = 2
+
+
+class Growing(Here):
+    """Takes the samples in this process, in portions that grow with the time that the image takes."""
+
+    def __init__(self) -> None:
+        self._begun = clock()
+        self._samples_a_second = float(rendering.samples_of_a_step())
+        self._bound = rendering.samples_of_a_step()
+        self._following: list[float] = []
+
+    def bound(self, most: int | None, left: int) -> int | None:
+        """As many as it takes until somebody is heard again."""
+        seconds = min(max(SHORTEST, SHARE * (clock() - self._begun)), LONGEST)
+        if self._following:  # the first time kernels may have been compiled
+            seconds = max(seconds, min(min(self._following) / FOLLOWING, 2 * LONGEST))
+        samples = max(1, int(min(seconds * self._samples_a_second, GROWTH * self._bound)))
+        self._bound = samples
+        return samples if most is None else min(samples, most)
+
+    def __call__(
+        self, portions: Iterator[Portion], cancelled: Callable[[], bool], in_order: bool
+    ) -> Iterator[tuple[Portion, Estimate]]:
+        """Takes them."""
+        for portion in portions:
+            if cancelled():
+                return
+            begun = clock()
+            more = portion.take()
+            followed = clock()
+            yield portion, more  # whoever has it waits for the samples
+            self._following = [*self._following[-1:], followed - begun]
+            self._samples_a_second = portion.work / max(clock() - followed, 1e-3)

@@ -1,0 +1,51 @@
+"""When files that a scene is made of are written, removed or made, in whichever folder."""
+
+import threading
+
+import pytest
+from mitsuba_prosim.watch.changes import watched
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene" / "little.scn"
+    path.parent.mkdir()
+    path.write_text("little")
+    return path
+
+
+class Heard:
+    def __init__(self):
+        self.event = threading.Event()
+
+    def tell(self):
+        self.event.set()
+
+    def after(self, act, seconds=20):
+        """Whether it is told after ``act()``."""
+        self.event.wait(0.03)
+        self.event.clear()
+        act()
+        return self.event.wait(seconds)
+
+
+def test_each_file_in_its_folder_and_no_other(scene):
+    picture = scene.parent / "pictures" / "wood.png"
+    files, heard = {scene}, Heard()
+    with watched(lambda: set(files), heard.tell):
+        assert not heard.after(lambda: scene.with_name("other.scn").write_text("other"), 0.3)
+        assert heard.after(lambda: scene.write_text("changed"))
+        assert heard.after(
+            lambda: scene.with_name("new").rename(scene) if scene.with_name("new").write_text("n") else 0
+        )
+        picture.parent.mkdir()
+        picture.write_bytes(b"wood")
+        assert not heard.after(lambda: files.add(picture), 0.3)
+        assert heard.after(lambda: picture.write_bytes(b"oak"))
+        assert heard.after(lambda: scene.write_text("the folder of the scene is watched as before"))
+        assert heard.after(picture.unlink)
+        assert heard.after(lambda: picture.write_bytes(b"wood"))
+        # The whole folder goes and comes again.
+        assert heard.after(lambda: picture.parent.rename(scene.parent / "gone"))
+        assert heard.after(lambda: (scene.parent / "gone").rename(picture.parent))
+        assert heard.after(lambda: picture.write_bytes(b"beech"))

@@ -7,6 +7,7 @@ from mitsuba_prosim.procedural.waves import square_wave
 from scipy import integrate
 
 PLUGINS = ("prosim_brick", "prosim_stripes", "prosim_fractal")
+FEW_OCTAVES = {"prosim_fractal": {"octaves": 3}}  # each is compiled
 COLORS = {
     "prosim_brick": ("mortar", "brick"),
     "prosim_stripes": ("color1", "color0"),
@@ -139,6 +140,7 @@ def test_colours(variant, plugin):
     si.wavelengths = [450, 520, 580, 640] if variant == "llvm_ad_spectral" else []
     for uv in ((0.31, 0.27), (0.02, 0.44), (0.75, 0.8), (0.5, 0.13)):
         si.uv = mi.Point2f(uv)
+        dr.make_opaque(si.uv)
         w = np.array(plain.eval_1(si)).item()
         if variant.endswith("rgb"):
             assert np.allclose(np.array(colored.eval(si)).ravel(), low + w * (high - low), atol=1e-5)
@@ -173,6 +175,7 @@ def test_footprint_and_smoothing(variant_rgb, plugin, solid):
         si = at(p[:2], p)
         si.dp_du, si.dp_dv = mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
         si.duv_dx, si.duv_dy = mi.Vector2f(size, 0), mi.Vector2f(0, size)
+        dr.make_opaque(si.duv_dx, si.duv_dy)
         filtered = np.array(sharp.eval_1(si))
         smoothed = np.array(texture(plugin, solid=solid, smoothing=size).eval_1(at(p[:2], p)))
         if not solid:
@@ -269,7 +272,7 @@ def image(plugin, integrator="path", **parameters):
 @pytest.mark.parametrize("plugin", PLUGINS)
 def test_derivatives_of_colours(variant_rgb, plugin):
     """Through prb; the image is linear in them. The two seeds differ: 5 % is five times the noise."""
-    scene, params = image(plugin, "prb")
+    scene, params = image(plugin, "prb", **FEW_OCTAVES.get(plugin, {}))
     for color in COLORS[plugin]:
         key = f"ball.bsdf.reflectance.{color}.value"
         start = mi.Color3f(params[key])
@@ -301,7 +304,8 @@ def test_derivatives_of_numbers(variant_rgb, plugin, name):
     """Of a weighted mean over a region, against central differences; with edges soft enough to have a derivative, but
     joints not filled, for the step from one row of bricks to the next has none.
     """
-    pattern = texture(plugin, smoothing=0.008 if plugin == "prosim_brick" else 0.05, solid=True)
+    smoothing = 0.008 if plugin == "prosim_brick" else 0.05
+    pattern = texture(plugin, smoothing=smoothing, solid=True, **FEW_OCTAVES.get(plugin, {}))
     params = mi.traverse(pattern)
     p = points(1_000_000, 3, high=0.2, low=0)
     weight = mi.Float(25 * p[0] * p[1])
@@ -311,6 +315,7 @@ def test_derivatives_of_numbers(variant_rgb, plugin, name):
     def mean(shift):
         params[name] = start + mi.Vector3f(0, shift, 0) if name == "axis" else start + shift
         params.update()
+        dr.make_opaque(params[name])
         return weight * dr.square(pattern.eval_1(at(p[:2], p)))
 
     low, high = (np.array(mean(shift), dtype=np.float64).mean() for shift in (-step, step))

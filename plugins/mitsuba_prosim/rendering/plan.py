@@ -92,6 +92,8 @@ class Plan:
         x, y, w, h, width, height = (int(v) for v in (x, y, w, h, width, height))
         reach = film.rfilter().border_size()
         border = reach if film.sample_border() else 0
+        seed = mi.UInt32(seed)
+        dr.make_opaque(seed)  # Mitsuba's integrators pass on constants
         return cls(
             n,
             min(sampling.min_passes * n, most),
@@ -99,7 +101,7 @@ class Plan:
             most,
             sampling.jitter,
             Permutations(n),
-            dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed),
+            seed,
             (x, y, x + w, y + h),
             (-border, -border, width + border, height + border),
             reach,

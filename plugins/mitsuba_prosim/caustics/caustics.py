@@ -155,6 +155,6 @@ def placed(shares: np.ndarray) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
     counts = shares.astype(np.uint32)
     begins = np.cumsum(counts, dtype=np.uint32) - counts
     pairs = np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
-    result = mi.Float(counts.astype(np.float32)), mi.UInt32(begins), mi.UInt32(pairs)
+    result = mi.Float(counts.tolist()), mi.UInt32(begins.tolist()), mi.UInt32(pairs.tolist())  # lists: see Targets
     dr.make_opaque(*result)
     return result

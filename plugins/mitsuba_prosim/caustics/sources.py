@@ -109,8 +109,8 @@ class Sources:
         balls = [ball(e) if kind(e) == "surface" and Balls.takes(e) else None for e in self.emitters]
         self.has_balls = any(balls)
         values = [[*np.ravel(np.array(b[0])), *np.ravel(np.array(b[1]))] if b else [0, 0, 0, 0] for b in balls]
-        centers_and_radii = np.array(values, dtype=np.float32).T.copy()
-        self.centers, self.radii = mi.Point3f(*centers_and_radii[:3]), mi.Float(centers_and_radii[3])
+        x, y, z, radii = np.array(values, dtype=np.float32).T.tolist()  # see Targets
+        self.centers, self.radii = mi.Point3f(x, y, z), mi.Float(radii)
         sphere = scene.bbox().bounding_sphere()
         self.middle, self.far = mi.Point3f(sphere.center), mi.Float(2 * max(float(sphere.radius), 1e-3))
         # The way back from Dr.Jit's identity of an emitter.

@@ -34,8 +34,9 @@ class Targets:
         spheres = [sphere(shape) for shape in scene.shapes() if is_specular(shape, wholes)]
         if not spheres:
             return None
-        values = np.array(merged(spheres), dtype=np.float32).T.copy()
-        targets = cls(mi.Point3f(*values[:3]), mi.Float(values[3]), values.shape[1])
+        # Lists: memory of NumPy's would be used as it is, and kernels differ by how that lies.
+        x, y, z, radii = np.array(merged(spheres), dtype=np.float32).T.tolist()
+        targets = cls(mi.Point3f(x, y, z), mi.Float(radii), len(radii))
         dr.make_opaque(targets.centers, targets.radii)
         return targets
 

@@ -139,6 +139,14 @@ class Leaves:
         vertices = np.concatenate([m.vertices for m in meshes])
         self.boxes = np.stack([np.minimum.reduceat(vertices, begins), np.maximum.reduceat(vertices, begins)], axis=1)
 
+    def mesh_content(self, i: int) -> list[bytes]:
+        """What the mesh of solid i, and all that is done to it, follows from; after :meth:`make_meshes`."""
+        solid, mesh, facets = self.solids[i], self.meshes[i], slice(self.first[i], self.first[i + 1])
+        name = f"{solid.primitive.name} {solid.segments} {self.first[i]} {self._step.hex()}"
+        plane = self.planes.of_facet[facets]
+        arrays = [solid.to_world, solid.frame, mesh.vertices, solid.surfaces, self.planes.side[facets]]
+        return [name.encode(), *(a.tobytes() for a in (*arrays, plane, self.planes.planes[plane[plane >= 0]]))]
+
     def extent(self, i: int) -> Extent:
         """Where solid i lies; after :meth:`make_meshes`."""
         core = self.solids[i].core

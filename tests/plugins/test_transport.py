@@ -56,7 +56,7 @@ def equal_in_the_mean(scene, a, b, spp=256, count=6, significance=1e-3):
     [
         {"type": "mask", "opacity": 0.25, "b": BLACK},
         {"type": "mask", "opacity": 1.0, "b": BLACK},
-        {"type": "mask", "opacity": 0.75, "b": {"type": "prosim_composite", "alpha": 0.1, "diffuse_reflectance": 0.0}},
+        {"type": "mask", "opacity": 0.75, "b": {"type": "prosim_composite", "int_ior": 4.0}},
         {"type": "null"},
         {"type": "thindielectric"},
     ],
@@ -65,6 +65,7 @@ def equal_in_the_mean(scene, a, b, spp=256, count=6, significance=1e-3):
 def test_what_is_seen_through_is_counted_once(variant_rgb, bsdf, bounces):
     scene = card(
         bsdf,
+        sky={"type": "constant", "radiance": 0.5},
         light={
             "type": "rectangle",
             "to_world": T().translate([0, 0, -1]).scale(9),

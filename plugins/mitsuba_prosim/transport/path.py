@@ -12,7 +12,7 @@ from . import lobes
 from .following import follow
 from .node import shade
 from .ray import Node, Ray
-from .stage import CHOICE, DIFFUSE, REFLECTED, ROULETTE, Stage
+from .stage import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Stage
 from .walk import walk
 
 
@@ -79,7 +79,9 @@ def one_of_two(
     a = dr.select(going, dr.max(following.throughput), 0)
     b = dr.select(scatters, dr.max(scattered.throughput), 0)
     p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
-    choose = points.choice(stage.space(ray.node, CHOICE)) < p
+    # What chooses among lobes by itself has used the number of the choice; none is drawn from the refracted lobe here.
+    chosen = stage.facts.careful or stage.facts.indivisible
+    choose = points.choice(stage.space(ray.node, REFRACTED if chosen else CHOICE)) < p
     following = dr.select(choose, scattered, following)
     following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
     return (

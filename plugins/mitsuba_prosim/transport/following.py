@@ -35,7 +35,7 @@ def follow(
     stratified = lobes.is_everything(lobe) or stage.facts.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     sample = points(stage.space(ray.node, k), active)
-    counts, whole = mi.Bool(True), mi.Bool(False)
+    counts, whole = None if ray.counts is None else mi.Bool(True), mi.Bool(False)
     with dr.suspend_grad(when=stage.attached):
         bs, weight = sample_lobe(stage, lobe, ray, si, bsdf, choice, sample, active)
         # thindielectric samples another lobe than it is asked for: that has a turn of its own.

@@ -99,7 +99,8 @@ def assemble(
     ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
     earlier translation has left, and this one leaves.
     """
-    scene, target, kept = document.scene, TARGETS[options.target], kept or Kept()
+    scene, target = document.scene, TARGETS[options.target]
+    results, kept = kept.results if kept else None, kept or Kept()
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
@@ -113,6 +114,7 @@ def assemble(
         lambda leaf: look(scene, leaf),
         lambda leaf: fresnel(scene, leaf),
         kept.faces,
+        results,
     )
 
     def comment(text: str, *path: str | int) -> Comment:

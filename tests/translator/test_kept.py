@@ -1,7 +1,10 @@
 """What a translation leaves to the next one."""
 
+import exact_csg
+import numpy as np
 import prosim_scene
 import pytest
+from prosim_scene.solids import results
 
 SCENE = """DEFAULT $turn = 0
 DEFAULT $red = 0.1
@@ -68,3 +71,96 @@ def test_what_vanishes_is_said_each_time(tmp_path):
         with pytest.warns(prosim_scene.SceneWarning, match="nothing is seen of SPHERE 2"):
             prosim_scene.translate(path, tmp_path / "kept", define={"turn": turn}, kept=kept)
     assert kept.made == 1
+
+
+class Edited:
+    """Random solids on a grid, with many faces in common, of which one changes at a time."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng([seed, 16])
+        self.nodes = exact_csg.tree(self.rng, 14, "+++-")
+        self.leaves = [self.leaf() for _ in range(14)]
+
+    def leaf(self):
+        shape = exact_csg.SHAPES[self.rng.choice(4, p=[0.6, 0.15, 0.15, 0.1])]
+        size, place = self.rng.choice([0.5, 1, 2], 3), self.rng.integers(-5, 6, 3) / 2
+        material = ["lambertiano", "condutor ouro", "dieletrico n-refr = 1.5"][self.rng.choice(3, p=[0.8, 0.1, 0.1])]
+        return shape, f"SCALE ({exact_csg.numbers(size)}) TRANSLATE ({exact_csg.numbers(place)})", material
+
+    def edit(self, kind):
+        present = [n for n in self.nodes if not isinstance(n, str)]
+        number, new = int(self.rng.choice(present)), len(self.leaves)
+        if kind == "change":
+            self.leaves[number] = self.leaf()
+            return
+        if kind == "remove":
+            at = next(
+                i for i, pair in enumerate(zip(self.nodes, self.nodes[1:])) if [type(n) for n in pair] == [str, int]
+            )
+            del self.nodes[at : at + 2]
+            return
+        self.leaves.append(self.leaf())
+        if kind == "append":
+            self.nodes = ["+", *self.nodes, new]
+        else:
+            at = self.nodes.index(number)
+            self.nodes[at : at + 1] = ["-", number, new]
+
+    def text(self):
+        lines = ["VIEW OBS 3 4 15 WINDOW -4 -3 4 3 RESOLUTION 60 45", "LIGHTS POINT position 0 9 9", "CSG-TREE"]
+        lines += [n if isinstance(n, str) else f"{self.leaves[n][0]} {n}" for n in self.nodes]
+        for i, (_, place, material) in enumerate(self.leaves):
+            if i in self.nodes:
+                lines += [f"SURFACE {i} material {material} kd = 0.{1 + i % 3}", f"TRANSFORM {i} {place}"]
+        return "\n".join([*lines, "END", ""])
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("seed", [pytest.param(0), pytest.param(1, marks=pytest.mark.slow)])
+def test_what_is_found_of_an_edited_tree_is_what_is_made_of_it(tmp_path, seed):
+    path, kept, edited = tmp_path / "s.scn", prosim_scene.Kept(), Edited(seed)
+    for kind in ["change", "append", "change", "insert", "remove", "change"]:
+        path.write_text(edited.text())
+        prosim_scene.translate(path, tmp_path / "kept", kept=kept)
+        prosim_scene.translate(path, tmp_path / "anew")
+        assert files(tmp_path / "kept") == files(tmp_path / "anew")
+        edited.edit(kind)
+
+
+def counted(monkeypatch):
+    """The kinds of all that is made where results are kept."""
+    made = []
+
+    def kept(content, kind, make, triangles, whole=results.kept):
+        return whole(content, kind, lambda: [made.append(kind), make()][1], triangles)
+
+    for module in prosim_scene.solids.parts, prosim_scene.solids.media:
+        monkeypatch.setattr(module, "kept", kept)
+    return made
+
+
+def row(moved):
+    """Eight balls that do not touch, each with a bite taken out of it, number ``moved`` of which is moved."""
+    lines = ["VIEW OBS 0 5 40 WINDOW -20 -20 20 20", "LIGHTS POINT position 5 5 9", "CSG-TREE", "+ " * 7]
+    lines += [f"- SPHERE {i} CUBE {8 + i}" for i in range(8)]
+    for i in range(16):
+        lines += [f"SURFACE {i} kd = 0.5 0.5 0.5", f"TRANSFORM {i} TRANSLATE ({4 * (i % 8)} {0.1 * (i == moved)} 0)"]
+    return "\n".join([*lines, "END", ""])
+
+
+def test_one_of_many_that_moves_is_made_alone(tmp_path, monkeypatch):
+    path, kept, made = tmp_path / "s.scn", prosim_scene.Kept(), counted(monkeypatch)
+    for moved, count in ((None, 8), (7, 1), (3, 2), (11, 1), (0, 2)):
+        made.clear()
+        path.write_text(row(moved))
+        prosim_scene.translate(path, kept=kept)
+        assert sorted(made) == ["mesh"] * count + ["shell"] * count
+
+
+def test_no_more_is_kept_than_there_is_room_for(tmp_path, monkeypatch):
+    path, kept, made = tmp_path / "s.scn", prosim_scene.Kept(), counted(monkeypatch)
+    monkeypatch.setattr(results, "TRIANGLES", 0)
+    for moved in (None, 7):
+        path.write_text(row(moved))
+        prosim_scene.translate(path, kept=kept)
+    assert len(made) == 2 * 16

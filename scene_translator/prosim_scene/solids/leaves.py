@@ -1,5 +1,6 @@
 """All occurrences of primitives in the tree at once: their solids, the planes that they share, normals and uv."""
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 
@@ -65,7 +66,8 @@ class Leaves:
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:
             s.to_world = s.to_world - offset
-        self._step = STEP * float(np.abs(np.stack([low, high]) - self.origin).max())
+        size = float(np.abs(np.stack([low, high]) - self.origin).max())
+        self._step = STEP * 2.0 ** (math.frexp(size)[1] - 1)  # stays the same when a solid at the edge is moved
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
         self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
 
@@ -100,12 +102,15 @@ class Leaves:
         """Makes the meshes, and brings them onto the planes that they share."""
         meshes = placed(self.solids)
         counts = np.array([len(m.faces) for m in meshes])
-        self.first = np.concatenate([[0], np.cumsum(counts)])
-        self.faces = np.concatenate([m.faces for m in meshes])
+        room = 2 ** np.ceil(np.log2(counts)).astype(int)  # so that others keep their numbers when one becomes finer
+        self.first = np.concatenate([[0], np.cumsum(room)])
+        self.faces = np.zeros(self.first[-1], int)
+        facets = np.arange(counts.sum()) + np.repeat(self.first[:-1] - (np.cumsum(counts) - counts), counts)
+        self.faces[facets] = np.concatenate([m.faces for m in meshes])
         # A surface's planes are those of the facets of the first solid that bears it, which is the largest one.
         sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
         sharing.sort(key=lambda i: -np.linalg.norm(self.solids[i].to_world[:3, :3]))
-        facets = np.concatenate([np.arange(0), *(np.arange(self.first[i], self.first[i + 1]) for i in sharing)])
+        facets = np.concatenate([np.arange(0), *(self.first[i] + np.arange(counts[i]) for i in sharing)])
         own = facet_planes([meshes[i] for i in sharing])
         surface = np.concatenate([np.arange(0), *(self.solids[i].surfaces[meshes[i].faces] for i in sharing)])
         face = np.stack([np.repeat(np.arange(len(sharing)), counts[sharing]), self.faces[facets]])
@@ -121,16 +126,15 @@ class Leaves:
         begins = np.flatnonzero(np.append(True, (np.diff(face) != 0).any(axis=0)))[: len(facets)]
         lengths = np.diff(np.append(begins, len(facets)))
         numbers, first, bearer = np.unique(surface[begins], return_index=True, return_inverse=True)
-        ranks = np.argsort(np.argsort(first))  # of the surfaces, in the order in which they are met
-        kept = np.sort(first)
-        starts = np.append(0, np.cumsum(lengths[kept]))
+        starts = np.cumsum(lengths[first]) - lengths[first]
         within = np.arange(len(facets)) - np.repeat(begins, lengths)
-        plane = starts[np.repeat(ranks[bearer], lengths)] + within
-        planes = own[np.isin(np.repeat(np.arange(len(begins)), lengths), kept)]
+        plane = starts[np.repeat(bearer, lengths)] + within
+        planes = np.empty((lengths[first].sum(), 4))
+        planes[plane[::-1]] = own[::-1]  # the first bearer's remain
         of_facet, side = np.full(self.first[-1], -1), np.ones(self.first[-1])
         of_facet[facets] = plane
         side[facets] = np.sign(np.einsum("ij,ij->i", own[:, :3], planes[plane, :3]))
-        self.planes = Planes(planes, np.repeat(numbers[np.argsort(first)], lengths[kept]), of_facet, side, self._step)
+        self.planes = Planes(planes, np.repeat(numbers, lengths[first]), of_facet, side, self._step)
         adjusted = self.planes.adjusted([meshes[i] for i in sharing], self.first[sharing])
         for i, mesh in zip(sharing, adjusted):
             meshes[i] = mesh
@@ -138,6 +142,15 @@ class Leaves:
         begins = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
         vertices = np.concatenate([m.vertices for m in meshes])
         self.boxes = np.stack([np.minimum.reduceat(vertices, begins), np.maximum.reduceat(vertices, begins)], axis=1)
+
+    def mesh_content(self, i: int) -> list[bytes]:
+        """What the mesh of solid i, and all that is done to it, follows from; after :meth:`make_meshes`."""
+        solid, mesh, facets = self.solids[i], self.meshes[i], slice(self.first[i], self.first[i + 1])
+        name = f"{solid.primitive.name} {solid.segments} {self.first[i]} {self._step.hex()}"
+        on = self.planes.of_facet[facets]
+        planes = self.planes.planes[on[on >= 0]]  # the numbers of these are in the order of their surfaces
+        arrays = (solid.to_world, solid.frame, mesh.vertices, solid.surfaces, self.planes.side[facets], on >= 0, planes)
+        return [name.encode(), *(a.tobytes() for a in arrays)]
 
     def extent(self, i: int) -> Extent:
         """Where solid i lies; after :meth:`make_meshes`."""

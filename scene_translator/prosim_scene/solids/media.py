@@ -14,6 +14,7 @@ from ..model import Leaf
 from . import tree
 from .coincidence import Planes
 from .parts import Part, as_parts, beneath, reserve_ids, union
+from .results import kept
 from .values import Value
 
 OPAQUE = 0  # the medium of everything that is not a dielectric
@@ -167,6 +168,10 @@ def _joined(shells: list[Shell], planes: Planes) -> Shell:
 
 
 def _shell(part: Part) -> Shell:
+    return kept(part.content, "shell", lambda: _extracted(part), lambda shell: len(shell.triangles))
+
+
+def _extracted(part: Part) -> Shell:
     # Plain primitives are brought onto their planes many at a time, see batches; elsewhere that is not idempotent.
     mesh = (part.manifold if part.plain else part.planes.together(part.manifold, part.surfaces)).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3

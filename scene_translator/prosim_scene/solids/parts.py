@@ -17,6 +17,7 @@ from manifold3d import Error, Manifold, Mesh64
 
 from .coincidence import Planes
 from .hidden import Extent
+from .results import Content, kept
 from .sweep import components, touching
 
 T = TypeVar("T")
@@ -27,7 +28,8 @@ BATCH = 64  # holes at first; then so many times as many, until there are all
 class Part:
     """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that
     its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same,
-    and its ``extent``. It is ``plain`` where it is a whole primitive none of whose curved faces is shared.
+    and its ``extent``. It is ``plain`` where it is a whole primitive none of whose curved faces is shared. ``content``:
+    what it comes from, where results are kept.
     """
 
     make: Callable[[], Manifold]
@@ -38,6 +40,7 @@ class Part:
     key: Hashable = None
     plain: bool = False
     extent: Callable[[], Extent] | None = None
+    content: Content | None = None
 
     @cached_property
     def manifold(self) -> Manifold:
@@ -56,6 +59,7 @@ def solid(
     key: Hashable = None,
     plain: bool = False,
     extent: Callable[[], Extent] | None = None,
+    content: Content | None = None,
 ) -> list[Part]:
     """A closed mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets; ``box``
     (2, 3) is around it.
@@ -74,17 +78,20 @@ def solid(
             )
         )
 
-    return [Part(make, box[0] - planes.step, box[1] + planes.step, surfaces, planes, key, plain, extent)]
+    return [Part(make, box[0] - planes.step, box[1] + planes.step, surfaces, planes, key, plain, extent, content)]
 
 
-def as_parts(manifold: Manifold, planes: Planes, *surfaces: frozenset[int]) -> list[Part]:
+def as_parts(
+    manifold: Manifold, planes: Planes, *surfaces: frozenset[int], content: Content | None = None
+) -> list[Part]:
     """A list of one part, or of none where nothing is left. Boxes are a little too large: faces that touch but for
     rounding are in touching boxes.
     """
     if _checked(manifold).is_empty():
         return []
     box = np.array(manifold.bounding_box())  # evaluates the operation
-    return [Part(lambda: manifold, box[:3] - planes.step, box[3:] + planes.step, frozenset().union(*surfaces), planes)]
+    low, high = box[:3] - planes.step, box[3:] + planes.step
+    return [Part(lambda: manifold, low, high, frozenset().union(*surfaces), planes, content=content)]
 
 
 def reserve_ids(count: int) -> int:
@@ -178,6 +185,12 @@ def _combined(operator: str, first: Part, second: Part) -> list[Part]:
     """One operation on two parts, +, -, * or ("b-a") the second one without the first one, whose common planes are told
     apart while it is done.
     """
+    content = Content.combined(operator, [first.content, second.content])
+    result = kept(content, "mesh", lambda: _made(operator, first, second), Manifold.num_tri)
+    return as_parts(result, first.planes, first.surfaces, second.surfaces, content=content)
+
+
+def _made(operator: str, first: Part, second: Part) -> Manifold:
     common, planes = first.surfaces & second.surfaces, first.planes
     a, b = first.manifold, second.manifold
     if common:
@@ -185,7 +198,7 @@ def _combined(operator: str, first: Part, second: Part) -> list[Part]:
     result = b + a if operator == "+" else a - b if operator == "-" else b - a if operator == "b-a" else a ^ b
     if common and not _checked(result).is_empty():
         result = planes.closer(result, common)
-    return as_parts(result, planes, first.surfaces, second.surfaces)
+    return _checked(result)
 
 
 def _composed(parts: list[Part]) -> Part:
@@ -199,6 +212,7 @@ def _composed(parts: list[Part]) -> Part:
         high.max(axis=0),
         frozenset().union(*(p.surfaces for p in parts)),
         parts[0].planes,
+        content=Content.combined("", (p.content for p in parts)),
     )
 
 

@@ -9,6 +9,7 @@ from ..model import Leaf, Operator
 from . import csg, media, parts, tree
 from .faces import Faces, Skin, Triangles
 from .leaves import Leaves
+from .results import Content, Results
 from .sight import Sight
 from .values import Value
 
@@ -28,14 +29,16 @@ def tessellate(
     material: Callable[[Leaf], Hashable],
     fresnel: Callable[[Leaf], bool],
     kept: Callable[[Hashable, Callable[[], Faces]], Faces] = anew,
+    results: Results | None = None,
 ) -> dict[Skin, Triangles]:
     """The surfaces of a document's scene.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
     None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
     ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, to which its outside matters.
-    ``kept(key, make)`` may give what ``make`` has made for an equal key before. Raises :class:`SceneError` for a
-    transform that cannot be inverted and for more triangles than memory is provided for.
+    ``kept(key, make)`` may give what ``make`` has made for an equal key before; ``results`` are those of another tree's
+    operations. Raises :class:`SceneError` for a transform that cannot be inverted and for more triangles than memory is
+    provided for.
     """
     nodes = document.scene.csg
     leaves = tree.leaves(nodes)
@@ -47,7 +50,7 @@ def tessellate(
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
     reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = kept(
-        (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects)
+        (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects, results)
     )
     seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     alike: dict[Skin, list[int]] = {}
@@ -69,12 +72,14 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool]) -> Faces:
+def _faces(
+    nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool], results: Results | None
+) -> Faces:
     """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric; ``reflects[i]``:
     it is opaque, and reflects by Fresnel's equations.
     """
     table.make_meshes()
-    base = parts.reserve_ids(len(media_of))
+    base = parts.reserve_ids(len(media_of)) if results is None else results.begin(len(media_of))
 
     def leaf_value(number: int, leaf: Leaf) -> Value:
         i = table.of_leaf[number]
@@ -91,6 +96,7 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequ
                 solid.key,
                 solid.curved_surface < 0,
                 lambda: table.extent(i),
+                Content.of(results, number.to_bytes(8, "little"), *table.mesh_content(i)) if results else None,
             )
         }
 
@@ -115,6 +121,8 @@ def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequ
             high = shell.heights(part) > 2 * table.planes.step
             collected.append([kind, high, positions + table.origin, found.normals, found.uv, keys])
         vertices += len(shell.vertices)
+    if results:
+        results.end()
     kind, high, *columns = map(np.concatenate, zip(*collected))
     codes, kind = np.unique(kind, return_inverse=True)
     leaf, sides = np.divmod(codes, count**2)

@@ -149,7 +149,10 @@ def row(moved):
     ]
     lines += [f"- SPHERE {i} CUBE {8 + i}" for i in range(8)]
     for i in range(16):
-        lines += [f"SURFACE {i} kd = 0.5 0.5 0.5", f"TRANSFORM {i} TRANSLATE ({4 * (i % 8)} {0.1 * (i == moved)} 0)"]
+        lines += [
+            f"SURFACE {i} kd = 0.{1 + i % 8} 0.5 0.5",
+            f"TRANSFORM {i} TRANSLATE ({4 * (i % 8)} {0.1 * (i == moved)} 0)",
+        ]
     return "\n".join([*lines, "END", ""])
 
 
@@ -165,7 +168,8 @@ def test_only_what_an_edit_touches_is_made_anew(tmp_path, monkeypatch):
         (others, 2),
         (others.replace("- SPHERE 3", "* SPHERE 3"), 1),
         (others.replace("- SPHERE 3 CUBE 11", "- CUBE 11 SPHERE 3"), 1),
-        (others.replace(first, "SPHERE 8"), 8),  # the others' numbers change
+        (row(0), 1),
+        (others.replace(first, f"+ {first} {first}"), 8),  # the others' numbers change
     ):
         made.clear()
         path.write_text(text)

@@ -385,6 +385,36 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
         assert abs(by_mirror[k] / expected - 1) < (0.04 if kind in BALLS else 0.02)  # some thousand photons
 
 
+def test_an_edge_is_blurred_by_half_a_pixel(variant_rgb):
+    """Where the light of a point lamp by way of a mirror ends: the kernel has a standard deviation of 0.41 pixels, and
+    the pixel itself one of 0.29; together they have 0.50.
+    """
+    half, n, width = 0.3, 12, 0.2
+    upright = mi.ScalarTransform4f().translate((0, 1.1, 0)).rotate((0, 1, 0), 90).scale((half, half, 1))
+    mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}
+    world = scene(mirror=mirror, reflectance=1.0, lamp={"type": "point", "position": (1.5, 2, 0), "intensity": 3.0})
+    place = mi.ScalarTransform4f().look_at(origin=(2, 5, 0.7), target=(2, 0, 0.7), up=(0, 0, 1)).scale(width / 2)
+    film = {"type": "hdrfilm", "width": n, "height": n, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
+    prosim = {"type": "prosim", "samples": 4, "adaptive": "none"}
+    with_mirror, without = (
+        np.array(mi.render(world, sensor=sensor, integrator=mi.load_dict(prosim | more), seed=1))[..., 0]
+        for more in ({"caustics": True, "caustic_photons": 1 << 21}, {})
+    )
+    across = ((np.arange(n) + 0.5) / n - 0.5) * width
+    x, z = np.meshgrid(2 - across, 0.7 - across)
+    image = 3 * 2 / np.pi / ((x + 1.5) ** 2 + 4 + z**2) ** 1.5  # of the lamp, at (-1.5, 2, 0)
+    slant = np.hypot(1, half / 1.5)
+    within = (half * (x + 1.5) / 1.5 - z) / slant / (width / n)  # distance from the edge, in pixels
+    share = (with_mirror - without) / image
+    assert share[within > 2] == pytest.approx(1, abs=0.25) and share[within > 2].mean() == pytest.approx(1, abs=0.01)
+    assert not share[within < -2].any()
+    missing = np.where(within > 0, 1 - share, share)[abs(within) < 2]
+    distance = within[abs(within) < 2]
+    assert abs((missing * np.sign(distance)).sum()) / (n * slant) < 0.05  # the edge is where it ought to be
+    assert 0.45 < np.sqrt(2 * (missing * abs(distance)).sum() / (n * slant)) < 0.55
+
+
 def test_a_mirror_lights_rough_metal_as_the_image_of_the_lamp_would(variant_rgb):
     upright = mi.ScalarTransform4f().translate((0, 1.1, 0.1)).rotate((0, 1, 0), 90).scale((0.6, 0.6, 1))
     mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}

@@ -44,6 +44,7 @@ class Derivatives:
         with uncropped(self.sensor):
             self.estimator.rays = ray_sampler(self.sensor)
             for plan, start in self.plan.passes():
+                start = dr.opaque(mi.UInt32, start)
                 taken = dr.compress(self.counts > start)
                 if dr.width(taken) == 0:
                     break
@@ -51,7 +52,7 @@ class Derivatives:
                 lane = dr.arange(mi.UInt32, dr.width(taken) * plan.n)
                 pixel = dr.gather(mi.UInt32, taken, lane // plan.n)
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                t = dr.opaque(mi.UInt32, start) + lane % plan.n
+                t = start + lane % plan.n
                 values, _, position = self.estimator.sample(px, py, t)
                 count = dr.gather(mi.UInt32, self.counts, pixel)
                 share = dr.select(t < count, dr.rcp(mi.Float(count)), 0)  # the last pass may be cut short
@@ -73,16 +74,22 @@ class Derivatives:
             for c, value in enumerate(values):
                 if dr.grad_enabled(value):
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
-            # The passes share the graph behind the scene's parameters: its edges must stay.
-            dr.backward(dr.sum(loss), flags=dr.ADFlag.ClearVertices)
+            # The passes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
+            # but the sum itself would be a kernel of its own.
+            dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
             dr.eval()  # what was scattered to the parameters, so that no pass adds to the kernel of another
 
-    def attached_storage(self) -> mi.TensorXf:
-        """The film's values as a tensor that depends on the scene's parameters."""
-        height, width, channels = self.storage.shape
-        total = dr.zeros(mi.Float, width * height * channels)
+    def forward(self) -> mi.TensorXf:
+        """The derivative of the film's values, by those that the scene's parameters have."""
+        total = dr.zeros(mi.Float, len(self.storage.array))
+        channels = self.storage.shape[2]
         for values, spread in self.samples():
-            for c, value in enumerate(values):
+            values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
+            if values:
+                # What the passes share, behind the scene's parameters, is gone through once: it keeps its derivatives.
+                dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
+            for c, value in values:
                 for w, p in spread:
-                    dr.scatter_add(total, w * value, p * channels + c)
-        return mi.TensorXf(total, (height, width, channels))
+                    dr.scatter_add(total, w * dr.grad(value), p * channels + c)
+            dr.eval(total)  # so that the size of a kernel does not grow with the number of passes
+        return mi.TensorXf(total, self.storage.shape)

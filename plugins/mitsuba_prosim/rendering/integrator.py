@@ -242,7 +242,10 @@ class WaveIntegrator(mi.SamplingIntegrator):
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
         derivatives = self._derivatives(scene, sensor, seed, spp)
-        image = derivatives.develop(derivatives.attached_storage(), self.aov_names())
+        storage, gradient = mi.TensorXf(derivatives.storage), derivatives.forward()
+        dr.enable_grad(storage)
+        dr.set_grad(storage, gradient)
+        image = derivatives.develop(storage, self.aov_names())
         dr.forward_to(image)
         gradient = dr.grad(image)
         return with_more_channels(gradient, len(self.own_aovs))  # what it says of itself has no derivatives

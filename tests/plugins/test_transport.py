@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.transport import scene_facts, tree
+from mitsuba_prosim.transport import path, scene_facts, tree
 from scenes import penumbra
 
 
@@ -56,7 +56,7 @@ def equal_in_the_mean(scene, a, b, spp=256, count=6, significance=1e-3):
     [
         {"type": "mask", "opacity": 0.25, "b": BLACK},
         {"type": "mask", "opacity": 1.0, "b": BLACK},
-        {"type": "mask", "opacity": 0.75, "b": {"type": "prosim_composite", "alpha": 0.1, "diffuse_reflectance": 0.0}},
+        {"type": "mask", "opacity": 0.75, "b": {"type": "prosim_composite", "int_ior": 4.0}},
         {"type": "null"},
         {"type": "thindielectric"},
     ],
@@ -65,6 +65,7 @@ def equal_in_the_mean(scene, a, b, spp=256, count=6, significance=1e-3):
 def test_what_is_seen_through_is_counted_once(variant_rgb, bsdf, bounces):
     scene = card(
         bsdf,
+        sky={"type": "constant", "radiance": 0.5},
         light={
             "type": "rectangle",
             "to_world": T().translate([0, 0, -1]).scale(9),
@@ -235,10 +236,12 @@ def test_a_hidden_ball_does_not_move_what_is_behind(variant_rgb):
     assert agree.mean() > 0.85
 
 
-def test_the_code_of_a_tree_without_branches_is_followed_once(variant_rgb, monkeypatch):
+@pytest.mark.parametrize("module, bounces", [(tree, 0), (path, -1)], ids=["tree", "paths"])
+def test_the_code_of_a_tree_without_branches_and_of_paths_is_followed_once(variant_rgb, monkeypatch, module, bounces):
     """Dr.Jit goes through a loop twice in which something stays as it is; following takes as long as many samples."""
-    followed, shade = [], tree.shade
-    monkeypatch.setattr(tree, "shade", lambda *a: followed.append(a) or shade(*a))
-    scene = mi.load_dict(penumbra({"type": "conductor"}, 8, type="prosim", samples=2, adaptive="none"))
+    followed, shade = [], module.shade
+    monkeypatch.setattr(module, "shade", lambda *a: followed.append(a) or shade(*a))
+    settings = {"type": "prosim", "samples": 2, "adaptive": "none", "diffuse_bounces": bounces}
+    scene = mi.load_dict(penumbra({"type": "conductor"}, 8, **settings))
     scene.integrator().render(scene)
     assert len(followed) == 1

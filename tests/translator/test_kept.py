@@ -141,20 +141,42 @@ def counted(monkeypatch):
 
 def row(moved):
     """Eight balls that do not touch, each with a bite taken out of it, number ``moved`` of which is moved."""
-    lines = ["VIEW OBS 0 5 40 WINDOW -20 -20 20 20", "LIGHTS POINT position 5 5 9", "CSG-TREE", "+ " * 7]
+    lines = [
+        "VIEW OBS 0 5 40 WINDOW -20 -20 20 20 RESOLUTION 40 40",
+        "LIGHTS POINT position 5 5 9",
+        "CSG-TREE",
+        "+ " * 7,
+    ]
     lines += [f"- SPHERE {i} CUBE {8 + i}" for i in range(8)]
     for i in range(16):
-        lines += [f"SURFACE {i} kd = 0.5 0.5 0.5", f"TRANSFORM {i} TRANSLATE ({4 * (i % 8)} {0.1 * (i == moved)} 0)"]
+        lines += [
+            f"SURFACE {i} kd = 0.{1 + i % 8} 0.5 0.5",
+            f"TRANSFORM {i} TRANSLATE ({4 * (i % 8)} {0.1 * (i == moved)} 0)",
+        ]
     return "\n".join([*lines, "END", ""])
 
 
-def test_one_of_many_that_moves_is_made_alone(tmp_path, monkeypatch):
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_only_what_an_edit_touches_is_made_anew(tmp_path, monkeypatch):
     path, kept, made = tmp_path / "s.scn", prosim_scene.Kept(), counted(monkeypatch)
-    for moved, count in ((None, 8), (7, 1), (3, 2), (11, 1), (0, 2)):
+    first, others = "- SPHERE 0 CUBE 8", row(0)
+    for text, count in (
+        (row(None), 8),
+        (row(7), 1),
+        (row(3), 2),
+        (row(11), 1),
+        (others, 2),
+        (others.replace("- SPHERE 3", "* SPHERE 3"), 1),
+        (others.replace("- SPHERE 3 CUBE 11", "- CUBE 11 SPHERE 3"), 1),
+        (row(0), 1),
+        (others.replace(first, f"+ {first} {first}"), 8),  # the others' numbers change
+    ):
         made.clear()
-        path.write_text(row(moved))
-        prosim_scene.translate(path, kept=kept)
-        assert sorted(made) == ["mesh"] * count + ["shell"] * count
+        path.write_text(text)
+        prosim_scene.translate(path, tmp_path / "kept", kept=kept)
+        assert made.count("shell") == count
+        prosim_scene.translate(path, tmp_path / "anew")
+        assert files(tmp_path / "kept") == files(tmp_path / "anew")
 
 
 def test_no_more_is_kept_than_there_is_room_for(tmp_path, monkeypatch):

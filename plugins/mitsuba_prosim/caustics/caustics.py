@@ -42,7 +42,9 @@ class Caustics:
         self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
         self.footprint = Footprint.of(scene, sensor)
         self.gathering = Gathering(scene, self.footprint)
-        self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible) if walk.merges else None
+        self.merging: Merging | None = None
+        if walk.merges:
+            self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible, walk.careful)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         self._sets: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._drawn: Photons | None = None

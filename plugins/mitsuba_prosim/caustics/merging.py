@@ -20,7 +20,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
-from ..transport import lobes
+from ..transport import asking, lobes
 from ..transport.indivisible import is_whole
 from .footprint import Footprint
 from .gathering import within_reach
@@ -33,11 +33,15 @@ EVENLY = 0.75
 
 class Merging:
     """Glossy lobes lit by photons that came by way of ideally smooth surfaces alone, at most ``deepest`` with those
-    of the eye's ray; within a pixel's width (``footprint``). ``indivisible``: whether any BSDF is taken whole.
+    of the eye's ray; within a pixel's width (``footprint``). ``indivisible``: whether any BSDF is taken whole;
+    ``careful``: whether any has to be asked for its lobes with care.
     """
 
-    def __init__(self, footprint: Footprint, sources: Sources, deepest: mi.UInt32, indivisible: bool) -> None:
-        self.footprint, self.sources, self.deepest, self.indivisible = footprint, sources, deepest, indivisible
+    def __init__(
+        self, footprint: Footprint, sources: Sources, deepest: mi.UInt32, indivisible: bool, careful: bool
+    ) -> None:
+        self.footprint, self.sources, self.deepest = footprint, sources, deepest
+        self.indivisible, self.careful = indivisible, careful
         self._drawn: tuple[Photons, mi.Float] | None = None
 
     def draw(self, photons: Photons, shares: mi.Float) -> None:
@@ -88,7 +92,7 @@ class Merging:
             near &= cos > 1e-6
             dense, f = dr.gather(mi.Float, density, i, near), mi.Spectrum(0)
             for lobe in drawn:
-                f_lobe, pdf = bsdf.eval_pdf(lobe, si, wo, near)
+                f_lobe, pdf = asking.eval_pdf(lobe, si, bsdf, wo, near, self.careful)
                 f += f_lobe * (1 - share(self.reach(si, d, pdf) * dense))
             flux = dr.gather(mi.Spectrum, photons.flux, i, near)
             return dr.select(near, f * flux * (kernel / dr.select(near, cos, 1)), 0)

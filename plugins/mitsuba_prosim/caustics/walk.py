@@ -10,6 +10,7 @@ import mitsuba as mi
 from ..masks import but_not
 from ..transport import dispersion, lobes
 from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
+from ..transport.asking import any_careful
 from ..transport.indivisible import any_indivisible, belongs_to, is_whole
 from ..transport.merging import onward, possible
 from . import random
@@ -77,6 +78,7 @@ class Walk:
         self.everything = lobes.everything()
         self.specular.mode = self.everything.mode = mi.TransportMode.Importance
         self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), dispersion.disperses(scene)
+        self.careful = any_careful(scene)
         self.wholes, self.indivisible = wholes, any_indivisible(scene)
         self.merges = possible(scene)
 
@@ -165,8 +167,9 @@ class Walk:
         where a surface is shaded by other normals than its own, cosines of both are exchanged (Veach 1997, 5.3).
         """
         choice, sample = random.number(key, first + CHOICE), random.point(key, first + DIRECTION)
-        if self.disperses:
-            bs, weight = dispersion.sample(self.specular, si, bsdf, choice, sample, flux, active)
+        if self.disperses or self.careful:
+            carried = flux if self.disperses else None
+            bs, weight = dispersion.sample(self.specular, si, bsdf, choice, sample, carried, active)
         else:
             bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
         belongs, sent = (bs.sampled_type & self.specular.type_mask) != 0, mi.Bool(False)

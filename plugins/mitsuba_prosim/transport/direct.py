@@ -8,7 +8,7 @@ import mitsuba as mi
 from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import NRook, SamplerPoints
-from . import lobes
+from . import asking, lobes
 from .absorption import beyond, transmittance
 from .indivisible import is_whole
 from .moving import carried_sample
@@ -49,7 +49,7 @@ def direct_light(
             f = dr.select(scattered, bsdf.eval(lobes.diffuse(), si, wo, lit & scattered), f)
             glossy = but_not(lit, scattered)
         for lobe in stage.facts.partners:
-            f_lobe, pdf_lobe = bsdf.eval_pdf(lobe, si, wo, glossy)
+            f_lobe, pdf_lobe = asking.eval_pdf(lobe, si, bsdf, wo, glossy, stage.facts.careful)
             f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)

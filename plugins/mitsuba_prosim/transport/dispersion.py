@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from . import asking
 from .shapes import all_shapes
 
 
@@ -22,8 +23,8 @@ def sample(
     throughput: mi.Spectrum | None,
     active: mi.Bool,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """A sample of the ``lobe`` of ``bsdf``, as its own method has it. What an ideally smooth surface refracts goes on
-    with a wavelength that the ray still carries, by its ``throughput``; without one (None) all go the same way.
+    """A sample of the ``lobe`` of ``bsdf``, as :func:`.asking.sample` has it. What an ideally smooth surface refracts
+    goes on with a wavelength that the ray still carries, by its ``throughput``; without one (None) all go the same way.
     """
     weights = None
     if throughput is not None:
@@ -42,7 +43,7 @@ def sample(
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         if getattr(one, "disperses", False):
             return one.sample_carried(lobe, si, choice, point, weights, active)
-        return one.sample(lobe, si, choice, point, active)
+        return asking.sample(lobe, si, one, choice, point, active)
 
     if not dr.is_jit_v(mi.Float):
         return sampled(bsdf, si, choice, point, weights, active)

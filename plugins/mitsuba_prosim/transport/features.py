@@ -11,6 +11,7 @@ import mitsuba as mi
 from ..masks import but_not, idle
 from . import dispersion, lobes
 from .absorption import ENDLESS, before, beyond, media_of, transmittance
+from .asking import any_careful
 
 #: Names of the values that :func:`features` gives, channel by channel.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
@@ -51,7 +52,7 @@ def features(
     looks past them. ``around``: the medium that it is in.
     """
     media = around is not None or any(True for _ in media_of(scene))
-    disperses = dispersion.disperses(scene)
+    careful = dispersion.disperses(scene) or any_careful(scene)
     diffuse, specular = lobes.diffuse(), lobes.specular()
 
     def step(state: State) -> State:
@@ -73,8 +74,8 @@ def features(
         hidden = first & si.shape.is_emitter() if hide_emitters else mi.Bool(False)
         surface, first = but_not(surface, hidden), but_not(first, hidden)
         facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
-        scattered, _ = draw(si, diffuse, state.sampler, surface, disperses)
-        weight, d = draw(si, specular, state.sampler, surface, disperses)
+        scattered, _ = draw(si, diffuse, state.sampler, surface, careful)
+        weight, d = draw(si, specular, state.sampler, surface, careful)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
         throughput = dr.select(hidden, throughput, throughput * weight)
         if media:
@@ -116,15 +117,16 @@ def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
 
 
 def draw(
-    si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, disperses: bool
+    si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, careful: bool
 ) -> tuple[Any, mi.Vector3f]:
     """``(weight, direction)`` of a sample of the ``lobe`` of what was met; weight 0 where it has none.
 
-    Some BSDFs sample other lobes than they are asked for: such a sample counts for the turn of its own lobe. Glass that
-    ``disperses`` lets all wavelengths go one way, for what is clipped is no mean.
+    Some BSDFs sample other lobes than they are asked for: such a sample counts for the turn of its own lobe.
+    ``careful``: whether any disperses, or has to be asked with care. Glass that disperses lets all wavelengths go
+    one way, for what is clipped is no mean.
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
-    if disperses:
+    if careful:
         bs, weight = dispersion.sample(lobe, si, si.bsdf(), choice, point, None, active)
     else:
         bs, weight = si.bsdf().sample(lobe, si, choice, point, active)

@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from ..sampling.nrook import NRook, SamplerPoints
-from . import dispersion, lobes
+from . import asking, dispersion, lobes
 from .absorption import beyond
 from .indivisible import belongs_to, is_whole
 from .merging import with_reach
@@ -35,11 +35,10 @@ def follow(
     stratified = lobes.is_everything(lobe) or stage.facts.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     sample = points(stage.space(ray.node, k), active)
-    counts, whole = mi.Bool(True), mi.Bool(False)
+    counts, whole = None if ray.counts is None else mi.Bool(True), mi.Bool(False)
     with dr.suspend_grad(when=stage.attached):
         bs, weight = sample_lobe(stage, lobe, ray, si, bsdf, choice, sample, active)
-        # Some BSDFs (mask, thindielectric) sample other lobes than they are asked for: these have a turn of their
-        # own.
+        # thindielectric samples another lobe than it is asked for: that has a turn of its own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
         if stage.facts.indivisible:
             whole = active & is_whole(bsdf, active)
@@ -51,7 +50,7 @@ def follow(
     if stage.attached:
         drawn = but_not(active, ideal)
         moved, jacobian = carried_ray(stage.scene, lights, si, viewer_side(si), d, drawn)
-        f, pdf = bsdf.eval_pdf(lobe, si, si.to_local(moved), drawn)
+        f, pdf = asking.eval_pdf(lobe, si, bsdf, si.to_local(moved), drawn, stage.facts.careful)
         if stage.facts.indivisible:
             f_whole, pdf_whole = bsdf.eval_pdf(lobes.everything(), si, si.to_local(moved), but_not(whole, ideal))
             f, pdf = dr.select(whole, f_whole, f), dr.select(whole, pdf_whole, pdf)
@@ -106,8 +105,9 @@ def sample_lobe(
     active: mi.Bool,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     """A sample of ``lobe``, in glass that disperses of a wavelength that ``ray`` still carries."""
-    if stage.facts.disperses:
-        return dispersion.sample(lobe, si, bsdf, choice, sample, ray.throughput, active)
+    if stage.facts.disperses or stage.facts.careful:
+        throughput = ray.throughput if stage.facts.disperses else None
+        return dispersion.sample(lobe, si, bsdf, choice, sample, throughput, active)
     return bsdf.sample(lobe, si, choice, sample, active)
 
 

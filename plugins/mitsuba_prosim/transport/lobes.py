@@ -18,6 +18,8 @@ DIFFUSE = ("DiffuseReflection", "DiffuseTransmission")
 GLOSSY = ("GlossyReflection", "GlossyTransmission")
 #: Those of the lobes of one direction.
 IDEAL = ("DeltaReflection", "DeltaTransmission", "Null")
+#: Those of the lobes of more than one.
+SMOOTH = GLOSSY + DIFFUSE
 #: Those of the smooth lobes that light from behind reaches.
 BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
@@ -45,6 +47,22 @@ def specular() -> mi.BSDFContext:
 def diffuse() -> mi.BSDFContext:
     """The context of the diffuse reflection and transmission."""
     return _context(DIFFUSE)
+
+
+def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
+    """``context`` for no other lobes than the named ones."""
+    return _of_type(context, context.type_mask & mask(*names))
+
+
+def and_through(context: mi.BSDFContext) -> mi.BSDFContext:
+    """``context`` for what passes straight through as well."""
+    return _of_type(context, context.type_mask | mask("Null"))
+
+
+def _of_type(context: mi.BSDFContext, type_mask: int) -> mi.BSDFContext:
+    other = mi.BSDFContext(context.mode)
+    other.type_mask = type_mask
+    return other
 
 
 def _context(names: Sequence[str]) -> mi.BSDFContext:

@@ -122,7 +122,8 @@ def emission(stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Boo
     """Radiance of a source that ``ray`` meets, shared with the sampling of the sources at the ray's origin."""
     lights = stage.facts.lights
     emitter = si.emitter(stage.scene)
-    active = active & ray.counts
+    if ray.counts is not None:
+        active = active & ray.counts
     if stage.settings.hide_emitters:
         active &= ray.level > 0
     if idle(active) or emitter is None:

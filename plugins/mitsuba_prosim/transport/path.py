@@ -12,7 +12,7 @@ from . import lobes
 from .following import follow
 from .node import shade
 from .ray import Node, Ray
-from .stage import CHOICE, DIFFUSE, REFLECTED, ROULETTE, Stage
+from .stage import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Stage
 from .walk import walk
 
 
@@ -24,8 +24,9 @@ class State:
     hit: mi.Bool
     ray: Ray
     active: mi.Bool
-    #: Diffuse reflections so far.
-    bounces: mi.UInt32
+    #: Diffuse reflections so far; None where they are not counted, as Dr.Jit follows a loop twice in which something
+    #: stays as it is.
+    bounces: mi.UInt32 | None
     #: Product of the ratios of the indices crossed so far.
     eta: mi.Float
     sampler: mi.Sampler | None
@@ -38,7 +39,7 @@ def radiance(
     settings = stage.settings
 
     def step(state: State) -> State:
-        scattered = state.bounces > 0 if stage.caustics is not None else False
+        scattered = False if stage.caustics is None or state.bounces is None else state.bounces > 0
         if state.ray.gathered is not None:
             scattered |= state.ray.gathered
         L, node = shade(stage, state.ray, camera, points, state.active, scattered)
@@ -47,12 +48,12 @@ def radiance(
         surface, bounces = node.surface, state.bounces
         if settings.max_level >= 0:
             surface &= ray.level <= settings.max_level
-        if settings.diffuse_bounces < 0:
+        if bounces is None:
             following, going, passed = follow(stage, lobes.everything(), DIFFUSE, ray, node, points, surface)
         else:
             following, going, passed, bounces = one_of_two(stage, ray, node, points, surface, bounces)
         following.node = ray.node + 1
-        if stage.caustics is not None:
+        if stage.caustics is not None and bounces is not None:
             # What a ray meets after a diffuse reflection was gathered there.
             following.counts &= bounces == 0
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
@@ -60,9 +61,8 @@ def radiance(
         following, going = roulette(stage, following, going, eta, points.choice(stage.space(ray.node, ROULETTE)))
         return State(state.L + L, hit, following, going, bounces, eta, state.sampler)
 
-    state = State(
-        mi.Spectrum(0), mi.Bool(False), stage.first(camera), mi.Bool(active), mi.UInt32(0), mi.Float(1), sampler
-    )
+    bounces = mi.UInt32(0) if settings.diffuse_bounces >= 0 else None
+    state = State(mi.Spectrum(0), mi.Bool(False), stage.first(camera), mi.Bool(active), bounces, mi.Float(1), sampler)
     return walk(stage, step, state, camera)
 
 
@@ -79,7 +79,9 @@ def one_of_two(
     a = dr.select(going, dr.max(following.throughput), 0)
     b = dr.select(scatters, dr.max(scattered.throughput), 0)
     p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
-    choose = points.choice(stage.space(ray.node, CHOICE)) < p
+    # What chooses among lobes by itself has used the number of the choice; none is drawn from the refracted lobe here.
+    chosen = stage.facts.careful or stage.facts.indivisible
+    choose = points.choice(stage.space(ray.node, REFRACTED if chosen else CHOICE)) < p
     following = dr.select(choose, scattered, following)
     following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
     return (

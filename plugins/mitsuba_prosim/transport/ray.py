@@ -10,7 +10,9 @@ import mitsuba as mi
 
 @dataclass
 class Ray:
-    """A ray of the tree or path, with what its node needs. All fields are Dr.Jit arrays of one width."""
+    """A ray of the tree or path, with what its node needs. All fields are Dr.Jit arrays of one width, or None where
+    they would stay as they are: Dr.Jit follows a loop twice in which something does.
+    """
 
     o: mi.Point3f
     d: mi.Vector3f
@@ -25,12 +27,12 @@ class Ray:
     pdf: mi.Float
     #: Whether a source that it meets could have been sampled at its origin too, and shares its light with that.
     shares: mi.Bool
-    #: Whether a source that it meets counts at all; not where the sources were sampled in full.
-    counts: mi.Bool
     #: Normal of the surface that the ray leaves, on the viewer's side.
     n: mi.Normal3f
-    #: Whether light from both of the sides of that surface was sampled.
-    both_sides: mi.Bool
+    #: Whether a source that it meets counts at all; not where the sources were sampled in full. None: all do.
+    counts: mi.Bool | None = None
+    #: Whether light from both of the sides of that surface was sampled; None where that is of none.
+    both_sides: mi.Bool | None = None
     #: Where anything in the scene absorbs: what the ray goes through (``mi.Medium`` in scalar variants) ...
     medium: mi.MediumPtr | None = None
     #: ... and how far along it ``o`` is from the surface that it leaves.
@@ -53,9 +55,7 @@ class Ray:
             mi.UInt32(0),
             mi.Float(0),
             mi.Bool(False),
-            mi.Bool(True),
             mi.Normal3f(camera.d),
-            mi.Bool(False),
         )
 
 

@@ -9,6 +9,7 @@ import mitsuba as mi
 from ..light.table import Lights
 from . import lobes
 from .absorption import absorbs_any
+from .asking import any_careful
 from .dispersion import disperses
 from .indivisible import any_indivisible
 from .settings import Settings
@@ -28,6 +29,8 @@ class SceneFacts:
     both_sides: bool
     #: Whether any BSDF is taken whole, see :mod:`.indivisible`.
     indivisible: bool
+    #: Whether any BSDF has to be asked for its lobes with care, see :mod:`.asking`.
+    careful: bool
     #: Whether anything absorbs light on its way, see :mod:`.absorption`.
     absorbs: bool
     #: Whether any surface disperses, see :mod:`.dispersion`.
@@ -68,6 +71,7 @@ class SceneFacts:
             lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
             lobes.has_any(flags, *lobes.BOTH_SIDES),
             settings.diffuse_bounces >= 0 and any_indivisible(scene),
+            any_careful(scene),
             absorbs_any(scene, around),
             disperses(scene),
             alone,

@@ -61,6 +61,10 @@ class Stage:
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""
         ray = Ray.first(camera)
+        if self.facts.indivisible or self.settings.diffuse_bounces > 0:
+            ray.counts = mi.Bool(True)
+        if self.facts.both_sides:
+            ray.both_sides = mi.Bool(False)
         if self.facts.absorbs:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
             ray.gap = mi.Float(0)

@@ -23,7 +23,7 @@ from manifold3d import Manifold, Mesh64
 
 from .primitives import Mesh
 
-STEP = 2.0**-26  # of the scene's size, less than single precision shows
+STEP = 2.0**-26  # of the scene's size as a power of two, less than single precision shows
 GRAIN = 2.0**-36  # of it, what facets are kept apart by; manifold3d takes 1e-12 for rounding
 
 #: Heights of facets over their planes, and the sides that they look to -> other heights.

@@ -1,0 +1,81 @@
+"""Surfaces whose lobes have to be asked for with care: ``mask`` and ``blendbsdf``, in the tree and along paths."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+MIRROR = {"type": "conductor"}
+BLACK = {"type": "diffuse", "reflectance": 0.0}
+BLACK_ROUGH = {"type": "roughconductor", "alpha": 0.3, "specular_reflectance": 0.0}
+ROUGH = {"type": "roughconductor", "alpha": 0.3}
+
+bounces = pytest.mark.parametrize("bounces", [0, 3, -1], ids=["tree", "paths by two rays", "paths"])
+
+
+def masked(bsdf, opacity=0.6):
+    return {"type": "mask", "opacity": opacity, "b": bsdf}
+
+
+def blended(a, b, weight=0.5):
+    return {"type": "blendbsdf", "weight": weight, "a": a, "b": b}
+
+
+def quarters(bsdfs, bounces, light, samples=16, size=16):
+    """Four cards in one plane, alike as seen from the camera, which is above their common corner: the pixels of each,
+    an array (4, size² / 4), and the standard errors of their means.
+    """
+    T = mi.ScalarTransform4f
+    cards = {
+        f"card {k}": {"type": "rectangle", "to_world": T().translate([x, y, 0]), "bsdf": bsdf}
+        for k, (bsdf, (x, y)) in enumerate(zip(bsdfs, ((1, 1), (-1, 1), (1, -1), (-1, -1)), strict=True))
+    }
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prosim", "adaptive": "none", "samples": samples, "diffuse_bounces": bounces},
+            "sensor": {
+                "type": "perspective",
+                "fov": 20,
+                "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": size,
+                    "height": size,
+                    "pixel_format": "luminance",
+                    "rfilter": {"type": "box"},
+                },
+            },
+            "light": light,
+            **cards,
+        }
+    )
+    image = np.array(mi.render(scene, seed=1))[..., 0].astype(float)
+    half = size // 2
+    pixels = image.reshape(2, half, 2, half).transpose(0, 2, 1, 3)[:, ::-1].reshape(4, -1)
+    return pixels.mean(1), pixels.std(1, ddof=1) / half
+
+
+@bounces
+def test_ideal_lobes_under_an_even_sky(variant_rgb, bounces):
+    """A perfect mirror, and what lies behind, are as bright as the sky. A blend loses what its black half takes.
+
+    Each of twelve differences, where there is noise at all, is below 4 standard errors (p < 1e-3 together).
+    """
+    bsdfs = masked(MIRROR), masked(masked(MIRROR), 0.7), blended(MIRROR, BLACK), blended(BLACK_ROUGH, MIRROR, 0.6)
+    mean, error = quarters(bsdfs, bounces, {"type": "constant", "radiance": 1.0})
+    assert (error < 0.01).all()
+    assert (np.abs(mean - [1, 1, 0.5, 0.6]) < 4 * error + 1e-5).all(), (mean, error)
+
+
+@pytest.mark.slow
+@bounces
+def test_rough_lobes_share_the_light_of_a_source(variant_rgb, bounces):
+    """A part of a rough metal that is masked, or mixed with what is black, is so much darker (p < 1e-3 together)."""
+    lamp = {"type": "sphere", "center": [0, 0, 9], "radius": 1.5, "emitter": {"type": "area", "radiance": 10.0}}
+    dark = {"type": "conductor", "specular_reflectance": 0.0}
+    bsdfs = ROUGH, masked(ROUGH), blended(ROUGH, dark, 0.4), masked(blended(dark, ROUGH, 0.7))
+    mean, error = quarters(bsdfs, bounces, lamp)
+    shares = np.array([1, 0.6, 0.6, 0.42])
+    difference = mean - mean[0] * shares
+    assert (error[0] < 0.02 * mean[0]) and (error < 0.05 * mean).all()
+    assert (np.abs(difference[1:]) < 4 * np.hypot(error, error[0] * shares)[1:]).all(), (mean / mean[0], error)

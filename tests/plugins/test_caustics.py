@@ -15,6 +15,7 @@ from mitsuba_prosim.caustics.sources import Sources, left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import Landed
 from mitsuba_prosim.command.sampled import parameters
+from mitsuba_prosim.rendering.pursuit import in_full_sets
 from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import onward
@@ -187,6 +188,33 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
         images = np.stack([render(world, seed, samples=n, caustic_photons=1 << 12)[7:10, 5:9] for seed in range(6)])
         errors.append(images.std(axis=0, ddof=1).mean())
     assert errors[1] < 0.7 * errors[0]
+
+
+def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
+    """However small portions are; between two sets one can stop, and all pixels have come on alike."""
+    world, drawn = small(12), []
+    monkeypatch.setattr(Photons, "of", lambda *rest, of=Photons.of: (drawn.append(len(drawn)), of(*rest))[1])
+    more = {"samples": 2, "max_samples": 32, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 10}
+    integrator = mi.load_dict({"type": "prosim", "band": 40} | more)
+    *_, last = integrator.waves(world, seed=1)
+    assert len(drawn) == 8 and np.all(np.array(last.state.estimate.count) == 32)
+    monkeypatch.setattr(
+        Photons, "of", lambda *rest, of=Photons.of: (drawn[-1] == 10 and integrator.cancel(), of(*rest))[1]
+    )
+    *_, last = integrator.waves(world, seed=1)
+    assert len(drawn) == 12 and set(np.array(last.state.estimate.count).tolist()) <= {12, 16}
+
+
+def test_no_photons_are_sent_out_for_a_few_pixels():
+    """A wave goes as far as many want to, where its sets of photons would be for few."""
+
+    def bound(want, most=1 << 20):
+        return in_full_sets(np.full(len(want), 25), np.array(want), most, 25, 1 << 20)
+
+    assert bound([50] * 900 + [100] * 90 + [5000] * 10) == 50
+    assert bound([50] * 400 + [100] * 590 + [5000] * 10) == 100
+    assert bound([25] * 990 + [5000] * 10) == 0  # no more than there is
+    assert bound([25] * 990 + [5000] * 10, most=5000) == 5000  # nothing else is to come
 
 
 def test_the_command_asks_for_them_in_a_word():

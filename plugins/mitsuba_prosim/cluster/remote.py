@@ -46,6 +46,8 @@ class Remote:
     others. ``say``: told of workers that can't take part. To be closed in the end.
     """
 
+    in_turn = False
+
     def __init__(self, client: distributed.Client, parcel: Parcel, say: Callable[[str], None] = lambda _: None) -> None:
         self.link, self.parcel, self.say = Link(client), parcel, say
         self.before: str | None = None  # key of the scene before this one

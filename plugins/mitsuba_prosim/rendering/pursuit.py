@@ -17,6 +17,9 @@ from .state import State
 from .target import Target
 from .twin import Twin
 
+#: A set of photons is worth while for so many times fewer samples than there are photons, or than all pixels take.
+SPARSE = 2
+
 
 class Pursuit:
     """Lets ``state`` grow, each pixel in proportion to its ``need``, until ``target`` is reached. The target says how
@@ -146,7 +149,7 @@ class Pursuit:
 
         def after(effort: float) -> mi.UInt32:
             counts = in_patterns(state.plan, self.need * dr.opaque(mi.Float, effort))
-            return dr.maximum(counts, state.estimate.count)
+            return dr.maximum(self._worth_while(counts), state.estimate.count)
 
         def reaches(effort: float) -> bool:
             counts = mi.Float(after(effort))
@@ -156,6 +159,15 @@ class Pursuit:
         effort = state.decisions.effort
         state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
         return after(state.decisions.effort)
+
+    def _worth_while(self, wanted: mi.UInt32) -> mi.UInt32:
+        """``wanted``, less what only few pixels want of photons."""
+        plan, caustics = self.state.plan, self.state.estimator.transport.caustics
+        if caustics is None:
+            return wanted
+        have, want = (np.array(counts, dtype=np.int64) for counts in (self.state.estimate.count, wanted))
+        bound = in_full_sets(have, want, plan.most, caustics.maps(plan.first.n), caustics.count)
+        return dr.minimum(wanted, dr.opaque(mi.UInt32, bound))
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
         """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
@@ -177,6 +189,21 @@ class Pursuit:
             tell(min(max(begin + (end - begin) * part, by_time), 1.0))
 
         return told
+
+
+def in_full_sets(have: np.ndarray, want: np.ndarray, most: int, maps: int, photons: int) -> int:
+    """The samples of a pixel to which a wave goes, at most: less than the largest of ``want``, where its last sets of
+    so many ``photons``, for ``maps`` samples of each pixel, would be for few samples. They cost as much as for many, so
+    that other pixels are to have a part in them first. ``have``: samples so far; ``most``: those that one may get.
+    """
+    last, lacking = int(want.max()), want > have
+    if last == most or not lacking.any():
+        return last  # nothing more is to come
+    sets = -(-last // maps)
+    begun, ended = (np.bincount(counts[lacking], minlength=sets * maps + 1) for counts in (have, want))
+    samples = np.cumsum(begun - ended)[: sets * maps].reshape(sets, maps).sum(axis=1)
+    enough = np.flatnonzero(samples >= min(photons, have.size * maps) / SPARSE)
+    return (int(enough[-1]) + 1) * maps if enough.size else 0
 
 
 def size_of_patterns(expected: float) -> int:

@@ -109,20 +109,21 @@ class State:
 
     def _portions(self, wanted: mi.UInt32, quiet: Quiet | None) -> Iterator[Portion]:
         """The pixels that lack samples, ``band`` at a time."""
-        for span, some, work in portions(self.estimate.count, wanted, self):
-            whole = dr.width(some) == dr.width(wanted)  # all: spares two copies of the state
+        for soon, step in steps(self.estimate.count, wanted, self):
+            for span, some, work in portions(self.estimate.count, soon, self, step):
+                whole = dr.width(some) == dr.width(wanted)  # all: spares two copies of the state
 
-            def put(more: Estimate, some: mi.UInt32 = some, whole: bool = whole) -> None:
-                if whole:
-                    self.estimate = more
-                else:
-                    self.estimate.put(more, some)
+                def put(more: Estimate, some: mi.UInt32 = some, whole: bool = whole) -> None:
+                    if whole:
+                        self.estimate = more
+                    else:
+                        self.estimate.put(more, some)
 
-            x, y = self._places(some)
-            start = self.estimate if whole else self.estimate.at(some)
-            end = wanted if whole else dr.gather(mi.UInt32, wanted, some)
-            dr.eval(x, y, start, end)
-            yield Portion(self.estimator, x, y, start, [(self.plan, end)], quiet, work, span, put)
+                x, y = self._places(some)
+                start = self.estimate if whole else self.estimate.at(some)
+                end = soon if whole else dr.gather(mi.UInt32, soon, some)
+                dr.eval(x, y, start, end)
+                yield Portion(self.estimator, x, y, start, [(self.plan, end)], quiet, work, span, put)
 
     def _bands(self, wanted: mi.UInt32, quiet: Quiet | None) -> Iterator[Portion]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
@@ -234,9 +235,32 @@ class State:
         return result
 
 
-def portions(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[tuple[float, float], mi.UInt32, int]]:
+def steps(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[mi.UInt32, tuple[float, float]]]:
+    """What is ``wanted`` of those that have ``count``, step by step: ``(wanted so far, (part done before, then))``.
+
+    There is one step, but for caustics: each set of photons is drawn once then, all pixels come on alike, and between
+    two sets one can stop. (Who asks for portions before others are taken has them as they are.)
+    """
+    caustics = state.estimator.transport.caustics
+    if caustics is None or not state.taker.in_turn:
+        yield wanted, (0.0, 1.0)
+        return
+    maps = caustics.maps(state.plan.first.n)
+    have, want = (np.array(values, dtype=np.int64) for values in (count, wanted))
+    lacking = want > have
+    have, want, done = have[lacking], want[lacking], 0.0
+    if not have.size:
+        return
+    for end in range((int(have.min()) // maps + 1) * maps, int(want.max()) + maps, maps):
+        before, done = done, float(np.sum(np.maximum(np.minimum(want, end) - have, 0)) / np.sum(want - have))
+        yield dr.minimum(wanted, dr.opaque(mi.UInt32, end)), (before, done)
+
+
+def portions(
+    count: mi.UInt32, wanted: mi.UInt32, state: State, step: tuple[float, float]
+) -> Iterator[tuple[tuple[float, float], mi.UInt32, int]]:
     """Numbers of those that lack samples, so many at a time that the bounds of ``state`` are kept to: ``((part done
-    before, then), numbers, samples)``.
+    before, then), numbers, samples)``. ``step``: the part done before and after all of them.
     """
     plan = state.plan
     # A sampler that is given takes whole patterns only.
@@ -254,12 +278,14 @@ def portions(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tupl
             if end - begin < size:
                 some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
             before, finished = finished, finished + (end - begin) * each
-            yield (before / work, finished / work), some, finished - before
+            first, last = (step[0] + (step[1] - step[0]) * part / work for part in (before, finished))
+            yield (first, last), some, finished - before
 
 
 def by_lack(count: mi.UInt32, wanted: mi.UInt32, ratio: float) -> list[tuple[mi.UInt32, int, int]]:
     """Those that lack samples, in classes that lack about as many, so that few lanes wait for others: ``(numbers, how
-    many they are, most samples that one lacks)``. ``ratio``: of the most to the fewest in a class.
+    many they are, most samples that one lacks)``. ``ratio``: of the most to the fewest in a class. Those that lack most
+    come first: whoever stops in between has what is noisiest.
     """
     lacking = wanted - dr.minimum(count, wanted)
     dr.eval(lacking)
@@ -277,7 +303,7 @@ def by_lack(count: mi.UInt32, wanted: mi.UInt32, ratio: float) -> list[tuple[mi.
             first, last = dr.opaque(mi.UInt32, fewest), dr.opaque(mi.UInt32, low)
             where = dr.compress((lacking >= first) & (lacking <= last))
         classes.append((where, size, min(low, len(sizes) - 1)))
-    return classes
+    return classes[::-1]
 
 
 def own_channel(name: str, estimate: Estimate, n: int) -> mi.Float:

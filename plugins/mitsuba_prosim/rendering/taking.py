@@ -48,7 +48,11 @@ class Portion:
 
 
 class Taker(Protocol):
-    """Who takes the samples of portions; whoever it is, they are the same."""
+    """Who takes the samples of portions; whoever it is, they are the same. ``in_turn``: whether each portion has been
+    put where it belongs before the next one is asked for.
+    """
+
+    in_turn: bool
 
     def bound(self, most: int | None, left: int) -> int | None:
         """Samples of the next portion, at most; None: no bound. ``most``: where there is another reason to bound them;
@@ -65,6 +69,8 @@ class Taker(Protocol):
 
 class Here:
     """Takes them in this process, one portion after the other."""
+
+    in_turn = True
 
     def bound(self, most: int | None, left: int) -> int | None:
         """As many as may be."""

@@ -14,7 +14,7 @@ from ..sampling.hash import hash32
 from .error import displayed
 from .estimate import Estimate
 from .plan import area, pixels
-from .state import State, portions
+from .state import State, portions, steps
 from .taking import Portion, Round
 
 
@@ -62,18 +62,19 @@ class Twin:
     def _portions(self, state: State) -> Iterator[Portion]:
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
-        for span, some, work in portions(self.estimate.count, end, state):
-            x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, end))
-            start, seed = self.estimate.at(some), self.seed
-            if self.copies > 1:
-                seed = dr.gather(mi.UInt32, seed, some)
-            dr.eval(x, y, start, wanted, seed)
+        for soon, step in steps(self.estimate.count, end, state):
+            for span, some, work in portions(self.estimate.count, soon, state, step):
+                x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, soon))
+                start, seed = self.estimate.at(some), self.seed
+                if self.copies > 1:
+                    seed = dr.gather(mi.UInt32, seed, some)
+                dr.eval(x, y, start, wanted, seed)
 
-            def put(more: Estimate, some: mi.UInt32 = some) -> None:
-                self.estimate.put(more, some)
+                def put(more: Estimate, some: mi.UInt32 = some) -> None:
+                    self.estimate.put(more, some)
 
-            plan = replace(state.plan, seed=seed)
-            yield Portion(self.estimator, x, y, start, [(plan, wanted)], None, work, span, put)
+                plan = replace(state.plan, seed=seed)
+                yield Portion(self.estimator, x, y, start, [(plan, wanted)], None, work, span, put)
 
     def noise(self, state: State) -> tuple[float, float]:
         """Root mean square of the error of the displayed pixels of ``state``, white being 1, and what 99 in 100 are

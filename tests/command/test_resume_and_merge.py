@@ -94,6 +94,8 @@ def test_another_aim_and_another_place(lamp, tmp_path):
     third = moved.rename(tmp_path / "third")  # beside the state it is found
     said = done("resume", third / "b.state.exr", "--max-samples", 400, "--noise", 1e-9)
     assert "most samples that a pixel may have, 400" in said.stdout
+    done("resume", third / "b.state.exr", "--max-samples", 4000, "--time", 0.1)
+    refused("the 0.1 s that were asked for before are used up", "resume", third / "b.state.exr", "--noise", 1e-9)
 
 
 def test_what_does_not_belong_together_is_refused(lamp, tmp_path):

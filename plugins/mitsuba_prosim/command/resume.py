@@ -94,6 +94,12 @@ def resume(
             f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, "
             "--noise-99, --time, --max-samples and --adaptive are for the image that prosim merge --keep makes of them."
         )
+    before = record.facts["sampling"]["time"]
+    if any(asked.values()) and time is None and before and record.facts["seconds"] > 0.99 * before:
+        raise click.UsageError(
+            f"the {before:g} s that were asked for before are used up, as --time counts from the beginning: say --time as "
+            f"well, such as --time {2 * before:g}"
+        )
     if record.part and helpers:
         raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})

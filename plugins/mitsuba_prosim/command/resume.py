@@ -97,8 +97,8 @@ def resume(
     before = record.facts["sampling"]["time"]
     if any(asked.values()) and time is None and before and record.facts["seconds"] > 0.99 * before:
         raise click.UsageError(
-            f"the {before:g} s that were asked for before are used up, as --time counts from the beginning: say --time as "
-            f"well, such as --time {2 * before:g}"
+            f"the {before:g} s that were asked for before are used up, as --time counts from the beginning: say --time "
+            f"as well, such as --time {2 * before:g}"
         )
     if record.part and helpers:
         raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")

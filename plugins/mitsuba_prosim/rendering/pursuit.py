@@ -147,9 +147,16 @@ class Pursuit:
             way = target.work(state, self.AIM)
             goal = now / (way if way < 2 else way**0.7)
 
+        caustics = state.estimator.transport.caustics
+        have = None if caustics is None else np.array(state.estimate.count, dtype=np.int64)
+
         def after(effort: float) -> mi.UInt32:
             counts = in_patterns(state.plan, self.need * dr.opaque(mi.Float, effort))
-            return dr.maximum(self._worth_while(counts), state.estimate.count)
+            if have is not None:
+                maps, want = caustics.maps(state.plan.first.n), np.array(counts, dtype=np.int64)
+                bound = in_full_sets(have, want, state.plan.most, maps, caustics.count)
+                counts = dr.minimum(counts, dr.opaque(mi.UInt32, bound))
+            return dr.maximum(counts, state.estimate.count)
 
         def reaches(effort: float) -> bool:
             counts = mi.Float(after(effort))
@@ -159,15 +166,6 @@ class Pursuit:
         effort = state.decisions.effort
         state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
         return after(state.decisions.effort)
-
-    def _worth_while(self, wanted: mi.UInt32) -> mi.UInt32:
-        """``wanted``, less what only few pixels want of photons."""
-        plan, caustics = self.state.plan, self.state.estimator.transport.caustics
-        if caustics is None:
-            return wanted
-        have, want = (np.array(counts, dtype=np.int64) for counts in (self.state.estimate.count, wanted))
-        bound = in_full_sets(have, want, plan.most, caustics.maps(plan.first.n), caustics.count)
-        return dr.minimum(wanted, dr.opaque(mi.UInt32, bound))
 
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
         """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is

@@ -11,6 +11,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..registry import create
 from ..rendering.waves import part
 from ..sampling.hash import combine, hash32
 from ..scene_files import rendering
@@ -119,10 +120,8 @@ def features(
 
     Not by the samples of an image with that ``seed``: they would tell the other half what it must not know.
     """
-    nested = {"type": "prosim_features", "hide_emitters": hide_emitters}
-    integrator = mi.load_dict(
-        {"type": "prosim_adaptive", "nested": nested, "samples": FEATURE_SAMPLES, "adaptive": "none"}
-    )
+    nested = create("prosim_features", hide_emitters=hide_emitters)
+    integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")
     integrator.render(scene, sensor, seed=combine(hash32(seed), 2), spp=FEATURE_SAMPLES**2)
     values = np.array(sensor.film().develop())[..., -len(NAMES) :]
     return values[..., :3], values[..., 3:]

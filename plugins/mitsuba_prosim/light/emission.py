@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..parameters import constant, reject, shown
+from ..registry import create
 
 
 @overload
@@ -29,7 +30,7 @@ def read_emission(props, name, default=None):
         return None
     if values and not any(values):
         # Mitsuba 3.9 makes no texture of black under an illuminant's spectrum: there would be nothing to sample.
-        return mi.load_dict({"type": "uniform", "value": 0.0})
+        return create("uniform", value=0.0)
     texture = props.get_emissive_texture(name) if default is None else props.get_emissive_texture(name, default)
     if not values:
         import numpy as np  # slow to import, and seldom needed

@@ -12,6 +12,7 @@ from typing import Any, overload
 import mitsuba as mi
 
 from ..parameters import choice, constant, reject, shown
+from ..registry import create
 from .facets import DISTRIBUTIONS, Distribution
 from .nested import parts
 
@@ -108,7 +109,7 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
         if name in props:
             raise reject(props, name, props[name], f'no "{name}" beside "material", which is {material!r}')
     try:
-        conductor = mi.load_dict({"type": "conductor", "material": material})
+        conductor = create("conductor", material=material)
     except RuntimeError as error:
         names = metals()
         if not names:

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..parameters import reject
+from ..registry import create
 
 #: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
 OWN_AOVS = ("samples", "error")
@@ -81,7 +82,7 @@ def asked_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
             others.append(aov)
         else:
             raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
-    return own, mi.load_dict({"type": "aov", "aovs": ",".join(others)}) if others else None
+    return own, create("aov", aovs=",".join(others)) if others else None
 
 
 def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:

@@ -7,6 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
 from .stage import CAMERA_SPACES
 
@@ -63,7 +64,7 @@ def is_differential(integrator: mi.Integrator) -> bool:
 
 def sampler_of(points: NRook) -> Any:
     """A ``mi.Sampler`` that gives ``points``, space by space."""
-    sampler = mi.load_dict({"type": "nrook", "jitter": points.jitter})
+    sampler = create("nrook", jitter=points.jitter)
     sampler.permutations, n = points.permutations, points.permutations.n
     sampler.pixel, sampler.index = points.key, points.r * n + points.i  # the key is the epoch's
     sampler.dimension = mi.UInt32(CAMERA_SPACES)

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compare.scenes import seen_by
+from ..registry import create
 from ..rendering.plan import SAMPLING
 from ..rendering.snapshot import Snapshot
 from ..scene_files import rendering
@@ -77,7 +78,7 @@ def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
 
     if isinstance(integrator, WaveIntegrator):
         return integrator, spp
-    within = mi.load_dict({"type": "prosim_adaptive", "nested": integrator, "adaptive": "none"})
+    within = create("prosim_adaptive", nested=integrator, adaptive="none")
     return within, spp or sensor.sampler().sample_count()
 
 
@@ -99,7 +100,7 @@ def rival(subject: Subject, integrator: Any, spp: int, seed: int) -> Take:
     ``prosim``.
     """
     sampling = {name: getattr(integrator, name) for name in (*SAMPLING, "channels")}
-    path = mi.load_dict({"type": "prosim_adaptive", "nested": {"type": "path"}, **sampling})
+    path = create("prosim_adaptive", nested=create("path"), **sampling)
     scene, background = subject.scene, getattr(integrator, "background", None)
     if background is not None:
         sky: dict[str, Any] = {"type": "constant", "radiance": background}

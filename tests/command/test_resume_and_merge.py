@@ -105,7 +105,8 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     refused("scene.xml is not what the state was made of", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
     done("resume", state)
-    refused("no state of a render", "resume", tmp_path / "a.exr")
+    refused("is an EXR image, not the state of a render. Did you mean .*a.state.exr?", "resume", tmp_path / "a.exr")
+    refused("the state of a render, not a scene. To go on with it: prosim resume ", "render", state)
     refused("is the state of a whole image", "merge", state)
     file = OpenEXR.File(str(state), separate_channels=True)
     header = file.parts[0].header

@@ -12,8 +12,9 @@ from tqdm.auto import tqdm
 from ..scene_files import opening, writing
 from . import denoised
 from . import output as files
+from .arguments import SCENE
 from .log import log
-from .options import SCENE, STOPS, Finite, InputError, choose_variant, defines, translation, wrong_input
+from .options import STOPS, Finite, InputError, choose_variant, defines, translation, wrong_input
 
 SUFFIXES = (".html", ".json", ".csv")
 

@@ -8,13 +8,14 @@ import click
 
 from .. import saved
 from . import output as files
+from .arguments import PART
 from .making import SUFFIXES, make
-from .options import SCENE, running
+from .options import running
 from .resume import exposing, moved, named, opened
 
 
 @click.command()
-@click.argument("parts", metavar="PART...", type=SCENE, nargs=-1, required=True)
+@click.argument("parts", metavar="PART...", type=PART, nargs=-1, required=True)
 @click.option(
     "-o",
     "--output",

@@ -17,8 +17,6 @@ from click.core import ParameterSource
 from ..rendering.part import Part
 from ..scene_files import opening, session
 
-SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
-
 #: More than any machine has processors.
 MOST_THREADS = 1024
 

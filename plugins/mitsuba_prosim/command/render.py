@@ -10,10 +10,11 @@ import click
 from ..rendering.part import Part
 from . import film, tev
 from . import output as files
+from .arguments import SCENE
 from .frames import Frames
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, Helpers, Share, choose_variant, defines, helped, running, translation
+from .options import STOPS, Crop, Finite, Helpers, Share, choose_variant, defines, helped, running, translation
 from .sampled import parameters, sampled, sampling
 
 

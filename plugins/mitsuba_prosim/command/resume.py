@@ -16,9 +16,10 @@ from ..rendering.policies import POLICIES
 from ..rendering.record import Record
 from ..scene_files import session
 from . import output as files
+from .arguments import SCENE, STATE
 from .job import Job
 from .making import SUFFIXES, make
-from .options import SCENE, STOPS, Finite, Helpers, InputError, aims, choose_variant, helped, running
+from .options import STOPS, Finite, Helpers, InputError, aims, choose_variant, helped, running
 
 #: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
 BY_FIRST = ("neighbours", "thesis")
@@ -41,7 +42,7 @@ exposing = click.option(
 
 
 @click.command()
-@click.argument("state", type=SCENE)
+@click.argument("state", type=STATE)
 @click.option(
     "-o",
     "--output",

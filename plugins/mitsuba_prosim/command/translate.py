@@ -9,7 +9,8 @@ import click
 import prosim_scene
 
 from . import stand_in
-from .options import SCENE, InputError, defines, translation
+from .arguments import SCENE
+from .options import InputError, defines, translation
 from .output import KNOWN
 
 

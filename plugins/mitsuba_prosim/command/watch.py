@@ -13,12 +13,13 @@ from prosim_scene import Kept
 
 from ..denoising import oidn
 from ..scene_files import images, session, writing
+from .arguments import SCENE
 from .developed import metadata
 from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .making import refuse_waves
-from .options import SCENE, choose_variant, defines, running, translation
+from .options import choose_variant, defines, running, translation
 from .sampled import parameters, sampled, sampling
 
 

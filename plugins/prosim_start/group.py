@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import sys
 import warnings
 
 import click
@@ -68,4 +69,15 @@ def prosim() -> None:
 
     Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else.
     """
-    warnings.showwarning = lambda message, *_: click.echo(f"warning: {message}", err=True)
+    said = set()
+
+    def show(text: str) -> None:
+        if text not in said:
+            said.add(text)
+            if "tqdm" in sys.modules:  # out of a progress bar's way
+                sys.modules["tqdm"].tqdm.write(text, file=sys.stderr)
+            else:
+                click.echo(text, err=True)
+
+    # Python itself forgets what it has said whenever its filters change.
+    warnings.showwarning = lambda message, *_: show(f"warning: {message}")

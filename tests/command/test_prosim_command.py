@@ -3,6 +3,7 @@
 import errno
 import os
 import sys
+import warnings
 from importlib.metadata import distribution
 
 import click
@@ -123,6 +124,17 @@ def test_a_command_that_there_is_not(palito):
     assert "No such option" in prosim("--rneder").stderr
     completing = click.Context(group.prosim, resilient_parsing=True)
     assert group.prosim.resolve_command(completing, ["rneder"])[1] is None
+
+
+def test_a_warning_is_said_once(capsys):
+    """Though Python forgets that it has said it whenever its filters change."""
+    with warnings.catch_warnings():
+        group.prosim.callback()
+        for _ in range(2):
+            with warnings.catch_warnings():
+                warnings.simplefilter("always")
+                warnings.warn("the same", stacklevel=1)
+    assert capsys.readouterr().err == "warning: the same\n"
 
 
 def test_format(palito):

@@ -45,6 +45,8 @@ class Made:
     #: Why the cluster is there no more, if that has interrupted it.
     lost: str | None
     keeper: Keeper | None
+    #: Why nothing can be seen, if that is so.
+    black: str | None
 
 
 def make(
@@ -109,9 +111,9 @@ def render(
     """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does.
 
     ``keep``: what the state says that it is about, where it is kept; ``frame``: further metadata of a frame of a film,
-    whose image is written only if it is finished; ``bar``: what shows the progress, in the place of
-    :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while; ``sources``: files
-    that no image may overwrite.
+    whose image is written only if it is finished, and of which nothing is said here; ``bar``: what shows the progress,
+    in the place of :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while;
+    ``sources``: files that no image may overwrite.
     """
     file, loaded, chosen = opened
     integrator = loaded.integrator()
@@ -147,7 +149,7 @@ def render(
         made = develop(job, loaded, chosen, None if unwritten else picture, seconds, end, frame)
         if made.contents:
             written = files.save(stem, made.contents)
-        if made.black:
+        if made.black and frame is None:
             warn(made.black)
     if keeper is not None:
         if keeper.unwritten is not None:
@@ -158,7 +160,7 @@ def render(
         lost,
         *(made.said[1:] if part else made.said),
     ]
-    return Made("\n".join(filter(None, said)), interrupted, lost, keeper)
+    return Made("\n".join(filter(None, said)), interrupted, lost, keeper, made.black)
 
 
 def gone(taker: Remote | None) -> str | None:

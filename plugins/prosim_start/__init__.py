@@ -8,15 +8,14 @@ import os
 import signal
 import sys
 
+from .ending import end_at_once
+
 __all__ = ["main"]
 
 
 def main() -> None:
     """Runs the command with the arguments of the process, and ends the process."""
-    # Python's own handler would be heard between two lines of Python only, and answer with a traceback of imports. What
-    # has something to keep when it ends, a render, says so itself. A signal that is ignored stays so.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    end_at_once()  # but what has something to keep, a render, hears the signal itself meanwhile
     from .group import prosim
 
     try:
@@ -26,3 +25,5 @@ def main() -> None:
         # Or else Python would try again when it ends, and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    finally:  # what is done is done, and Python needs a moment to end
+        signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -67,7 +67,7 @@ class Commands(click.Group):
 def prosim() -> None:
     """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
 
-    Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else.
+    Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 130 Ctrl-C, nothing kept; 1 anything else.
     """
     said = set()
 

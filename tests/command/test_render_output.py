@@ -141,7 +141,7 @@ def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
     monkeypatch.setattr(Plan, "of", interrupted)
     scene.write_text(BANDS)
     done = prosim("render", scene)
-    assert done.exit_code == 1 and "interrupted before the image had begun" in done.stderr
+    assert done.exit_code == 130 and "Interrupted before the image had begun" in done.stderr
     assert names(scene.parent) == ["scene.xml"]
 
 

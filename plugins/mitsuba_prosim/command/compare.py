@@ -13,6 +13,7 @@ from ..scene_files import opening, writing
 from . import denoised
 from . import output as files
 from .arguments import SCENE
+from .lines import Lines
 from .log import log
 from .options import STOPS, Finite, InputError, choose_variant, defines, translation, wrong_input
 
@@ -158,11 +159,13 @@ def compare(
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
-        form, doing = "{l_bar}{bar}| {elapsed}", ""
+        form, doing, lines = "{l_bar}{bar}| {elapsed}", "", Lines()
         with tqdm(total=100, unit="%", bar_format=form, disable=None, leave=False) as bar:
 
             def tell(text: str, done: float) -> None:
                 nonlocal doing
+                if bar.disable:
+                    lines(text, done)
                 if text != doing:
                     doing = text
                     bar.reset()  # each step has a time of its own

@@ -39,6 +39,7 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
                 return
             come += number in handled
             if come > 1:
+                os.write(2, b"Ended at once.\n")
                 os._exit(128 + number)
             stop()
 

@@ -26,6 +26,7 @@ from .developed import develop, take
 from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
+from .lines import Lines
 from .log import log
 from .options import Helpers, InputError, wrong_input
 
@@ -142,7 +143,11 @@ def render(
         lost = gone(taker)
         seconds, interrupted = perf_counter() - start, bool(signals or lost)
         if interrupted and frame is None and reached.nothing(integrator):
-            raise click.ClickException(f"{lost or 'interrupted'} before the image had begun; nothing was written.")
+            nothing = "before the image had begun; nothing was written."
+            if lost:
+                raise click.ClickException(f"{lost} {nothing}")
+            click.echo(f"Interrupted {nothing}", err=True)
+            sys.exit(128 + signals[0])
         end = None if not interrupted else "the loss of the cluster" if lost else "a signal"
         written: list[Path] = []
         unwritten = part is not None or (frame is not None and interrupted)
@@ -227,7 +232,8 @@ def refuse_waves(names: Iterable[str], variant: str) -> None:
 
 @contextmanager
 def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
-    """Shows how far a render is, with the time left, if the integrator tells and a person watches.
+    """Shows how far a render is, with the time left, if the integrator tells: by a bar if a person watches, else by a
+    line now and then.
 
     Yields the function to be told the part done, 0 to 1, or None.
     """
@@ -236,8 +242,11 @@ def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[
     # The first step comes when the kernels are compiled and a part is rendered.
     doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
     with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
+        lines = Lines()
 
         def tell(done: float) -> None:
+            if bar.disable:
+                lines("rendering", done)
             bar.set_description_str("rendering", refresh=False)
             if done > 0.01:  # before, nobody knows
                 bar.bar_format = form + ", {remaining} left"

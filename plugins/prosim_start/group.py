@@ -21,6 +21,18 @@ COMMANDS = {
     "watch": ("watch:watch", "Show a scene's picture while the scene is written."),
 }
 
+#: What may be meant by words that are no commands.
+MEANT = {
+    "continue": "prosim resume STATE",
+    "denoise": "prosim render SCENE --denoise",
+    "film": "prosim render SCENE --frames 0:48",
+    "frames": "prosim render SCENE --frames 0:48",
+    "help": "prosim -h",
+    "keep": "prosim render SCENE --keep",
+    "part": "prosim render SCENE --part 1/4",
+    "version": "prosim -V",
+}
+
 
 class Commands(click.Group):
     """A group that lists its commands without importing them."""
@@ -49,6 +61,8 @@ class Commands(click.Group):
 
             if os.path.isfile(name):
                 ctx.fail(f"No such command {name!r}. To render that file: prosim render {shlex.quote(name)}")
+            if name.lower() in MEANT:
+                ctx.fail(f"No such command {name!r}. Did you mean {MEANT[name.lower()]}?")
             near = difflib.get_close_matches(name.lower(), COMMANDS, n=1)
             ctx.fail(
                 f"No such command {name!r}. "

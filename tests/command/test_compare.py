@@ -382,7 +382,9 @@ def test_page_in_a_browser(report):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["nosuchintegrator"], "nosuchintegrator"),
+        (["nosuchintegrator"], "there is no integrator 'nosuchintegrator'. What is compared is INTEGRATOR"),
+        (["pth"], "'pth': there is no integrator 'pth'. Did you mean path?"),
+        (["prosim", "path:multijiter"], "there is no sampler 'multijiter'. Did you mean multijitter?"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
         (["prosim", "path", "--resolution", "5x5"], "too few"),

@@ -116,6 +116,7 @@ def test_a_command_that_there_is_not(palito):
     for word, hint in [
         ("rneder", "Did you mean render?"),
         ("FORMAT", "Did you mean format?"),
+        ("denoise", "Did you mean prosim render SCENE --denoise?"),
         ("paint", "There are compare, doctor, format, language-server, link, merge, render, resume, translate, watch."),
         (palito, f"To render that file: prosim render {palito}"),
     ]:

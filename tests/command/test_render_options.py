@@ -14,7 +14,9 @@ from tqdm.auto import tqdm
 @pytest.mark.parametrize(
     "arguments, says",
     [
-        (["--resolution", "40"], "not of the form WxH"),
+        (["--resolution", "40"], "not of the form WxH, such as 640x480"),
+        (["--noise", "1%"], "'1%' is not a number, such as 0.01"),
+        (["--spp", "many"], "'many' is not a whole number"),
         (["--resolution", "0x4"], "1 to 65536 pixels a side"),
         (["--resolution", "99999999x99999999"], "1 to 65536 pixels a side"),
         (["--resolution", "65536x65536"], "268 million in all"),

@@ -74,7 +74,8 @@ class Existing(click.Path):
             yield from (found for found in self.meant(path.with_name(stem)) if found != str(path))
             stem = stem.rpartition(".")[0]
         if path.parent.is_dir():
-            yield from difflib.get_close_matches(str(path), list(self.within(path.parent)), n=1)
+            there = [found for found in self.within(path.parent) if found != str(path)]
+            yield from difflib.get_close_matches(str(path), there, n=1)
 
 
 class SceneFile(Existing):

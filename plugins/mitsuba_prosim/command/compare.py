@@ -9,13 +9,13 @@ import click
 import mitsuba as mi
 from tqdm.auto import tqdm
 
-from ..scene_files import opening, writing
+from ..scene_files import opening, session, writing
 from . import denoised
 from . import output as files
 from .arguments import SCENE
 from .lines import Lines
 from .log import log
-from .options import STOPS, Finite, InputError, choose_variant, defines, translation, wrong_input
+from .options import STOPS, Finite, InputError, Whole, choose_variant, defines, translation, wrong_input
 
 SUFFIXES = (".html", ".json", ".csv")
 
@@ -77,7 +77,7 @@ def missing_packages() -> list[str]:
     is_flag=True,
     help="Show each contestant's image denoised as well, as prosim render --denoise does it, and count its time.",
 )
-@click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
+@click.option("--rounds", type=Whole(min=1), default=5, help="Measured runs of each; medians are shown.")
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
 @click.option(
     "--reference-seconds",
@@ -154,7 +154,10 @@ def compare(
             if denoise:
                 denoised.check(opened.scene().sensors()[0].film())
             for spec in specs:  # whatever is wrong with them shows before the long work
-                opened.contestant(spec, spec.transport or "scene", spp=4)
+                try:
+                    opened.contestant(spec, spec.transport or "scene", spp=4)
+                except RuntimeError as error:
+                    raise ValueError(scenes.unknown(spec, error) or session.message(error)) from None
         width, height = opened.scene().sensors()[0].film().crop_size()
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")

@@ -19,18 +19,21 @@ class Lines:
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self.clock = clock
-        self.begun = self.last = self.step = clock()
+        self.begun = self.last = clock()
         self.doing: str | None = None
+        #: When what is being done was first told of, and the part of it that was done by then.
+        self.first = self.begun, 0.0
 
     def __call__(self, doing: str, done: float) -> None:
         """Called as often as one likes. ``doing``: what is being done; ``done``: the part of that, 0 to 1."""
         now = self.clock()
         if doing != self.doing:
-            self.doing, self.step = doing, now
+            self.doing, self.first = doing, (now, done)
         if now - self.last < min(max(self.SHORTEST, self.SHARE * (now - self.begun)), self.LONGEST):
             return
-        self.last, passed = now, now - self.step
+        self.last = now
         said = f"{doing}: {100 * done:.0f} %, {tqdm.format_interval(now - self.begun)} passed"
-        if 0.01 < done < 1:  # before, nobody knows
-            said += f", {tqdm.format_interval(passed * (1 - done) / done)} left"
+        then, before = self.first
+        if 1 > done > before + 0.01:  # before, nobody knows
+            said += f", {tqdm.format_interval((now - then) * (1 - done) / (done - before))} left"
         print(said, file=sys.stderr, flush=True)

@@ -26,7 +26,9 @@ def sentence(
     if integrator.time:
         parts[1] += f" of {integrator.time:g}"
     if at_most is not None:
-        parts.insert(0, f"noise at most about {at_most:.2g} (--noise measures it)")
+        parts.insert(
+            0, f"noise {'not known' if isnan(at_most) else f'at most about {at_most:.2g}'} (--noise measures it)"
+        )
     # Where it was cut short, the image has got better since.
     below = "" if ended in ("noise", "samples") else "below "
     for word, measured, most in reversed(noises(integrator)):

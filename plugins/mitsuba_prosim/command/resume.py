@@ -105,6 +105,8 @@ def resume(
         raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})
     make(job, stem, threads, verbose, record, keep=True, part=record.part, helpers=helpers, sources=[state])
+    if record.finished and not record.part and not any(asked.values()):
+        click.echo("It was finished before. To take it further, say how far, such as --noise 0.005.")
 
 
 def opened(

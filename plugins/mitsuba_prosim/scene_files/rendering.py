@@ -53,7 +53,7 @@ def render(
     that is to be kept.
 
     Returns what the noise is at most, about, where time was asked for and no noise, as nobody has measured it then;
-    None where that is not known, or was not asked for.
+    not a number where that is not known, and None where it was not asked for.
     """
     integrator = integrator or scene.integrator()
     told = tell is not None and tells_progress(integrator)
@@ -79,9 +79,9 @@ def render(
             integrator.progress = integrator.keep = None
 
 
-def noise_at_most(snapshot: Snapshot) -> float | None:
+def noise_at_most(snapshot: Snapshot) -> float:
     """Root mean square of the error of the displayed pixels, white being 1, as the samples within each pixel show it;
-    None where some have less than two.
+    not a number where some have less than two.
 
     It is what these samples would come to if they had been drawn without a pattern, or in passes that knew nothing of
     each other. Their pattern makes the error smaller, by how much only another image can show.
@@ -92,4 +92,4 @@ def noise_at_most(snapshot: Snapshot) -> float | None:
     error = in_display_units(estimate.error(state.plan.pass_size), estimate.total / mi.Float(estimate.count))
     values = np.array(error, dtype=np.float64)
     result = float(np.sqrt(np.mean(values**2))) * state.estimator.smoothing
-    return result if int(dr.min(estimate.count)[0]) > 1 and np.isfinite(result) else None
+    return result if int(dr.min(estimate.count)[0]) > 1 and np.isfinite(result) else float("nan")

@@ -29,6 +29,8 @@ def folder(tmp_path, monkeypatch):
         ("render", "scenes", "'scenes' is a folder. Did you mean scenes/jug.xml?"),
         ("render", "scenes/jug.scn", "does not exist. Did you mean scenes/jug.xml?"),
         ("render", "scense/jug.scn", "does not exist (nor does the folder 'scense').\n"),
+        ("translate", "scenes/jug.xml", "a scene of Mitsuba's already. To render it: prosim render scenes/jug.xml\n"),
+        ("format", "scenes/jug.xml", "is a scene of Mitsuba's already."),
         ("render", "-", "File '-' does not exist.\n"),
         ("resume", "mug.png", "a PNG image, not the state of a render. prosim render --keep writes one.\n"),
         ("resume", "mug.scn", "'mug.scn' is a scene, not the state of a render. prosim render --keep writes one.\n"),

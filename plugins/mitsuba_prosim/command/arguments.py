@@ -74,8 +74,9 @@ class Existing(click.Path):
             yield from (found for found in self.meant(path.with_name(stem)) if found != str(path))
             stem = stem.rpartition(".")[0]
         if path.parent.is_dir():
-            there = [found for found in self.within(path.parent) if found != str(path)]
-            yield from difflib.get_close_matches(str(path), there, n=1)
+            likeliest_last = [found for found in self.within(path.parent) if found != str(path)][::-1]
+            there = {Path(found).stem: found for found in likeliest_last}
+            yield from (there[stem] for stem in difflib.get_close_matches(path.stem, there, n=1))
 
 
 class SceneFile(Existing):
@@ -101,6 +102,16 @@ class SceneFile(Existing):
         for suffix in SCENES:
             if (path := stem.with_name(stem.name + suffix)).is_file():
                 yield str(path)
+
+
+class LanguageFile(SceneFile):
+    """A scene in the thesis's language."""
+
+    def wrong(self, path: Path) -> str | None:
+        """What a file is that is of another kind, and what to do; None where it may be of this one."""
+        if path.suffix.lower() == ".xml":
+            return f"a scene of Mitsuba's already. To render it: prosim render {shlex.quote(str(path))}"
+        return super().wrong(path)
 
 
 class State(Existing):
@@ -150,7 +161,7 @@ class PartFile(State):
 
 
 #: Types of arguments.
-SCENE, STATE, PART = SceneFile(), State(), PartFile()
+SCENE, LANGUAGE, STATE, PART = SceneFile(), LanguageFile(), State(), PartFile()
 
 
 def did_you_mean(paths: Iterator[str]) -> str:

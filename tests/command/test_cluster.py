@@ -114,6 +114,7 @@ def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path)
     [
         (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
         (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
+        (["--cluster", "localhost"], "'localhost' is not of the form tcp://machine:8786"),
         (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
         (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
     ],

@@ -23,7 +23,7 @@ from tqdm.auto import tqdm
         (["--crop", "1,2,3"], "not of the form X,Y,W,H"),
         (["--crop", "0,0,0,0"], "1 or more"),
         (["--crop", "-1,0,1,1"], "0 or more"),
-        (["--crop", "0,0,100,100"], "crop"),
+        (["--crop", "0,0,100,100"], "a crop window of 100 x 100 pixels from (0, 0) on, in an image of 12 x 8"),
         (["-D", "key"], "key=value"),
         (["-m", "no_such_variant"], "llvm_ad_rgb"),
         (["--spp", "0"], "spp"),

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -149,6 +150,20 @@ class Definition(click.ParamType):
         return key, text
 
 
+class Address(click.ParamType):
+    """The address of a scheduler."""
+
+    name = "ADDRESS"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The address, which has a port, as Dask would wait for one without."""
+        if not re.fullmatch(r"(\w+://)?[^/]+:\d{1,5}/?", value):
+            self.fail(
+                f"{value!r} is not of the form tcp://machine:8786, as `dask scheduler` says its address", param, ctx
+            )
+        return str(value)
+
+
 #: Decorator: the option for what $names stand for in scenes of either kind.
 defines = click.option(
     "-D",
@@ -194,7 +209,7 @@ def helped(command: Callable) -> Callable:
 
     cluster = click.option(
         "--cluster",
-        metavar="ADDRESS",
+        type=Address(),
         show_default=False,
         help="Render by the workers of a Dask cluster, of which this is the scheduler's address, such as "
         "tcp://machine:8786.",

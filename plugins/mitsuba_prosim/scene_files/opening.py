@@ -82,7 +82,9 @@ class SceneFile:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
                 _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
-                check_size(node.props.get("width", 768), node.props.get("height", 576))
+                width, height = node.props.get("width", 768), node.props.get("height", 576)
+                check_size(width, height)
+                check_crop(crop, width, height)
         #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
@@ -155,6 +157,15 @@ def check_size(width: int, height: int) -> None:
         raise ValueError(
             f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
             f"{MOST_PIXELS // 10**6} million in all"
+        )
+
+
+def check_crop(crop: tuple[int, int, int, int] | None, width: int, height: int) -> None:
+    """Raises ValueError for a crop window (x, y, width, height) that is not within the image."""
+    if crop is not None and (crop[0] + crop[2] > width or crop[1] + crop[3] > height):
+        raise ValueError(
+            f"a crop window of {crop[2]} x {crop[3]} pixels from ({crop[0]}, {crop[1]}) on, in an image of {width} x "
+            f"{height}: it has to be within"
         )
 
 

@@ -145,7 +145,9 @@ def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
     assert names(scene.parent) == ["scene.xml"]
 
 
-def test_a_renderer_that_forgot_a_signal_is_told_again():
+def test_a_renderer_that_forgot_a_signal_is_told_again(monkeypatch, capfd):
+    """And who sits at the terminal is told once that it was heard."""
+    monkeypatch.setattr(os, "isatty", lambda _: True)
     calls = []
     with interruptible(lambda: calls.append(True)):
         os.kill(os.getpid(), signal.SIGINT)
@@ -154,6 +156,7 @@ def test_a_renderer_that_forgot_a_signal_is_told_again():
         while len(calls) < first + 3 and time.monotonic() < deadline:
             time.sleep(0.01)
     assert len(calls) >= first + 3
+    assert capfd.readouterr().err == "\nEnding; once more ends it at once.\n"
 
 
 def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):

@@ -39,3 +39,16 @@ def test_standard_output_that_is_full():
         done = subprocess.run([*START, "-h"], check=False, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 1
     assert "No space left on device" in done.stderr and "Traceback" not in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_standard_output_that_is_closed():
+    """The next file that is opened must not take its place."""
+    code = """if True:
+        import os, sys
+        os.close(1)
+        sys.stdout = None
+        from prosim_start import open_if_closed
+        open_if_closed(1, "stdout")
+        print("nowhere", flush=True)
+        sys.exit(os.open(os.devnull, os.O_RDONLY))"""
+    assert subprocess.run([sys.executable, "-c", code], check=False, stdout=subprocess.PIPE).returncode > 2

@@ -15,6 +15,7 @@ from . import output as files
 from .arguments import SCENE
 from .lines import Lines
 from .log import log
+from .making import warn
 from .options import STOPS, Finite, InputError, Whole, choose_variant, defines, translation, wrong_input
 
 SUFFIXES = (".html", ".json", ".csv")
@@ -162,6 +163,7 @@ def compare(
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
+        cache = place_of_references(cache, folder, 2**4 * 3 * width * height)
         form, doing, lines = "{l_bar}{bar}| {elapsed}", "", Lines()
         with tqdm(total=100, unit="%", bar_format=form, disable=None, leave=False) as bar:
 
@@ -182,6 +184,23 @@ def compare(
     written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))
     click.echo(summary(facts))
     click.echo(f"{', '.join(written[:-1])} and {written[-1]}")
+
+
+def place_of_references(asked: Path | None, scratch: Path, size: int) -> Path:
+    """The folder for references of ``size`` bytes: ``asked``, or the user's; where that can't be written to,
+    ``scratch``, and a warning says so. Raises InputError where it was asked for.
+    """
+    from ..compare import runs
+
+    place = asked or runs.cache_folder()
+    try:
+        writing.check([place / "reference"], size)
+    except OSError as error:
+        if asked:
+            raise InputError(f"--cache: references can't be kept there: {files.said(error)}") from None
+        warn(f"references are not kept: {files.said(error)}. --cache names another folder for them")
+        return scratch
+    return place
 
 
 def summary(facts: Mapping[str, Any]) -> str:

@@ -211,13 +211,14 @@ def plugin_names(state: mi.parser.ParserState) -> set[str]:
 
 
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
-    """The sensor of that index, or an error in the native command's words."""
+    """The sensor of that index, or an error that begins with the native command's words."""
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")
     if not scene.sensors():
         raise ValueError(f"No sensor specified for scene: {scene}")
     if not 0 <= index < len(scene.sensors()):
-        raise ValueError("Specified sensor index is out of bounds!")
+        there = f"sensors 0 to {len(scene.sensors()) - 1}" if len(scene.sensors()) > 1 else "one sensor, number 0"
+        raise ValueError(f"Specified sensor index is out of bounds! The scene has {there}.")
     return scene.sensors()[index]
 
 

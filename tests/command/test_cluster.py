@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import dask
 import drjit as dr
@@ -21,7 +22,7 @@ from mitsuba_prosim.cluster.parcel import Parcel
 from mitsuba_prosim.cluster.remote import LOOK, Remote
 from mitsuba_prosim.command import output as files
 from mitsuba_prosim.saved.keeper import Keeper
-from mitsuba_prosim.scene_files import opening
+from mitsuba_prosim.scene_files import opening, session
 from running import names, prosim
 from test_frames import FILM
 from test_resume_and_merge import LAMP, alike
@@ -153,6 +154,15 @@ def test_two_workers_make_the_same_image(client, lamp):
     for changes in ({}, {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}):
         expected = here(lamp, **changes)
         assert np.array_equal(np.array(cluster.render(lamp, client=client, seed=2, **changes)), expected)
+
+
+@pytest.mark.parametrize("address, more", [("inproc://127.0.0.1/1/2", 0), ("tcp://127.0.0.1:1", 2)])
+def test_a_worker_that_shares_the_process_of_its_client_leaves_it_its_threads(variant_rgb, monkeypatch, address, more):
+    threads = dr.thread_count()
+    here = SimpleNamespace(address=address, state=SimpleNamespace(nthreads=threads + 2))
+    monkeypatch.setattr(worker.distributed, "get_worker", lambda: here)
+    with session.threads(None):
+        assert worker.greet(variant_rgb, "").threads == dr.thread_count() == threads + more
 
 
 def kill_one(client):

@@ -1,7 +1,11 @@
-"""What is said of Mitsuba's errors."""
+"""What is said of Mitsuba's errors, and what of the process a scene is loaded by."""
 
+import threading
+
+import drjit as dr
 import mitsuba as mi
 import pytest
+from mitsuba_prosim.rendering.estimate import Estimator
 from mitsuba_prosim.scene_files import opening, session
 
 
@@ -38,3 +42,40 @@ def test_scenes_with_plugins_in_python_are_not_made_in_parallel(
     )
     opening.instantiate(opening.parse(path, {}))
     assert asked == [parallel]
+
+
+@pytest.mark.parametrize("other", ["load", "trace"])
+def test_while_a_scene_is_loaded_other_threads_neither_load_nor_trace(variant_rgb, tmp_path, monkeypatch, other):
+    """Mitsuba has one search path and one number of threads for all, and kernels know of objects that are half made."""
+    path = tmp_path / "scene.xml"
+    film = '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/></film>'
+    path.write_text(
+        f'<scene version="3.0.0"><integrator type="prosim"/><sensor type="perspective">{film}</sensor></scene>'
+    )
+    file = opening.SceneFile(path, tmp_path)
+    scene, both, met = file.load(), threading.Barrier(2), []
+    before = [str(folder) for folder in mi.file_resolver()], dr.thread_count()
+
+    def meet(*_):
+        try:
+            both.wait(0.2)
+            met.append("both")
+        except threading.BrokenBarrierError:
+            pass
+        raise InterruptedError
+
+    monkeypatch.setattr(opening, "instantiate", meet)
+    monkeypatch.setattr(Estimator, "take", meet)
+    acts = {"load": file.load, "trace": lambda: scene.integrator().render(scene)}
+
+    def act(name):
+        with pytest.raises(InterruptedError):
+            acts[name]()
+
+    threads = [threading.Thread(target=act, args=(name,)) for name in ("load", other)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not met and both.broken
+    assert ([str(folder) for folder in mi.file_resolver()], dr.thread_count()) == before

@@ -20,6 +20,7 @@ from typing import Any
 import distributed
 import drjit as dr
 import mitsuba as mi
+import prosim_scene
 
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.plan import Plan
@@ -85,14 +86,18 @@ scenes: OrderedDict[tuple[str, str], Loaded] = OrderedDict()
 
 
 def greet(variant: str, key: str) -> Greeting:
-    """Makes the worker ready for a variant, to work with as many threads as Dask has given to it.
+    """Makes the worker ready for a variant, to work with as many threads as Dask has given to it; where it shares the
+    process of its client, with those that this has.
 
     Raises ImportError or RuntimeError where it has no such variant.
     """
-    threads = distributed.get_worker().state.nthreads
+    here = distributed.get_worker()
+    threads, shared = here.state.nthreads, here.address.startswith("inproc:")
 
     def greeted() -> Greeting:
-        dr.set_thread_count(threads)
+        if not shared:
+            dr.set_thread_count(threads)
+            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # who asks has seen them
         choose(variant)
         return Greeting(origin.here(), dr.thread_count(), (variant, key) in scenes)
 
@@ -108,10 +113,8 @@ def load(variant: str, parcel: Parcel, before: str | None, names: list[str], *co
     def loaded() -> Loaded:
         choose(variant)
         forget(variant, before)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # who asks has seen them
-            whole = completed(parcel, names, contents)
-            return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
+        whole = completed(parcel, names, contents)
+        return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
 
     hand().submit(loaded).result()
 
@@ -149,9 +152,7 @@ def make(
         start = time.perf_counter()
         choose(variant)
         forget(variant, before)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            what = render(*completed(parcel, names, contents).load(), wanted, *arguments)
+        what = render(*completed(parcel, names, contents).load(), wanted, *arguments)
         return Done(what, 0.0, time.perf_counter() - start)
 
     return hand().submit(made).result()

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import drjit as dr
 import mitsuba as mi
 
+from ..alone import alone
+from . import collector
 from .estimate import Estimate, Estimator
 from .plan import Plan
 
@@ -39,11 +41,12 @@ class Portion:
         which takes as long for few samples as for many.
         """
         more = self.start
-        for plan, end in self.stages:
-            self.estimator.plan = plan
-            more = self.estimator.take(self.x, self.y, more, end, self.quiet)
-            followed()
-            dr.eval(more)
+        with collector.suspended(), alone():
+            for plan, end in self.stages:
+                self.estimator.plan = plan
+                more = self.estimator.take(self.x, self.y, more, end, self.quiet)
+                followed()
+                dr.eval(more)
         return more
 
 

@@ -22,6 +22,8 @@ class Elsewhere:
     order.
     """
 
+    in_turn = False
+
     def __init__(self, scene, most=3000, together=3, history=False):
         self.estimator = None
         self.scene, self.most, self.together, self.history = scene, most, together, history

@@ -10,9 +10,9 @@ import gc
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -46,13 +46,29 @@ class Greeting:
 @dataclass(frozen=True)
 class Done:
     """What has come of an errand: for a portion what :func:`.message.answer` returns. ``before``: seconds until it was
-    begun with, whatever its size (Dr.Jit follows the code anew, and compiles it the first time); ``seconds``: that it
-    took.
+    begun with, whatever its size (Dr.Jit follows the code anew); ``seconds``: that it took; ``drawing``: that photons
+    took, which stay for the next portions.
     """
 
     what: Any
     before: float
     seconds: float
+    drawing: float = 0.0
+
+
+class Stopwatch:
+    """The ``seconds`` within its blocks, until the kernels have come to their end."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    @contextmanager
+    def __call__(self) -> Iterator[None]:
+        """A block."""
+        begun = time.perf_counter()
+        yield
+        dr.sync_thread()
+        self.seconds += time.perf_counter() - begun
 
 
 class Loaded:
@@ -71,14 +87,22 @@ class Loaded:
 
     def take(self, asked: Mapping[str, Any]) -> Done:
         """The samples of a :func:`.message.request`."""
-        times = [time.perf_counter()]
+        begun, drawn, running = time.perf_counter(), self.drawn, Stopwatch()
         plan, policy = recent(self.plans, asked["plan"], lambda: planned(asked["plan"]), PLANS)
         if self.estimator is None:
             self.estimator = self.make(plan)
             self.estimator.rays = ray_sampler(self.sensor)
-        more = message.portion(asked, plan, policy, self.estimator).take(lambda: times.append(time.perf_counter()))
-        what = message.answer(more, asked["pixels"])
-        return Done(what, times[1] - times[0], time.perf_counter() - times[1])
+        more = message.portion(asked, plan, policy, self.estimator).take(running)
+        with running():
+            what = message.answer(more, asked["pixels"])
+        drawing = self.drawn - drawn
+        return Done(what, time.perf_counter() - begun - drawing - running.seconds, running.seconds, drawing)
+
+    @property
+    def drawn(self) -> float:
+        """Seconds that photons have taken."""
+        caustics = None if self.estimator is None else self.estimator.transport.caustics
+        return 0.0 if caustics is None else caustics.seconds
 
 
 #: By their keys, that used last at the end; of one variant.

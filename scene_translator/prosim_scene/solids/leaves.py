@@ -18,7 +18,7 @@ from .recognition import same_surfaces
 from .remains import clipped, remains
 from .sight import Sight
 from .solid import Solid
-from .transforms import matrix
+from .transforms import matrices
 
 FAR = 16  # times its size: a scene that lies farther from the origin than this is computed about its own centre
 
@@ -52,8 +52,8 @@ class Leaves:
         leaves = tree.leaves(document.scene.csg)
         kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
         self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
-        matrices = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
-        self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
+        placing = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
+        self.solids = [Solid(PRIMITIVES[shape], placing[index]) for shape, index in kinds]
         boxes = corners(self.solids)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
@@ -180,11 +180,10 @@ class Leaves:
 
 
 def _checked_matrices(document: Document, indices: list[int]) -> dict[int, np.ndarray]:
-    result = {index: matrix(document.scene.transforms[index]) for index in indices}
-    matrices = np.array(list(result.values()))
-    finite = np.isfinite(matrices).all(axis=(1, 2))
-    conditions = np.linalg.cond(np.where(finite[:, None, None], matrices, 0)[:, :3, :3])
+    found = matrices([document.scene.transforms[index] for index in indices])
+    finite = np.isfinite(found).all(axis=(1, 2))
+    conditions = np.linalg.cond(np.where(finite[:, None, None], found, 0)[:, :3, :3])
     for index, wrong in zip(indices, (~finite | ~(conditions <= 1e12)).tolist()):
         if wrong:
             raise document.error("this transform is singular or beyond double precision", "transforms", index)
-    return result
+    return dict(zip(indices, found))

@@ -3,10 +3,11 @@
 Many solids have one mesh but for their place: what such have in common is computed together.
 """
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
+from .grouping import alike
 from .primitives import Mesh
 from .solid import Solid
 
@@ -23,7 +24,7 @@ def corners(solids: list[Solid]) -> np.ndarray:
 def placed(solids: list[Solid]) -> list[Mesh]:
     """The meshes of solids in the world, wound counter-clockwise seen from outside."""
     result: dict[int, Mesh] = {}
-    for numbers in _alike(s.own_mesh_key for s in solids):
+    for numbers in alike(s.own_mesh_key for s in solids).values():
         unit = solids[numbers[0]].own_mesh()
         a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
         outside_in = np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # of the volume
@@ -43,7 +44,7 @@ def placed(solids: list[Solid]) -> list[Mesh]:
 def facet_planes(meshes: list[Mesh]) -> np.ndarray:
     """The planes (k, 4) of the facets of meshes, one mesh after the other: outward unit normals and offsets."""
     result: dict[int, np.ndarray] = {}
-    for numbers in _alike(id(m.triangles) for m in meshes):
+    for numbers in alike(id(m.triangles) for m in meshes).values():
         triangles, facets = meshes[numbers[0]].triangles, meshes[numbers[0]].facets
         count = len(meshes[numbers[0]].faces)
         for chunk in _chunks(numbers, len(triangles)):
@@ -60,14 +61,6 @@ def facet_planes(meshes: list[Mesh]) -> np.ndarray:
             planes = np.append(normal, -np.einsum("ij,ij->i", normal, middle)[:, None], axis=1)
             result |= zip(chunk, planes.reshape(len(chunk), count, 4))
     return np.concatenate([np.empty((0, 4)), *(result[i] for i in range(len(meshes)))])
-
-
-def _alike(keys: Iterable[Hashable]) -> Iterable[list[int]]:
-    """The numbers of equal keys."""
-    groups: dict[Hashable, list[int]] = {}
-    for number, key in enumerate(keys):
-        groups.setdefault(key, []).append(number)
-    return groups.values()
 
 
 def _chunks(numbers: list[int], triangles: int) -> Iterator[list[int]]:

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from .. import model
+from .grouping import alike
 
 AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # that one turns towards the other
 
 
 def matrix(transform: model.Transform) -> np.ndarray:
     """The 4x4 matrix of a TRANSFORM."""
-    return matrices([transform])[0]
+    (result,) = matrices([transform])
+    return np.asarray(result)
 
 
 def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
@@ -20,11 +22,8 @@ def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
 
     Those with the same kinds of steps are computed together.
     """
-    alike: dict[tuple[str, ...], list[int]] = {}
-    for number, transform in enumerate(transforms):
-        alike.setdefault(tuple(step.kind for step in transform.steps), []).append(number)
     result = np.tile(np.eye(4), (len(transforms), 1, 1))
-    for kinds, numbers in alike.items():
+    for kinds, numbers in alike(tuple(step.kind for step in transform.steps) for transform in transforms).items():
         some = result[numbers]
         for i, kind in enumerate(kinds):
             some = _matrices(kind, np.array([transforms[n].steps[i].values for n in numbers])) @ some

@@ -48,6 +48,23 @@ class Piece:
     high: np.ndarray
 
 
+def corner_keys(of: np.ndarray, face: np.ndarray, uv: np.ndarray, alone: np.ndarray, first: int = 0) -> np.ndarray:
+    """Keys (n, 3), equal for equal corners: those ``of`` (n, 3) the same number, ``face`` (n,) and turn of ``uv``
+    (n, 3, 2). Those that stand ``alone`` (n, 3) have keys of their own, which are numbered from ``first``.
+    """
+    wrapped = (np.floor(uv[..., 0]) > 0).astype(int)
+    keys = np.asarray((of * 8 + face[:, None]) * 2 + wrapped)
+    keys[alone] = -1 - np.arange(first, first + alone.sum())
+    return keys
+
+
+def heights(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Heights of triangles (n, 3) over their longest sides: those in a seam of coincident faces have none."""
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))
+
+
 #: No triangles.
 NOTHING = Piece(
     Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int)),

@@ -173,10 +173,13 @@ class Leaves:
             if chosen.any():
                 c = primitive.corners(local[chosen], face[chosen])
                 normals[chosen], uv[chosen], alone[chosen] = c.normals, c.uv, c.alone
-        normals = normals @ inverse[:, :, :3]  # by the inverse's transpose
+        return Surface(self.outwards(normals, solid) * sign[:, None, None], uv, face, alone)
+
+    def outwards(self, normals: np.ndarray, solid: np.ndarray) -> np.ndarray:
+        """Normals (..., m, 3) of any length in the spaces of solids (n,) as those in the world (n, m, 3)."""
+        normals = normals @ self.to_local[solid][:, :, :3]  # by the inverse's transpose
         length = np.linalg.norm(normals, axis=2, keepdims=True)
-        normals *= sign[:, None, None] / np.where(length > 0, length, 1)
-        return Surface(normals, uv, face, alone)
+        return np.asarray(normals * (1 / np.where(length > 0, length, 1)))
 
 
 def _checked_matrices(document: Document, indices: list[int]) -> dict[int, np.ndarray]:

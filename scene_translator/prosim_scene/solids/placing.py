@@ -29,7 +29,7 @@ def placed(solids: list[Solid]) -> list[Mesh]:
         a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
         outside_in = np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # of the volume
         triangles = {False: unit.triangles, True: unit.triangles[:, ::-1]}
-        for chunk in _chunks(numbers, len(unit.triangles)):
+        for chunk in chunks(numbers, len(unit.triangles)):
             to_world = np.array([solids[i].to_world for i in chunk])
             shrink = np.array([[solids[i].shrink] for i in chunk])
             scale = np.where(np.arange(3) < solids[chunk[0]].primitive.axes, shrink, 1.0)
@@ -47,7 +47,7 @@ def facet_planes(meshes: list[Mesh]) -> np.ndarray:
     for numbers in alike(id(m.triangles) for m in meshes).values():
         triangles, facets = meshes[numbers[0]].triangles, meshes[numbers[0]].facets
         count = len(meshes[numbers[0]].faces)
-        for chunk in _chunks(numbers, len(triangles)):
+        for chunk in chunks(numbers, len(triangles)):
             vertices = np.array([meshes[i].vertices for i in chunk])
             a, b, c = (vertices[:, triangles[:, i]].reshape(-1, 3) for i in range(3))
             cross = np.cross(b - a, c - a)
@@ -63,6 +63,7 @@ def facet_planes(meshes: list[Mesh]) -> np.ndarray:
     return np.concatenate([np.empty((0, 4)), *(result[i] for i in range(len(meshes)))])
 
 
-def _chunks(numbers: list[int], triangles: int) -> Iterator[list[int]]:
+def chunks(numbers: list[int], triangles: int) -> Iterator[list[int]]:
+    """Some of the numbers at a time, of meshes with so many triangles each."""
     step = max(CHUNK // triangles, 1)
     return (numbers[i : i + step] for i in range(0, len(numbers), step))

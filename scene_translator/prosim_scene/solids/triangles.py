@@ -7,7 +7,7 @@ import numpy as np
 from ..language.document import Document
 from ..model import Leaf, Operator
 from . import csg, media, parts, tree
-from .faces import NOTHING, Faces, Piece, Skin, Triangles, joined
+from .faces import NOTHING, Faces, Piece, Skin, Triangles, corner_keys, heights, joined
 from .leaves import Leaves
 from .results import Content, Results
 from .sight import Sight
@@ -124,16 +124,15 @@ def _piece(table: Leaves, shell: media.Shell, leaf: np.ndarray, count: int) -> P
         part = slice(start, start + CHUNK)
         positions = shell.vertices[corner[part]]
         found = table.surface(positions, leaf[part], shell.facets[part], shell.sign[part])
-        wrapped = (np.floor(found.uv[..., 0]) > 0).astype(int)
-        keys = ((corner[part] * len(codes) + number[part, None]) * 8 + found.face[:, None]) * 2 + wrapped
-        keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
+        of = corner[part] * len(codes) + number[part, None]
+        keys = corner_keys(of, found.face, found.uv, found.alone, alone)
         alone += int(found.alone.sum())
-        columns.append([keys, positions + table.origin, found.normals, found.uv, shell.heights(part)])
-    keys, positions, normals, uv, heights = map(np.concatenate, zip(*columns))
+        columns.append([keys, positions + table.origin, found.normals, found.uv, heights(shell.vertices, corner[part])])
+    keys, positions, normals, uv, height = map(np.concatenate, zip(*columns))
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
     triangles = Triangles(positions[triangle, at], normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
-    return Piece(triangles, kind, kind[triangle], heights > 2 * table.planes.step)
+    return Piece(triangles, kind, kind[triangle], height > 2 * table.planes.step)
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:

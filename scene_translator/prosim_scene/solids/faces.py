@@ -109,7 +109,7 @@ class Faces:
 
 
 def joined(pieces: Sequence[Piece], media: int) -> Faces:
-    """All pieces. The code of a kind is made of the numbers of its leaf, and of its media and 1, below ``media``."""
+    """All pieces. A kind's code is (leaf m + inside + 1) m + outside + 1, m being ``media``."""
     begin = np.cumsum([0, *(len(piece.vertex_kind) for piece in pieces)])
     columns = zip(*((p.triangles.vertices, p.triangles.normals, p.triangles.uv) for p in pieces))
     vertices, normals, uv = map(np.concatenate, columns)

@@ -171,7 +171,7 @@ def _shell(part: Part) -> Shell:
 
 def _extracted(part: Part) -> Shell:
     # Plain primitives are brought onto their planes many at a time, see batches; elsewhere that is not idempotent.
-    mesh = (part.manifold if part.plain else part.planes.together(part.manifold, part.surfaces)).to_mesh64()
+    mesh = (part.manifold if part.leaf is not None else part.planes.together(part.manifold, part.surfaces)).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
@@ -184,7 +184,7 @@ def _extracted(part: Part) -> Shell:
         np.where(part.planes.backs(mesh), -1.0, 1.0),
         nowhere,
         nowhere,
-        not part.plain,
+        part.leaf is None,
     )
 
 

@@ -1,18 +1,20 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from ..language.document import Document
 from ..model import Leaf, Operator
-from . import csg, media, parts, tree
+from . import csg, media, parts, tree, whole
 from .faces import NOTHING, Faces, Piece, Skin, Triangles, corner_keys, heights, joined
 from .leaves import Leaves
 from .results import Content, Results
 from .sight import Sight
 from .values import Value
 
+Number = TypeVar("Number", int, np.ndarray)
 CHUNK = 1 << 18  # triangles at a time
 
 
@@ -94,16 +96,18 @@ def _faces(
                 table.planes,
                 frozenset(surface for surface in surfaces if surface >= 0),
                 solid.key,
-                solid.curved_surface < 0,
+                number if solid.curved_surface < 0 else None,
                 lambda: table.extent(i),
-                Content.of(results, number.to_bytes(8, "little"), *table.mesh_content(i)) if results else None,
+                Content(lambda: [number.to_bytes(8, "little"), *table.mesh_content(i)], results) if results else None,
             )
         }
 
     value = csg.evaluate(nodes, leaf_value)
     count = max(media_of) + 2
     fresnel = {base + number for number, reflecting in enumerate(reflects) if reflecting}
-    pieces = [NOTHING]
+    leaves, value = whole.told_apart(value)
+    kinds = [_kind(leaf, media_of[leaf], media.AIR, count) for leaf in leaves]
+    pieces = [NOTHING, *whole.pieces(table, leaves, kinds)]
     pieces += [
         _piece(table, shell, shell.ids - base, count)
         for shell in media.batches(media.shells(value, fresnel), CHUNK, table.planes)
@@ -115,7 +119,7 @@ def _faces(
 
 def _piece(table: Leaves, shell: media.Shell, leaf: np.ndarray, count: int) -> Piece:
     """A shell with the normals and surface parameters of the leaves (n,) that its triangles come from."""
-    kind = (leaf * count + shell.inside + 1) * count + shell.outside + 1
+    kind = _kind(leaf, shell.inside, shell.outside, count)
     codes, number = np.unique(kind, return_inverse=True)
     corner = shell.triangles
     columns = []
@@ -133,6 +137,12 @@ def _piece(table: Leaves, shell: media.Shell, leaf: np.ndarray, count: int) -> P
     triangle, at = np.divmod(first, 3)
     triangles = Triangles(positions[triangle, at], normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
     return Piece(triangles, kind, kind[triangle], height > 2 * table.planes.step)
+
+
+def _kind(leaf: Number, inside: Number, outside: Number, count: int) -> Number:
+    """The code of a kind of triangles, see :func:`.faces.joined`."""
+    result: Number = (leaf * count + inside + 1) * count + outside + 1
+    return result
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:

@@ -131,10 +131,11 @@ def assemble(
     skins: dict[Hashable, list[Skin]] = {}
     for skin in triangles:
         skins.setdefault(skin.material, []).append(skin)
+    alike = _alike(scene)
     media: dict[Hashable, int] = {
-        medium(scene, leaf): leaf.index for leaves in reversed(_alike(scene)) for _, leaf in leaves[:1]
+        medium(scene, leaf): leaf.index for leaves in reversed(alike) for _, leaf in leaves[:1]
     }
-    for leaves in _alike(scene):
+    for leaves in alike:
         number, leaf = leaves[0]
         for skin in skins.get(look(scene, leaf), []):
             name = f"surface_{leaf.index}"

@@ -5,6 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..collector import still
 from ..language.document import Document
 from ..model import Leaf, Operator
 from . import csg, media, parts, tree, whole
@@ -23,6 +24,7 @@ def anew(_: Hashable, make: Callable[[], Faces]) -> Faces:
     return make()
 
 
+@still()
 def tessellate(
     document: Document,
     camera: Sight,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from meshes import VIEW, skins
+from meshes import VIEW, assert_closed, scene, skins, solids, volume
 from prosim_scene.solids import whole
 
 SHAPES = ["CUBE", "SPHERE", "CYLINDER", "CONE"]
@@ -48,3 +48,12 @@ def test_what_nothing_touches_is_what_an_operation_makes_of_it(monkeypatch, more
     for skin, mesh in meshes.items():
         assert abs(len(mesh.vertices) - len(expected[skin].vertices)) < 20  # at the seam
         assert corners(mesh) == pytest.approx(corners(expected[skin]), abs=1e-9)
+
+
+def test_what_stands_in_the_corner_of_an_l_touches_its_box_alone():
+    # All three stand on one plane.
+    transforms = ["SCALE (3 1 1)", "SCALE (1 3 1)", "SCALE (.5 .5 1) TRANSLATE (2 2 0)"]
+    for tree in ("+ + CUBE 0 CUBE 1 CUBE 2", "+ CUBE 2 + CUBE 0 CUBE 1"):
+        meshes = list(solids(scene(tree, transforms)).values())
+        assert_closed(meshes)
+        assert volume(meshes) == pytest.approx(5.25, rel=1e-12)

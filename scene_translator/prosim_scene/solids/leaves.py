@@ -18,6 +18,7 @@ from .recognition import same_surfaces
 from .remains import clipped, remains
 from .sight import Sight
 from .solid import Solid
+from .sweep import components
 from .transforms import matrices
 
 FAR = 16  # times its size: a scene that lies farther from the origin than this is computed about its own centre
@@ -108,7 +109,8 @@ class Leaves:
         facets = np.arange(counts.sum()) + np.repeat(self.first[:-1] - (np.cumsum(counts) - counts), counts)
         self.faces[facets] = np.concatenate([m.faces for m in meshes])
         # A surface's planes are those of the facets of the first solid that bears it, which is the largest one.
-        sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
+        near = self._near_others().tolist()
+        sharing = [i for i, s in enumerate(self.solids) if near[i] and (s.surfaces >= 0).any()]
         sharing.sort(key=lambda i: -np.linalg.norm(self.solids[i].to_world[:3, :3]))
         facets = np.concatenate([np.arange(0), *(self.first[i] + np.arange(counts[i]) for i in sharing)])
         own = facet_planes([meshes[i] for i in sharing])
@@ -142,6 +144,12 @@ class Leaves:
         begins = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
         vertices = np.concatenate([m.vertices for m in meshes])
         self.boxes = np.stack([np.minimum.reduceat(vertices, begins), np.maximum.reduceat(vertices, begins)], axis=1)
+
+    def _near_others(self) -> np.ndarray:
+        """Which solids may touch another leaf's. Where they do not, it does not matter that they share a plane."""
+        boxes = corners(self.solids)
+        group = components(boxes.min(axis=1) - self._step, boxes.max(axis=1) + self._step)
+        return np.asarray(np.bincount(group[self.of_leaf], minlength=len(group))[group] > 1)
 
     def mesh_content(self, i: int) -> list[bytes]:
         """What the mesh of solid i, and all that is done to it, follows from; after :meth:`make_meshes`."""

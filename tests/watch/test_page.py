@@ -1,29 +1,15 @@
 """The page, driven in a browser."""
 
 import re
-import shutil
-import time
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import LITTLE
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+from little import BROWSER, LITTLE, until
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")]
 
 LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -56,13 +42,6 @@ def shown(page, canvas="own"):
         canvas,
     )
     return np.array(data).reshape(height, width, 4)[..., :3]
-
-
-def until(condition):
-    end = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end, "nothing came of it"
-        time.sleep(0.02)
 
 
 def save(page, scene, text, doing="done"):

@@ -5,5 +5,5 @@
 ``denoised``: the images that grow; ``camera``: how a view is moved; ``picture``: an image as the page gets it;
 ``board``: where the studio says what there is, and every page reads it; ``pages``: what a page asks for; ``guard``:
 who may ask; ``server``: both together; ``changes``: when files are saved. ``notebook``: the same without a page, by
-``turns``.
+``turns``, until one of its ``cells`` is run again.
 """

@@ -44,6 +44,11 @@ def shown(page, canvas="own"):
     return np.array(data).reshape(height, width, 4)[..., :3]
 
 
+def lower(page, selector):
+    box = page.locator(selector).bounding_box()
+    return box["y"] + box["height"]
+
+
 def save(page, scene, text, doing="done"):
     """Saves as many editors do, by a new file that is renamed; waits until it is seen."""
     before = page.get_attribute("#own", "data-number")
@@ -119,6 +124,11 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
     quoted, caret = page.inner_text("#error pre").splitlines()
     assert caret.index("^") == quoted.index("kkd")
     assert np.array_equal(shown(page), red)
+    for width, height in ((390, 844), (1400, 900)):
+        page.set_viewport_size({"width": width, "height": height})
+        until(lambda width=width: page.locator("#picture").bounding_box()["width"] <= width)
+        until(lambda: lower(page, "#error") <= page.locator("#picture").bounding_box()["y"])
+        assert lower(page, "#picture") <= page.locator("#pixel").bounding_box()["y"]
     save(page, scene, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6"))
     assert page.is_hidden("#error")
     until(lambda: shown(page)[20, 30, 2] > shown(page)[20, 30, 0])

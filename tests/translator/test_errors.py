@@ -377,11 +377,11 @@ def test_encodings(tmp_path):
         # what cannot be read, and what the rest lacks
         (
             {5: "SURFACE 0 kkd = 1", 4: "CSG-TREE + CUBE 0 CONE 3"},
-            ["unknown word 'kkd'", "CONE 3 has no SURFACE 3 and no T"],
+            ["CONE 3 has no SURFACE 3 and no T", "unknown word 'kkd'"],
         ),
         (
             {5: "SURFACE 0 kd = 7", 6: "TRANSFORM 1"},
-            ["found '7'", "CUBE 0 has no TRANSFORM 0; expected a statement TRANS"],
+            ["CUBE 0 has no TRANSFORM 0; expected a statement TRANS", "found '7'"],
         ),
         (
             {3: "VIEW OBS 1 2", 6: "TRANSFORM 0 SCALE (1 2)"},

@@ -13,7 +13,8 @@ from ..collector import still
 from ..language.formatter import format
 from ..language.judging import judge
 from ..language.messages import SceneError
-from ..language.reading import Reading, Said
+from ..language.reading import Reading
+from ..language.units import Said
 from . import completing, places
 from .evaluating import evaluate
 
@@ -68,7 +69,8 @@ class SceneServer(LanguageServer):
     def diagnostic(self, uri: str, one: Said) -> lsp.Diagnostic:
         """An error or a warning."""
         severity = lsp.DiagnosticSeverity.Error if one.error else lsp.DiagnosticSeverity.Warning
-        return lsp.Diagnostic(self.range(uri, one.start, one.end), one.reason, severity=severity, source="prosim")
+        place = self.range(uri, one.start, max(one.end, one.start + 1))
+        return lsp.Diagnostic(place, one.reason, severity=severity, source="prosim")
 
     def range(self, uri: str, start: int, end: int) -> lsp.Range:
         """Offsets as the protocol has them."""

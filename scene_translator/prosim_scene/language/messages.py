@@ -71,6 +71,8 @@ class Source:
         self.text, self.filename = text, str(filename)
         #: What ``$names`` stand for, and where that is from: ``'5', by -D x=5``. Messages about them say it.
         self.names: dict[str, str] = {}
+        #: What has been found doubtful so far.
+        self.doubts: list[SceneWarning] = []
 
     @cached_property
     def line_starts(self) -> list[int]:
@@ -106,16 +108,20 @@ class Source:
         said = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
         return f"; {listing(said[:3], 'and')}" if said else ""
 
-    def error(self, place: Place, reason: str) -> SceneError:
-        """The error to raise about what stands at ``place``."""
-        reason += self._of_names(place, reason)
+    def error(self, place: Place, reason: str, names: bool = True) -> SceneError:
+        """The error to raise about what stands at ``place``; it says what the ``names`` there stand for."""
+        reason += self._of_names(place, reason) if names else ""
         line, column = self.line_column(place.start)
         return SceneError(self.message(place, reason), self.filename, line, column, reason, place)
 
-    def warning(self, place: Place, reason: str) -> SceneWarning:
-        """The warning to emit about what stands at ``place``."""
-        reason += self._of_names(place, reason)
+    def warning(self, place: Place, reason: str, names: bool = True) -> SceneWarning:
+        """The warning to emit about what stands at ``place``; it says what the ``names`` there stand for."""
+        reason += self._of_names(place, reason) if names else ""
         return SceneWarning(self.message(place, reason), reason, place)
+
+    def doubt(self, place: Place, reason: str) -> None:
+        """Keeps a warning about what stands at ``place`` until all has been read."""
+        self.doubts.append(self.warning(place, reason))
 
 
 def quote(text: str) -> str:

@@ -5,9 +5,13 @@ the model calls it, and which numbers follow it. Case and accents do not matter;
 also mixed. A word of several roles has a row for each, and the one counts that the grammar has a place for.
 """
 
+import math
+import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from lark import Token
 
@@ -48,6 +52,19 @@ class Numbers:
             and (value != 0 or not self.nonzero)
             and (value == int(value) or not self.whole)
         )
+
+    def value(self, given: Sequence[float]) -> Any:
+        """What so many numbers come to: one, or a tuple; None where their count is wrong, or one is not allowed."""
+        if len(given) != self.count and not (self.channels and len(given) == 1):
+            return None
+        if not (self.low <= min(given) and max(given) <= self.high):
+            return None
+        if (self.least or self.nonzero or self.whole) and not all(map(self.allow, given)):
+            return None
+        if self.direction and math.hypot(*given) < 1 / LARGE:
+            return None
+        values = tuple(map(int, given)) if self.whole else tuple(given)
+        return values[0] if self.count == 1 else values * (self.count // len(values))
 
 
 @dataclass(frozen=True)
@@ -284,6 +301,12 @@ def is_statement(word: str) -> bool:
 def of_role(role: str) -> list[Word]:
     """The rows of a role."""
     return [word for word in WORDS if word.role == role]
+
+
+def spelled(*roles: str) -> str:
+    """A pattern for the words of some roles."""
+    words = [re.escape(spelling) for role in roles for word in of_role(role) for spelling in word.spellings]
+    return rf'(?:{"|".join(sorted(words, key=len, reverse=True))})(?![^\s()#":=])'
 
 
 def numbers(role: str, name: str) -> Numbers:

@@ -13,16 +13,16 @@ from lark import Token
 
 from ..model import Step, Surface, Transform
 from .checks import wrong
-from .definitions import NUMBER, Definitions
+from .definitions import Definitions
 from .messages import Source
 from .units import Unit, read
-from .words import INDEX, STATEMENTS, Numbers, row, spelled
+from .words import STATEMENTS, Numbers, row, spelled
 
 INDEXED = re.compile(spelled("SURFACE", "TRANSFORM"), re.IGNORECASE | re.ASCII)
 #: A line that begins with a statement.
 NEXT = re.compile(rf"^[ \t]*({spelled(*STATEMENTS)})", re.IGNORECASE | re.ASCII | re.MULTILINE)
-#: A number between spaces and marks; elsewhere it is a part of a word.
-NUMBERS = re.compile(rf'(?<![^\s()":=])({NUMBER.pattern})(?![^\s()#":=])', re.IGNORECASE)
+#: What may be a number, between spaces and marks; elsewhere it is a part of a word.
+NUMBERS = re.compile(r'(?<=[\s():=])([-+.0-9][-+.0-9eE]*)(?![^\s()#":=])')
 #: Longer statements are not looked at, and more shapes not kept at once.
 LONGEST, MOST = 2000, 1000
 PLAIN = vars(Surface())
@@ -46,16 +46,23 @@ class Shape(NamedTuple):
 
     def filled(self, numbers: list[str]) -> tuple[int, Surface | Transform] | None:
         """The statement with these numbers, by its index; None where one of them is not allowed."""
-        values = [float(number) for number in numbers]
-        index = INDEX.value((values[self.which],))
-        said = [(name, takes.value(values[first:last])) for name, takes, first, last in self.slots]
-        if index is None or len(numbers[self.which]) > 9 or any(value is None for _, value in said):
+        index = numbers[self.which]
+        if not index.isdigit() or len(index) > 9:
             return None
+        said = []
+        for name, takes, first, last in self.slots:
+            try:
+                value = takes.value([float(number) for number in numbers[first:last]])
+            except ValueError:
+                return None  # such as 1-2
+            if value is None:
+                return None
+            said.append((name, value))
         if self.kind == "TRANSFORM":
             steps = [Step(name, value if isinstance(value, tuple) else (value,)) for name, value in said]
-            return index, Transform(tuple(steps))
+            return int(index), Transform(tuple(steps))
         surface = Surface(**self.fixed, **dict(said))
-        return None if wrong(surface) else (index, surface)
+        return None if wrong(surface) else (int(index), surface)
 
 
 class Shapes:
@@ -84,8 +91,8 @@ class Shapes:
 
     def shape(self, pieces: tuple[str, ...]) -> Shape | None:
         """The shape of what has numbers between these pieces, if it can be filled in and is met again."""
-        if pieces in self.known:
-            return self.known[pieces]
+        if (shape := self.known.get(pieces)) is not None or pieces in self.known:
+            return shape
         if pieces not in self.met:
             if len(self.met) == MOST:
                 self.met.clear()

@@ -41,7 +41,10 @@ class Said:
     error: bool
 
 
-@dataclass(eq=False)
+NOTHING: Mapping[str, Any] = {}
+
+
+@dataclass(eq=False, slots=True)
 class Unit:
     """A statement, up to the next one, with all offsets as they were when it was read at ``base``.
 
@@ -49,7 +52,8 @@ class Unit:
     is; ``path``: the way to what it says; ``fields``: that, by the names of a Scene's fields; ``said``: what is said of
     it; ``uses`` and ``defines``: names, and what they stand for.
 
-    Nobody asks for the pieces and the places of most statements: what is known to be right keeps its ``text`` instead.
+    Nobody asks for the pieces and the places of most statements: what is known to be right has its ``text``, and
+    ``details``, those two, when they have been asked for.
     """
 
     base: int
@@ -57,27 +61,22 @@ class Unit:
     kind: str = ""
     opening: int = 1
     path: Path | None = None
-    fields: Mapping[str, Any] = field(default_factory=dict)
+    fields: Mapping[str, Any] = field(default_factory=lambda: NOTHING)
     said: Sequence[Said] = ()
-    uses: Mapping[str, str | None] = field(default_factory=dict)
-    defines: Mapping[str, str] = field(default_factory=dict)
+    uses: Mapping[str, str | None] = field(default_factory=lambda: NOTHING)
+    defines: Mapping[str, str] = field(default_factory=lambda: NOTHING)
     text: str | None = None
-    _tokens: list[Token] = field(default_factory=list)
-    _places: dict[Path, Place] = field(default_factory=dict)
+    details: tuple[list[Token], dict[Path, Place]] | None = None
 
     @property
     def tokens(self) -> list[Token]:
         """Its pieces, remarks among them."""
-        if self.text is not None:
-            self._look()
-        return self._tokens
+        return self._looked_at()[0]
 
     @property
     def places(self) -> dict[Path, Place]:
         """The places of what it says."""
-        if self.text is not None:
-            self._look()
-        return self._places
+        return self._looked_at()[1]
 
     def place(self, path: Path) -> Place | None:
         """Where a value stands, if it is in this statement."""
@@ -95,21 +94,21 @@ class Unit:
         """Whether there is an error in it."""
         return any(said.error for said in self.said)
 
-    def _look(self) -> None:
-        """Reads the text for its pieces and places."""
-        assert self.text is not None
-        source = Source(self.text, "")
-        unit = read(source, 0, Definitions(source))
-        for token in unit.tokens:
-            token.start_pos, token.end_pos = (token.start_pos or 0) + self.base, (token.end_pos or 0) + self.base
-        self._tokens = unit.tokens
-        self._places = {path: Place(start + self.base, end + self.base) for path, (start, end) in unit.places.items()}
-        self.text = None
+    def _looked_at(self) -> tuple[list[Token], dict[Path, Place]]:
+        """Its pieces and places."""
+        if self.details is None:
+            source = Source(self.text or "", "")
+            unit = read(source, 0, Definitions(source))
+            for token in unit.tokens:
+                token.start_pos, token.end_pos = (token.start_pos or 0) + self.base, (token.end_pos or 0) + self.base
+            places = {path: Place(start + self.base, end + self.base) for path, (start, end) in unit.places.items()}
+            self.details = unit.tokens, places
+        return self.details
 
 
 def read(source: Source, start: int, definitions: Definitions, name: int | None = None) -> Unit:
     """The unit that begins at ``start``, word by word; ``name``: where the one before it begins, if that is NAME."""
-    unit = Unit(start, len(source.text))
+    unit = Unit(start, len(source.text), details=([], {}))
     said: list[Said] = []
     unit.said = said
     following: Token | None = None

@@ -59,7 +59,8 @@ class Numbers:
             return None
         if not (self.low <= min(given) and max(given) <= self.high):
             return None
-        if (self.least or self.nonzero or self.whole) and not all(map(self.allow, given)):
+        small = self.least and min(map(abs, given)) < self.least
+        if (small or self.whole or (self.nonzero and 0 in given)) and not all(map(self.allow, given)):
             return None
         if self.direction and math.hypot(*given) < 1 / LARGE:
             return None

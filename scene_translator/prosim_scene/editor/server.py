@@ -1,5 +1,6 @@
 """The Language Server Protocol: what the other files know, told to an editor."""
 
+import gc
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,12 @@ class SceneServer(LanguageServer):
 
 
 server = SceneServer()
+
+
+def serve() -> None:
+    """Speaks with an editor by standard input and output, until that says it is the end."""
+    server.start_io()
+    gc.freeze()  # Python would look at all that there is for garbage before it ends: seconds, after a long scene
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)

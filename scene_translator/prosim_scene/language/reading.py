@@ -76,9 +76,10 @@ class Reading:
         i = bisect_right(self.bases, offset) - 1
         return i if i >= 0 else None
 
-    def tokens(self) -> Iterator[tuple[Unit, Token, int]]:
-        """All tokens with their units, and their offsets."""
-        for base, unit in zip(self.bases, self.units):
+    def tokens(self, only: int | None = None) -> Iterator[tuple[Unit, Token, int]]:
+        """All tokens, or those of one unit ``only``, with their units, and their offsets."""
+        which = slice(None) if only is None else slice(only, only + 1)
+        for base, unit in zip(self.bases[which], self.units[which]):
             for token in unit.tokens:
                 yield unit, token, base + (token.start_pos or 0) - unit.base
 

@@ -19,8 +19,8 @@ from .units import Unit, read
 from .words import STATEMENTS, Numbers, row, spelled
 
 INDEXED = re.compile(spelled("SURFACE", "TRANSFORM"), re.IGNORECASE | re.ASCII)
-#: A line that begins with a statement.
-NEXT = re.compile(rf"^[ \t]*({spelled(*STATEMENTS)})", re.IGNORECASE | re.ASCII | re.MULTILINE)
+#: Where the next statement begins, if that is not in a remark.
+NEXT = re.compile(rf"\s(?=[a-z])({spelled(*STATEMENTS)})", re.IGNORECASE | re.ASCII)
 #: What may be a number, between spaces and marks; elsewhere it is a part of a word.
 NUMBERS = re.compile(r'(?<=[\s():=])([-+.0-9][-+.0-9eE]*)(?![^\s()#":=])')
 #: Longer statements are not looked at, and more shapes not kept at once.
@@ -76,7 +76,7 @@ class Shapes:
         """The statement that begins at ``start``, if it is right and can be filled in."""
         if not INDEXED.match(source.text, start):
             return None
-        following = NEXT.search(source.text, start + 1, start + LONGEST)
+        following = NEXT.search(source.text, start, start + LONGEST)
         if following is None or following.end() == start + LONGEST:
             return None
         text = source.text[start : following.start(1)]
@@ -109,8 +109,8 @@ def _shape(pieces: tuple[str, ...], number: str) -> Shape | None:
     for i, piece in enumerate(pieces[1:]):
         starts.append(len(text))
         text += (number if i else "1") + piece
-    if any(mark in text for mark in '"{$'):
-        return None  # there is more to it than words and numbers
+    if any(mark in text for mark in '"{$') or "#" in text[text.rfind("\n") + 1 :]:
+        return None  # there is more to it than words and numbers, or what seemed to follow it is in a remark
     source = Source(text, "")
     unit = read(source, 0, Definitions(source))
     if unit.end != len(text) or unit.said or unit.path is None:

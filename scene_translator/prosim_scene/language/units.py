@@ -112,7 +112,7 @@ def read(source: Source, start: int, definitions: Definitions, name: int | None 
     said: list[Said] = []
     unit.said = said
     following: Token | None = None
-    parser = Parser()
+    parser, tokens = Parser(), unit.tokens
     definitions.uses = set()
     source.doubts = []
     try:
@@ -120,7 +120,7 @@ def read(source: Source, start: int, definitions: Definitions, name: int | None 
             if token.type in STATEMENTS and unit.kind and token.type in parser.choices():
                 unit.end, following = token.start_pos or 0, token
                 break
-            unit.tokens.append(token)
+            tokens.append(token)
             if token.type in STATEMENTS and not unit.kind:
                 unit.kind = token.type
             if token.type not in ("REMARK", "REST"):
@@ -129,15 +129,15 @@ def read(source: Source, start: int, definitions: Definitions, name: int | None 
     except UnexpectedToken as error:
         # The next word of a name may be one that begins a statement.
         before = [] if name is None else read(source, name, Definitions(source)).tokens
-        said.append(_fail(source, unit, syntax_error(source, error.token, parser.accepts(), [*before, *unit.tokens])))
+        said.append(_fail(source, unit, syntax_error(source, error.token, parser.accepts(), [*before, *tokens])))
     except SceneError as error:
         said.append(_fail(source, unit, error))
     said += map(what_is_said, source.doubts)
     unit.uses = {name: definitions.now(name) for name in definitions.uses}
-    if unit.tokens:
-        unit.opening = (unit.tokens[0].end_pos or 0) - start
+    if tokens:
+        unit.opening = (tokens[0].end_pos or 0) - start
     if unit.kind == "DEFAULT" and not unit.wrong:
-        words = [token for token in unit.tokens if token.type != "REMARK"]
+        words = [token for token in tokens if token.type != "REMARK"]
         unit.defines = {str(words[1][1:]): str(words[2])}
     return unit
 

@@ -305,9 +305,14 @@ def of_role(role: str) -> list[Word]:
 
 
 def spelled(*roles: str) -> str:
-    """A pattern for the words of some roles."""
-    words = [re.escape(spelling) for role in roles for word in of_role(role) for spelling in word.spellings]
-    return rf'(?:{"|".join(sorted(words, key=len, reverse=True))})(?![^\s()#":=])'
+    """A pattern for the words of some roles; those with the same letter at the beginning stand together, to be fast."""
+    ends: dict[str, list[str]] = {}
+    for spelling in sorted(
+        (s for role in roles for word in of_role(role) for s in word.spellings), key=len, reverse=True
+    ):
+        ends.setdefault(spelling[0].upper(), []).append(re.escape(spelling[1:]))
+    words = "|".join(f"{letter}(?:{'|'.join(rest)})" for letter, rest in ends.items())
+    return rf'(?:{words})(?![^\s()#":=])'
 
 
 def numbers(role: str, name: str) -> Numbers:

@@ -11,8 +11,9 @@ from ..language.definitions import FRAME, TIME
 from ..language.expressions import CONSTANTS, FUNCTIONS
 from ..language.names import BUILT_IN, GLASSES, INDICES, METALS
 from ..language.parser import ORDER
+from ..language.quantities import Numbers
 from ..language.reading import Reading
-from ..language.words import ROLES, STATEMENTS, Numbers, Word, fold, of_role, row
+from ..language.words import ROLES, STATEMENTS, Word, fold, of_role, row
 from ..model import Leaf
 from . import meanings, places
 

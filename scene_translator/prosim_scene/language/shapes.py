@@ -15,8 +15,9 @@ from ..model import Step, Surface, Transform
 from .checks import wrong
 from .definitions import Definitions
 from .messages import Source
+from .quantities import Numbers
 from .units import Unit, read
-from .words import STATEMENTS, Numbers, row, spelled
+from .words import STATEMENTS, row, spelled
 
 INDEXED = re.compile(spelled("SURFACE", "TRANSFORM"), re.IGNORECASE | re.ASCII)
 #: Where the next statement begins, if that is not in a remark.

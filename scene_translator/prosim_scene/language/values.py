@@ -9,7 +9,8 @@ from lark import Token
 
 from .lexer import place
 from .messages import CLIP, Place, SceneError, Source, quote
-from .words import Flags, Numbers, row
+from .quantities import Flags, Numbers
+from .words import row
 
 PARENTHESES = re.compile(r"[\s:=]*\([-+.\d\s,;e]*\)", re.IGNORECASE)
 HTML_COLOR = re.compile(r"[\s:=]*#([0-9a-f]{6})\b", re.IGNORECASE)

@@ -12,7 +12,8 @@ from prosim_scene.editor.completing import completions, hover
 from prosim_scene.editor.evaluating import evaluate
 from prosim_scene.language import trees
 from prosim_scene.language.judging import judge
-from prosim_scene.language.reading import MOST, Reading
+from prosim_scene.language.messages import MOST
+from prosim_scene.language.reading import Reading
 from prosim_scene.language.shapes import Shapes
 from prosim_scene.language.words import WORDS
 

@@ -5,8 +5,7 @@ import warnings
 from pathlib import Path
 
 from ..language.document import Document
-from ..language.messages import SceneError, SceneWarning
-from ..language.units import Said, what_is_said
+from ..language.messages import Said, SceneError, SceneWarning, what_is_said
 from ..translator import Options, assemble
 
 

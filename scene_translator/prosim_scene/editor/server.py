@@ -13,9 +13,8 @@ from pygls.workspace import TextDocument
 from ..collector import still
 from ..language.formatter import format
 from ..language.judging import judge
-from ..language.messages import SceneError
+from ..language.messages import Said, SceneError
 from ..language.reading import Reading
-from ..language.units import Said
 from . import completing, places
 from .evaluating import evaluate
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from ..model import GREY, Leaf, Light, Operator, Surface, Vector
 from .document import Document, Places
 from .hints import nearest
-from .messages import SceneError, SceneWarning, listing, quote
+from .messages import MOST, Said, listing, quote
 from .names import ALIASES, BUILT_IN
 from .words import WORDS, canonical
 
@@ -90,7 +90,7 @@ def _doubt(places: Places, reason: str, *path: str | int) -> None:
     places.source.doubt(places.place(*path), reason.format(places.word(*path)))
 
 
-def whole(document: Document) -> Iterator[SceneError | SceneWarning]:
+def whole(document: Document) -> Iterator[Said]:
     """What is wrong, and what is doubtful, in a scene as a whole."""
     return itertools.chain(_leaves(document), _unused(document), _dark(document))
 
@@ -114,13 +114,23 @@ def lacking(
             )
 
 
-def _leaves(document: Document) -> Iterator[SceneError]:
-    """Indices and texture names that lead nowhere."""
+def _leaves(document: Document) -> Iterator[Said]:
+    """Indices that lead nowhere, and textures."""
+    return itertools.chain(
+        itertools.islice(_indices(document), MOST + 1), itertools.islice(_textures(document), MOST + 1)
+    )
+
+
+def _indices(document: Document) -> Iterator[Said]:
     scene = document.scene
     for i, (number, reason) in enumerate(lacking(scene.csg, scene.surfaces, scene.transforms)):
         given = sorted(scene.surfaces if "SURFACE" in reason else scene.transforms) if i == 0 else []
         known = f"; there are {listing(given[:20], 'and')}" if given else ""
-        yield document.error(reason + known, "csg", number)
+        yield document.said(reason + known, "csg", number, error=True)
+
+
+def _textures(document: Document) -> Iterator[Said]:
+    scene = document.scene
     said: set[str] = set()
     for number, leaf in enumerate(scene.csg):
         if not isinstance(leaf, Leaf) or leaf.textures == (None, None):
@@ -130,18 +140,18 @@ def _leaves(document: Document) -> Iterator[SceneError]:
             if texture and texture.name and texture.name not in (*scene.patterns, *said):
                 said.add(texture.name)
                 names = list(dict.fromkeys([*BUILT_IN, *scene.patterns]))
-                yield document.error(
+                yield document.said(
                     f"unknown texture {quote(texture.name)}; expected {listing(names[:20])}, an image file "
                     f"or NULL{nearest(texture.name, [*names, *ALIASES])}",
                     *path,
+                    error=True,
                 )
             if slot == 1 and texture and texture.image:
-                yield document.error(
-                    "an image stands in the second texture slot, which is solid; expected it in the first", *path
-                )
+                reason = "an image stands in the second texture slot, which is solid; expected it in the first"
+                yield document.said(reason, *path, error=True)
 
 
-def _dark(document: Document) -> Iterator[SceneWarning]:
+def _dark(document: Document) -> Iterator[Said]:
     """Intensities that were meant as 1.0, or as 255."""
     scene = document.scene
     given: list[tuple[Vector, str, tuple[str | int, ...]]] = [
@@ -152,10 +162,10 @@ def _dark(document: Document) -> Iterator[SceneWarning]:
         given.append((scene.background.color, "BACKGROUND", ("background",)))
     for color, word, path in given:
         if 0 < max(color) < DARK:
-            yield document.warning(f"this {word} is all but dark: 65535 is 1.0", *path)
+            yield document.said(f"this {word} is all but dark: 65535 is 1.0", *path)
 
 
-def _unused(document: Document) -> Iterator[SceneWarning]:
+def _unused(document: Document) -> Iterator[Said]:
     """What is given and never used, and what is missing."""
     scene = document.scene
     used = {node.index for node in scene.csg if isinstance(node, Leaf)}
@@ -163,8 +173,8 @@ def _unused(document: Document) -> Iterator[SceneWarning]:
         for index in table:
             if index not in used:
                 word = document.word(name, index)
-                yield document.warning(f"{word} {index} is not used: no primitive has this index", name, index)
+                yield document.said(f"{word} {index} is not used: no primitive has this index", name, index)
     if not scene.csg:
-        yield document.warning("the scene has no CSG-TREE: nothing but the background is seen", "csg")
+        yield document.said("the scene has no CSG-TREE: nothing but the background is seen", "csg")
     if not scene.lights:
-        yield document.warning("the scene has no lights", "lights")
+        yield document.said("the scene has no lights", "lights")

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..model import Scene
-from .messages import Place, SceneError, SceneWarning, Source
+from .messages import Place, Said, SceneError, Source
 
 #: The way to a value of the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
 Path = tuple[str | int, ...]
@@ -41,9 +41,9 @@ class Places:
         """The error to raise about a value."""
         return self.source.error(self.place(*path), reason)
 
-    def warning(self, reason: str, *path: str | int) -> SceneWarning:
-        """The warning to emit about a value."""
-        return self.source.warning(self.place(*path), reason)
+    def said(self, reason: str, *path: str | int, error: bool = False) -> Said:
+        """What an error or a warning is to say about a value."""
+        return self.source.said(self.place(*path), reason, error)
 
 
 @dataclass(frozen=True)
@@ -55,4 +55,4 @@ class Document(Places):
 
     def warn(self, reason: str, *path: str | int) -> None:
         """Emits a :class:`SceneWarning` about a value."""
-        warnings.warn(self.warning(reason, *path), stacklevel=2)
+        warnings.warn(self.source.warning(self.place(*path), reason), stacklevel=2)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import islice
 from pathlib import PurePath
 from typing import Any
 
@@ -10,10 +11,10 @@ from ..model import Leaf, Pattern, Scene
 from . import checks, lexer
 from .document import Document, Path
 from .hints import nearest
-from .messages import Place, SceneError, Source
+from .messages import MOST, Place, Said, SceneError, Source
 from .names import BUILT_IN
 from .reading import Reading
-from .units import Said, Unit, what_is_said
+from .units import Unit
 from .words import STATEMENTS, canonical, fold, is_statement, of_role
 
 BEGINNINGS = [spelling for role in STATEMENTS for row in of_role(role) for spelling in row.spellings]
@@ -61,7 +62,7 @@ class Places(Mapping[Path, Place]):
 
 def judge(reading: Reading) -> tuple[list[Said], Document | None]:
     """What is said of a text, of all its statements, in order; and the document, if it is right."""
-    result = []
+    result, twice = [], 0
     fields: dict[str, Any] = {"surfaces": {}, "transforms": {}, "patterns": {}}
     places = Places()
     for base, unit in zip(reading.bases, reading.units):
@@ -69,7 +70,9 @@ def judge(reading: Reading) -> tuple[list[Said], Document | None]:
             shift = base - unit.base
             result += [replace(one, start=one.start + shift, end=one.end + shift) for one in unit.said]
         if not places.add(unit, base):
-            result.append(_twice(reading.source, unit, base, places))
+            twice += 1
+            if twice <= MOST:
+                result.append(_twice(reading.source, unit, base, places))
             continue
         for name, value in unit.fields.items():
             if isinstance(value, dict):
@@ -85,7 +88,7 @@ def judge(reading: Reading) -> tuple[list[Said], Document | None]:
     else:
         document = _document(reading, fields, places)
         end = _end(reading)
-        of_all = [*map(what_is_said, checks.whole(document)), *_unused(reading, document.uses)]
+        of_all = [*checks.whole(document), *_unused(reading, document.uses)]
         # Without END it is not known what is yet to come.
         result += [*end, *(one for one in of_all if one.error or not end)]
     result.sort(key=lambda one: one.start)
@@ -99,6 +102,8 @@ def errors(reading: Reading, found: list[Said]) -> list[SceneError]:
     said, hidden = set[str](), False
     for one in found:
         name = UNDEFINED.match(one.reason)
+        if len(result) > MOST:
+            break
         if not one.error or (name and (hidden or name[1] in said)):
             continue
         result.append(reading.source.error(Place(one.start, one.end), one.reason, names=False))
@@ -129,7 +134,7 @@ def _unused(reading: Reading, uses: frozenset[str]) -> Iterator[Said]:
             if name not in uses:
                 place = unit.places["defaults", name]
                 start, end = place.start + base - unit.base, place.end + base - unit.base
-                yield what_is_said(reading.source.warning(Place(start, end), f"nothing below uses ${name}"))
+                yield reading.source.said(Place(start, end), f"nothing below uses ${name}")
 
 
 def _lacking(reading: Reading, fields: Mapping[str, Any], places: Places) -> list[Said]:
@@ -154,8 +159,8 @@ def _lacking(reading: Reading, fields: Mapping[str, Any], places: Places) -> lis
         elif unit.kind == "TRANSFORM":
             transforms.add(own)
     return [
-        what_is_said(reading.source.error(places["csg", number], reason))
-        for number, reason in checks.lacking(fields.get("csg", ()), surfaces, transforms)
+        reading.source.said(places["csg", number], reason, error=True)
+        for number, reason in islice(checks.lacking(fields.get("csg", ()), surfaces, transforms), MOST + 1)
     ]
 
 
@@ -181,7 +186,7 @@ def _end(reading: Reading) -> list[Said]:
             if error == last.start or any(fold(word) in ENDS for word in words) or nearest("".join(words[:1]), ENDS):
                 return []
     reason = "the file ends here and END is missing; expected END as the last statement"
-    return [what_is_said(reading.source.error(last, reason))]
+    return [reading.source.said(last, reason, error=True)]
 
 
 def _last(reading: Reading) -> Place:

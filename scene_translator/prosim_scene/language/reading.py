@@ -8,18 +8,15 @@ from lark import Token
 
 from . import trees
 from .definitions import Definitions
-from .messages import Source
+from .messages import MOST, Source
 from .shapes import Shapes
 from .units import Unit, read
-
-#: Further wrong statements are not read: what is wrong in so many is told by the first.
-MOST = 100
 
 
 class Reading:
     """A text and its statements: ``units``, and where each of them is now, ``bases``. ``given``: see Definitions.
 
-    Where more than :data:`MOST` statements are wrong, the text is ``cut``: what follows has not been read.
+    Where more than MOST statements are wrong, the text is ``cut``: what follows has not been read.
     """
 
     def __init__(self, text: str = "", filename: str = "<string>", given: Mapping[str, object] | None = None) -> None:

@@ -16,7 +16,7 @@ from .automaton import Parser
 from .builder import Builder
 from .definitions import Definitions
 from .document import Path
-from .messages import Place, SceneError, SceneWarning, Source
+from .messages import Place, Said, SceneError, Source, what_is_said
 from .parser import syntax_error
 from .words import STATEMENTS, WORDS
 
@@ -29,16 +29,6 @@ STATEMENT_LINE = re.compile(
     + r")(?![\w.-])",
     re.IGNORECASE | re.MULTILINE,
 )
-
-
-@dataclass(frozen=True)
-class Said:
-    """An error or a warning, and where; ``start`` and ``end`` are offsets."""
-
-    start: int
-    end: int
-    reason: str
-    error: bool
 
 
 NOTHING: Mapping[str, Any] = {}
@@ -132,7 +122,7 @@ def read(source: Source, start: int, definitions: Definitions, name: int | None 
         said.append(_fail(source, unit, syntax_error(source, error.token, parser.accepts(), [*before, *tokens])))
     except SceneError as error:
         said.append(_fail(source, unit, error))
-    said += map(what_is_said, source.doubts)
+    said += source.doubts
     unit.uses = {name: definitions.now(name) for name in definitions.uses}
     if tokens:
         unit.opening = (tokens[0].end_pos or 0) - start
@@ -168,9 +158,3 @@ def _fail(source: Source, unit: Unit, error: SceneError) -> Said:
         unit.end = after.end() - len(after[0].lstrip()) if after else len(source.text)
         unit.tokens[:] = [token for token in unit.tokens if (token.end_pos or 0) <= unit.end]
     return said
-
-
-def what_is_said(message: SceneError | SceneWarning, otherwise: int = 0) -> Said:
-    """A message as it is kept; its place is ``otherwise`` where it has none."""
-    place = message.place or Place(otherwise, otherwise + 1)
-    return Said(place.start, place.end, message.reason, isinstance(message, SceneError))

@@ -19,7 +19,8 @@ from .language import document_of
 from .language.document import Document
 from .language.files import read
 from .language.messages import SceneError
-from .language.words import PIXELS, Numbers, numbers
+from .language.quantities import Numbers
+from .language.words import PIXELS, numbers
 from .model import Leaf, Scene
 from .nodes import Comment, Default, Node
 from .solids import TOLERANCE, Skin, Triangles, tessellate

@@ -128,7 +128,7 @@ def watch(
             with (
                 log(verbose),
                 session.threads(threads),
-                changes.watched(shown.files, shown.saved),
+                changes.watched(shown.files.known, shown.saved, shown.files.missing),
                 interruptible(shown.leave),
             ):
                 shown.run()

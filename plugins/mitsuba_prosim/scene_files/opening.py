@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +18,9 @@ from .digest import digest, named_files
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
+
+#: How an OpenEXR file begins.
+EXR = b"v/1\x01"
 
 
 class SceneFile:
@@ -108,7 +112,8 @@ class SceneFile:
                 props = mi.Properties(sampler)
                 props["sample_count"] = node.props.get("sample_count", 4)
                 node.props = props
-        with self._search_paths(), session.enough_threads():
+        enough = session.enough_threads() if self._names_exr() else nullcontext()  # threads take time to begin
+        with self._search_paths(), enough:
             try:
                 return instantiate(state)
             except RuntimeError as error:
@@ -119,6 +124,14 @@ class SceneFile:
                         f"{session.message(error)}"
                     ) from None
                 raise
+
+    def _names_exr(self) -> bool:
+        """Whether the scene names an OpenEXR file, whatever that is called."""
+        for _, path in self.named_files():
+            with open(path, "rb") as file:
+                if file.read(len(EXR)) == EXR:
+                    return True
+        return False
 
     def _change_integrator(self, parameters: Mapping[str, Any]) -> str | None:
         try:

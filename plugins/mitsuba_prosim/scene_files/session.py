@@ -10,6 +10,8 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 
+from ..alone import alone
+
 #: Beginning of a variant's name -> (its backend, what that needs).
 BACKENDS = {
     "scalar": (None, ""),
@@ -75,24 +77,26 @@ def message(error: BaseException, lines: bool = False) -> str:
 @contextmanager
 def search_paths(first: Iterable[str | Path] = (), last: Iterable[str | Path] = ()) -> Iterator[None]:
     """Adds folders to both ends of Mitsuba's search path, for a while."""
-    resolver = mi.FileResolver(mi.file_resolver())
-    for path in reversed(list(first)):
-        resolver.prepend(str(path))
-    for path in last:
-        resolver.append(str(path))
-    with resolving(resolver):
-        yield
+    with alone():
+        resolver = mi.FileResolver(mi.file_resolver())
+        for path in reversed(list(first)):
+            resolver.prepend(str(path))
+        for path in last:
+            resolver.append(str(path))
+        with resolving(resolver):
+            yield
 
 
 @contextmanager
 def resolving(resolver: mi.FileResolver) -> Iterator[None]:
-    """Looks for files by another search path, for a while."""
-    before = mi.file_resolver()
-    mi.set_file_resolver(resolver)
-    try:
-        yield
-    finally:
-        mi.set_file_resolver(before)
+    """Looks for files by another search path, for a while; other threads that want to do so wait."""
+    with alone():
+        before = mi.file_resolver()
+        mi.set_file_resolver(resolver)
+        try:
+            yield
+        finally:
+            mi.set_file_resolver(before)
 
 
 @contextmanager

@@ -43,10 +43,10 @@ class Elsewhere:
                 return
             self.chance.shuffle(tickets)
             for ticket in tickets:
-                _, asked = pickle.loads(pickle.dumps(ticket.errand.arguments))
-                yield from desk.give(ticket, ticket.errand.read(self.answer(asked)))
+                _, asked, sets = pickle.loads(pickle.dumps(ticket.errand.arguments))
+                yield from desk.give(ticket, ticket.errand.read(self.answer(asked, sets)))
 
-    def answer(self, asked):
+    def answer(self, asked, sets):
         plan, policy = worker.planned(asked["plan"])
         if self.estimator is None:
             sensor = self.scene.sensors()[0]

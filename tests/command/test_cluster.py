@@ -138,6 +138,7 @@ def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path)
     [
         (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
         (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
+        (["--cluster", "localhost"], "'localhost' is not of the form tcp://machine:8786"),
         (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
         (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
     ],
@@ -333,11 +334,13 @@ def test_a_film(client, lamp, monkeypatch):
     """
     film = lamp.with_name("film.scn")
     film.write_text(FILM)
-    one, many, again = (["render", film, "--frames", "0:6", "-o", film.with_name(name)] for name in ("a", "b", "c"))
+    options = ["render", film, "--frames", "0:6", "--resolution", "12x12"]
+    one, many, again = ([*options, "-o", film.with_name(name)] for name in ("a", "b", "c"))
     cluster = ["--cluster", client.scheduler.address]
     assert prosim(*one).exit_code == 0
     watch_kernels(client, True)
-    assert prosim(*many, *cluster).exit_code == 0
+    result = prosim(*many, *cluster)
+    assert result.exit_code == 0 and result.stderr.count("12x12 pixels distort the image") == 1
     takers, clients, saved, make, save = [], [], [], Remote.make, files.save
     monkeypatch.setattr(Remote, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
     monkeypatch.setattr(local, "scheduler", lambda at, scheduler=local.scheduler: clients.append(at) or scheduler(at))

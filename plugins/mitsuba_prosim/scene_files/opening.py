@@ -86,7 +86,9 @@ class SceneFile:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
                 _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
-                check_size(node.props.get("width", 768), node.props.get("height", 576))
+                width, height = node.props.get("width", 768), node.props.get("height", 576)
+                check_size(width, height)
+                check_crop(crop, width, height)
         #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
@@ -175,6 +177,15 @@ def check_size(width: int, height: int) -> None:
         )
 
 
+def check_crop(crop: tuple[int, int, int, int] | None, width: int, height: int) -> None:
+    """Raises ValueError for a crop window (x, y, width, height) that is not within the image."""
+    if crop is not None and (crop[0] + crop[2] > width or crop[1] + crop[3] > height):
+        raise ValueError(
+            f"a crop window of {crop[2]} x {crop[3]} pixels from ({crop[0]}, {crop[1]}) on, in an image of {width} x "
+            f"{height}: it has to be within"
+        )
+
+
 def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
     """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
     if taken := {"config", "filename"} & set(parameters):
@@ -217,13 +228,14 @@ def plugin_names(state: mi.parser.ParserState) -> set[str]:
 
 
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
-    """The sensor of that index, or an error in the native command's words."""
+    """The sensor of that index, or an error that begins with the native command's words."""
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")
     if not scene.sensors():
         raise ValueError(f"No sensor specified for scene: {scene}")
     if not 0 <= index < len(scene.sensors()):
-        raise ValueError("Specified sensor index is out of bounds!")
+        there = f"sensors 0 to {len(scene.sensors()) - 1}" if len(scene.sensors()) > 1 else "one sensor, number 0"
+        raise ValueError(f"Specified sensor index is out of bounds! The scene has {there}.")
     return scene.sensors()[index]
 
 

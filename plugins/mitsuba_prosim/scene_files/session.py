@@ -65,12 +65,13 @@ def load_plugins() -> None:
             warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
 
 
-def message(error: BaseException) -> str:
+def message(error: BaseException, lines: bool = False) -> str:
     """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its
-    own words.
+    own words; nor the ``lines`` of Mitsuba's own source, unless they are asked for.
     """
-    cause = f" {message(error.__cause__)}" if error.__cause__ else ""
-    return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
+    cause = f" {message(error.__cause__, lines)}" if error.__cause__ else ""
+    text = re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
+    return text if lines else re.sub(r"\[\w+\.(?:cpp|h):\d+\] ", "", text)
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """Caustics: photons that specular surfaces gather on diffuse ones, against paths and analytic irradiance."""
 
+import pickle
+from dataclasses import fields
 from types import SimpleNamespace
 
 import drjit as dr
@@ -139,6 +141,11 @@ def test_so_are_those_of_spectral_variants(variant_spectral):
 
 def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
+    integrator = mi.load_dict({"type": "prosim", "caustics": True, "caustic_photons": 1 << 12})
+    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 4))):
+        again = Photons.unpacked(pickle.loads(pickle.dumps(photons.packed())))
+        for field in fields(Photons):
+            assert np.array_equal(*(np.array(getattr(some, field.name)) for some in (photons, again)))
     assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
     parameters = mi.traverse(world.sensors()[0])
     parameters["film.crop_offset"], parameters["film.crop_size"] = (3, 5), (9, 8)

@@ -1,5 +1,7 @@
 """Caustics: photons that specular surfaces gather on diffuse ones, against paths and analytic irradiance."""
 
+import pickle
+from dataclasses import fields
 from types import SimpleNamespace
 
 import drjit as dr
@@ -19,7 +21,7 @@ from mitsuba_prosim.rendering.pursuit import in_full_sets
 from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import onward
-from test_taking import Elsewhere
+from test_taking import Elsewhere, image
 
 
 def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
@@ -139,6 +141,11 @@ def test_so_are_those_of_spectral_variants(variant_spectral):
 
 def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
+    integrator = mi.load_dict({"type": "prosim", "caustics": True, "caustic_photons": 1 << 12})
+    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 4))):
+        again = Photons.unpacked(pickle.loads(pickle.dumps(photons.packed())))
+        for field in fields(Photons):
+            assert np.array_equal(*(np.array(getattr(some, field.name)) for some in (photons, again)))
     assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
     parameters = mi.traverse(world.sensors()[0])
     parameters["film.crop_offset"], parameters["film.crop_size"] = (3, 5), (9, 8)
@@ -214,6 +221,14 @@ def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
     )
     *_, last = integrator.waves(world, seed=1)
     assert len(drawn) == 12 and set(np.array(last.state.estimate.count).tolist()) <= {12, 16}
+
+
+def test_portions_of_the_second_image_of_a_few_pixels_have_the_same_photons(variant_rgb):
+    """It has several copies of them there, each with a seed of its own."""
+    more = {"samples": 2, "max_samples": 8, "noise": 1e-4, "caustics": True, "caustic_photons": 1 << 10}
+    world = small(6, integrator={"type": "prosim"} | more)
+    expected = image(world)
+    assert image(world, Elsewhere(world, most=2000))[1] == expected[1]
 
 
 def test_no_photons_are_sent_out_for_a_few_pixels():

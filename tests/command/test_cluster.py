@@ -183,7 +183,7 @@ def test_ctrl_c_while_workers_begin(client, lamp, monkeypatch):
 
     monkeypatch.setattr(local, "scheduler", pressing)
     result = prosim("render", lamp, "--cluster", client.scheduler.address)
-    assert result.exit_code == 1 and "Error: interrupted before the image had begun; nothing" in result.output
+    assert result.exit_code == 130 and "Interrupted before the image had begun; nothing was written." in result.output
     assert names(lamp.parent) == [lamp.name]
 
 

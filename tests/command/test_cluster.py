@@ -24,6 +24,7 @@ from mitsuba_prosim.cluster.errand import Whole
 from mitsuba_prosim.cluster.parcel import Parcel
 from mitsuba_prosim.cluster.remote import LOOK, Remote
 from mitsuba_prosim.command import output as files
+from mitsuba_prosim.saved import origin
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene_files import opening, session
 from running import names, prosim
@@ -285,12 +286,12 @@ def test_each_set_of_photons_is_drawn_by_one_worker(client, scene, variant_rgb, 
 
 @pytest.mark.slow
 def test_workers_of_another_kind(client, lamp, monkeypatch):
-    ours = cluster.remote.origin.here()
+    ours = origin.here()
     said = []
-    monkeypatch.setattr(cluster.remote.origin, "here", lambda: ours | {"processor": "another"})
+    monkeypatch.setattr(origin, "here", lambda: ours | {"processor": "another"})
     assert np.array_equal(there(client, lamp, say=said.append), here(lamp))
     assert said and all(re.search("is of another kind .processor .* there, another here", text) for text in said)
-    monkeypatch.setattr(cluster.remote.origin, "here", lambda: ours | {"mitsuba": "3.0"})
+    monkeypatch.setattr(origin, "here", lambda: ours | {"mitsuba": "3.0"})
     with pytest.raises(
         cluster.ClusterError, match=r"no worker of the cluster can take part: .*mitsuba 3\.9.* 3\.0 here"
     ):

@@ -14,8 +14,12 @@ def __getattr__(name: str) -> Any:
         from .notebook import render
 
         return render
-    if name in ("ClusterError", "Remote"):
-        from . import remote
+    if name == "ClusterError":
+        from .faults import ClusterError
 
-        return getattr(remote, name)
+        return ClusterError
+    if name == "Remote":
+        from .remote import Remote
+
+        return Remote
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

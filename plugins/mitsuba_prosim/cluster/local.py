@@ -14,6 +14,8 @@ import distributed
 from distributed.core import Status
 from tornado.ioloop import PeriodicCallback
 
+from .faults import ClusterError
+
 #: Dask looks at itself many times in a second, which takes the scheduler and each worker of this machine a twenty-fifth
 #: of a processor; what it would learn, nobody asks.
 CALM = {
@@ -86,8 +88,6 @@ def scheduler(address: str) -> Iterator[distributed.Client]:
 
     Raises ClusterError where there is none.
     """
-    from .remote import ClusterError
-
     be_quiet()
     try:
         client = distributed.Client(address, set_as_default=False, timeout=ANSWER)

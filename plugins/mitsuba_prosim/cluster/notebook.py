@@ -10,8 +10,9 @@ import distributed
 import mitsuba as mi
 
 from ..scene_files import opening, rendering, writing
+from .faults import ClusterError
 from .parcel import Parcel
-from .remote import ClusterError, Remote
+from .remote import Remote
 
 
 def render(

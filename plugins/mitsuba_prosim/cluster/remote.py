@@ -3,42 +3,34 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import queue
-import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import distributed
 import mitsuba as mi
-from distributed.comm.core import CommClosedError
 
 from ..caustics.caustics import Which
 from ..rendering.estimate import Estimate
 from ..rendering.taking import Portion
-from ..saved import origin
 from . import worker
 from .desk import Desk, Ticket
 from .errand import Errand, Whole
+from .faults import LOSSES, ClusterError, lost
 from .fleet import DEPTH, Fleet, Worker
+from .joining import Joining
 from .link import Link
 from .parcel import Parcel
 from .sets import PhotonSets
 
-#: Seconds from one look at who is there to the next; after which without any worker it is said that there is none; and
-#: that a worker has to answer directly, else the scheduler passes on what it says.
-LOOK, PATIENCE, DIRECT = 0.5, 10.0, 3.0
+#: Seconds from one look at who is there to the next.
+LOOK = 0.5
 
-#: A portion may go wrong so often, less one; and so many workers may be lost that are at it, or at loading the scene.
-ATTEMPTS, LOSSES = 3, 10
+#: A portion may go wrong so often, less one.
+ATTEMPTS = 3
 
 #: Where portions are wanted in their order, so many for each worker may be out or wait for those before.
 AHEAD = 2 * DEPTH
-
-
-class ClusterError(RuntimeError):
-    """A cluster that can't render the image."""
 
 
 class Remote:
@@ -51,46 +43,38 @@ class Remote:
     in_turn = False
 
     def __init__(self, client: distributed.Client, parcel: Parcel, say: Callable[[str], None] = lambda _: None) -> None:
-        self.link, self.parcel, self.say = Link(client), parcel, say
-        self.before: str | None = None  # key of the scene before this one
-        self.variant, self.ours = mi.variant() or "", origin.here()
+        self.link, self.say = Link(client), say
+        self.variant = mi.variant() or ""
         self.fleet = Fleet()
+        self.joining = Joining(self.link, parcel, say, lambda *told: self.events.put((self._joined, *told)))
         self.photons = PhotonSets(self._draw)
         #: Why the cluster is there no more; and what is called then.
         self.gone: str | None = None
         self.stop: Callable[[], None] = lambda: None
-        self.refused: dict[str, str] = {}
         self.missed = False  # whether it was said that one was lost
-        self.fallen = 0  # workers that were lost before they were ready
-        self.joining: dict[str, list[distributed.Future]] = {}  # what is asked of those that come
         self.events: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
         self.asking: Worker | None = None
         #: Errands that were answered; seconds that the workers took for them, all together, and without what goes
         #: before each; and their samples.
         self.portions, self.busy, self.taking, self.work = 0, 0.0, 0.0, 0
-        self.since = time.perf_counter()
-        self.warned: set[str] = set()
         self.address = getattr(client.scheduler, "address", "of the cluster")
         self.watch = self.link.begin(self._watch())
 
     def turn_to(self, parcel: Parcel) -> None:
         """Goes on with another scene, between two images. Of its files the workers are sent what they have not got."""
-        self.before = self.parcel.key if self.parcel.key != parcel.key else self.before
-        self.parcel, self.fallen, self.since = parcel, 0, time.perf_counter()
-        self.refused.clear()  # who could not take part is asked again
+        self.joining.turn_to(parcel)
         self.link.keep(parcel.contents.values())
         self.photons.forget()
         for address in list(self.fleet.workers):
             self.fleet.remove(address)
-            self._join(address)
+            self.joining.ask(address)
 
     def close(self) -> None:
         """Lets the workers go; they keep the scene for the next time."""
         self.watch.cancel()
         for ticket in self.fleet.out():
             self.fleet.take_back(ticket)
-        for future in itertools.chain(*self.joining.values()):
-            future.release()
+        self.joining.close()
         self.link.keep([])
         self.photons.forget()
 
@@ -113,7 +97,7 @@ class Remote:
 
         Raises ClusterError where no worker can take part, or where a portion goes wrong again and again.
         """
-        errands = (Errand.portion(portion, self.parcel.key) for portion in portions)
+        errands = (Errand.portion(portion, self.joining.parcel.key) for portion in portions)
         return self._done(Desk(errands, in_order), cancelled)
 
     def make(self, images: Iterable[Whole], cancelled: Callable[[], bool]) -> Iterator[tuple[Whole, Any]]:
@@ -122,7 +106,7 @@ class Remote:
 
         Raises ClusterError as for portions.
         """
-        errands = (Errand.whole(image, self.parcel.key, self.link.has) for image in images)
+        errands = (Errand.whole(image, self.joining.parcel.key, self.link.has) for image in images)
         return self._done(Desk(errands, False), cancelled)
 
     def _done(self, desk: Desk, cancelled: Callable[[], bool]) -> Iterator[Any]:
@@ -162,7 +146,7 @@ class Remote:
         self.link.begin(collect())
 
     def _draw(self, errand: Errand, which: Which, address: str) -> distributed.Future:
-        return self.link.submit(address, worker.draw, self.variant, self.parcel.key, errand.plan, which)
+        return self.link.submit(address, worker.draw, self.variant, self.joining.parcel.key, errand.plan, which)
 
     def _heard(self, desk: Desk) -> Iterator[tuple[Ticket, Any]]:
         """What is heard from the cluster in the next moment: the answers to tickets, each once."""
@@ -175,11 +159,8 @@ class Remote:
         for act, *what in events:
             if (answer := act(desk, *what)) is not None:
                 yield answer
-        if not self.fleet.workers and not self.joining:
-            if self.refused:
-                raise ClusterError("no worker of the cluster can take part: " + "; ".join(self.refused.values()))
-            if time.perf_counter() - self.since > PATIENCE:
-                self._warn_once("the cluster has no workers yet; the render begins when there are some")
+        if not self.fleet.workers:
+            self.joining.check()
 
     def _answered(self, desk: Desk, ticket: Ticket, address: str, outcome: Any) -> tuple[Ticket, Any] | None:
         if address not in ticket.copies:
@@ -195,7 +176,7 @@ class Remote:
         self.photons.forget(ticket.errand.sets)
         if outcome is None:  # other scenes have taken the place of this one
             desk.again.extend(self.fleet.remove(address))
-            self._join(address)
+            self.joining.ask(address)
         elif not lost(outcome):
             ticket.failures.append(f"{address}: {outcome}")
             if len(ticket.failures) >= ATTEMPTS:
@@ -208,7 +189,7 @@ class Remote:
 
     def _present(self, desk: Desk, addresses: frozenset[str]) -> None:
         """Looks at who has come, and who has gone."""
-        absent = (set(self.fleet.workers) | set(self.joining)) - addresses
+        absent = (set(self.fleet.workers) | set(self.joining.asked)) - addresses
         for address in set(self.fleet.workers) - addresses:
             desk.again.extend(self.fleet.remove(address))
             lost_sets = self.photons.lose(address)
@@ -222,81 +203,17 @@ class Remote:
                 )
         if absent and not self.missed:
             self.missed = True
-            left = len(addresses - set(self.refused))
+            left = len(addresses - set(self.joining.refused))
             self.say(
                 f"a worker was lost, {left or 'none'} {'is' if left < 2 else 'are'} left; others do what it had at "
                 "hand, and the image stays the same"
             )
-        for address in set(self.joining) - addresses:
-            for future in self.joining.pop(address):
-                future.release()
-            self.fallen += 1
-            if self.fallen >= LOSSES and not self.fleet.workers:
-                raise ClusterError(
-                    f"{LOSSES} workers were lost when they were given the scene; have they enough memory, and does "
-                    "prosim doctor find nothing wrong there?"
-                )
-        for address in set(self.refused) - addresses:
-            del self.refused[address]
-        for address in addresses - set(self.fleet.workers) - set(self.joining) - set(self.refused):
-            self._join(address)
+        self.joining.look(addresses, self.fleet.workers)
 
-    def _join(self, address: str) -> None:
-        async def greet() -> None:
-            try:
-                self.events.put((self._joined, address, await self._greeted(address)))
-            except Exception as error:  # noqa: BLE001 (whatever it is, the others go on)
-                self.events.put((self._joined, address, error))
-
-        self.joining[address] = []
-        self.link.begin(greet())
-
-    async def _greeted(self, address: str) -> worker.Greeting:
-        """The greeting of a worker that is of our kind, and has the scene."""
-        future = self.link.submit(address, worker.greet, self.variant, self.parcel.key)
-        self.joining[address].append(future)
-        greeting = await self.link.outcome(future, direct=False, release=False)
-        if isinstance(greeting, BaseException):
-            raise greeting
-        if self.link.direct is None:
-            try:
-                await asyncio.wait_for(self.link.outcome(future, direct=True), DIRECT)
-                self.link.direct = True
-            except asyncio.TimeoutError:
-                self.link.direct = False
-        if different := origin.differences(greeting.origin, self.ours, origin.EXACT):
-            raise ClusterError(f"it would not make the same samples ({different})")
-        if not greeting.loaded:
-            futures = [self.link.file(content) for content in self.parcel.contents.values()]
-            bare, names = replace(self.parcel, contents={}), list(self.parcel.contents)
-            loading = self.link.submit(address, worker.load, self.variant, bare, self.before, names, *futures)
-            if address in self.joining:
-                self.joining[address].append(loading)
-            if isinstance(error := await self.link.outcome(loading), BaseException):
-                raise error
-        return greeting
-
-    def _joined(self, desk: Desk, address: str, greeting: worker.Greeting | Exception) -> None:
-        if self.joining.pop(address, None) is None:
-            return  # it has gone
-        if isinstance(greeting, Exception):
-            if lost(greeting):  # it is asked again, if it is there
-                self.fallen += 1
-            else:
-                self.refused[address] = f"{address}: {said(greeting)}"
-                self._warn_once(f"a worker can't take part, {self.refused[address]}")
-            return
-        self.fleet.workers[address] = Worker(address, greeting.threads)
-        if different := origin.differences(greeting.origin, self.ours, origin.CLOSE):
-            self._warn_once(
-                f"the worker {address} is of another kind ({different}): its samples are as good, but may differ in "
-                "their last bits"
-            )
-
-    def _warn_once(self, text: str) -> None:
-        if text not in self.warned:
-            self.warned.add(text)
-            self.say(text)
+    def _joined(self, desk: Desk, address: str, told: worker.Greeting | Exception) -> None:
+        greeting = self.joining.answered(address, told)
+        if greeting is not None:
+            self.fleet.workers[address] = Worker(address, greeting.threads)
 
     def _lost(self, desk: Desk, why: str) -> None:
         self.gone = why
@@ -310,15 +227,3 @@ class Remote:
                 return
             self.events.put((self._present, present))
             await asyncio.sleep(LOOK)
-
-
-def lost(error: BaseException) -> bool:
-    """Whether it was not the work that went wrong, but the worker that went."""
-    return isinstance(error, (distributed.KilledWorker, distributed.CancelledError, CommClosedError))
-
-
-def said(error: BaseException) -> str:
-    """Why a worker can't take part."""
-    if isinstance(error, (ImportError, AttributeError)):
-        return f"it has no mitsuba-prosim of this version, or not all that it needs ({error})"
-    return str(error) or type(error).__name__

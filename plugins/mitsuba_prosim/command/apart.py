@@ -60,7 +60,7 @@ class Apart:
 
         What is wrong with a frame is raised when those before it are there. Raises ClickException.
         """
-        from ..cluster.remote import ClusterError
+        from ..cluster.faults import ClusterError
 
         asked: dict[Whole, Frame] = {}
         wrong: list[click.ClickException] = []

@@ -73,7 +73,7 @@ class Helping:
         if self.helpers is None or parcel is None:
             yield None
             return
-        from ..cluster.remote import ClusterError
+        from ..cluster.faults import ClusterError
 
         try:
             taker = self._turned_to(self.helpers, parcel)
@@ -90,7 +90,8 @@ class Helping:
             self.taker.turn_to(parcel)
             return self.taker
         from ..cluster import local
-        from ..cluster.remote import ClusterError, Remote
+        from ..cluster.faults import ClusterError
+        from ..cluster.remote import Remote
 
         there = (
             local.scheduler(helpers.cluster) if helpers.cluster else local.workers(helpers.workers or 1, self.threads)

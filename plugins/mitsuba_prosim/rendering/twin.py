@@ -11,10 +11,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..sampling.hash import hash32
+from .cutting import portions, steps
 from .error import displayed
 from .estimate import Estimate
 from .plan import area, pixels
-from .state import State, portions, steps
+from .state import State
 from .taking import Portion, Round
 
 

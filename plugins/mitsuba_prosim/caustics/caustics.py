@@ -38,13 +38,14 @@ class Caustics:
     variants all photons of a map have the same wavelengths, which its samples have too (:meth:`wavelength`).
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk) -> None:
-        self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
-        self.footprint = Footprint.of(scene, sensor)
+    def __init__(
+        self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk, footprint: Footprint
+    ) -> None:
+        self.sensor, self.sources, self.count, self.walk, self.footprint = sensor, sources, count, walk, footprint
         self.gathering = Gathering(scene, self.footprint)
         self.merging: Merging | None = None
         if walk.merges:
-            self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible, walk.careful)
+            self.merging = Merging(footprint, sources, walk.narrow, walk.deepest, walk.indivisible, walk.careful)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         self._sets: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._drawn: Photons | None = None
@@ -59,7 +60,8 @@ class Caustics:
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
-        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
+        footprint = Footprint.of(scene, sensor)
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes, footprint), footprint)
 
     @staticmethod
     def maps(n: int) -> int:

@@ -399,6 +399,20 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     assert np.abs(shares.sum(axis=0) - 1).max() < 1e-3
 
 
+def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(variant_rgb):
+    """They all lose as much of their light there: by roulette one in twenty-five would come back, as bright as ever."""
+    enamel = {"type": "prosim_composite", "diffuse_reflectance": 0.0, "int_ior": 1.5}
+    lying = []
+    for bsdf in (enamel, {"type": "conductor", "material": "none"}):
+        world = scene(4, floor=floor(1.0) | {"bsdf": ROUGH}, ball=ball(bsdf), lamp=lamp(0.2))
+        caustics = Caustics.of(world, world.sensors()[0], 1, 7, True)
+        i = dr.arange(mi.UInt32, 4096)
+        pair = i // 4096 + next(k for k in range(2) if abs(caustics.sources.targets.radii[k] - 0.8) < 0.01)
+        start = caustics.sources.start(pair, mi.Float(1, 1), *starts(mi.UInt32(5), i), mi.Color0f())
+        lying.append(dr.count(caustics.walk(start, i)[1].lies)[0])
+    assert lying[0] > 0.9 * lying[1] > 900
+
+
 def mirrored(kind, channel):
     """A source without extent, or a small ball, in one colour: it lights the floor around (2, 0, 0) by a mirror at
     (0, 1.1, 0.1).

@@ -8,8 +8,12 @@ Photons that lie on G find the same light. Of a path that either could have foun
 Along a chain of ideally smooth surfaces, the number of photons per area at right angles to the ray and per solid angle,
 their density, only falls by what is absorbed and by the choice of a lobe, and is scaled by the square of the index as
 radiance is: neither mirrors nor lenses change the product of area and solid angle of a beam. So R is that density,
-known at the source, times what a ray of the eye has brought along since G, the reach (:meth:`Merging.reach`): the area
+known at the source, times what a ray of the eye has brought along since G, the reach (:meth:`Merging.begun`): the area
 that photons count on, seen from the ray, over the density that the lobe has drawn the ray with.
+
+What is glossy, but nearly smooth (:mod:`..transport.narrow`), is part of such a chain too. There each end multiplies by
+what the lobe scatters over the density of the eye's sample; sources that are sampled there, and photons at several
+glossy surfaces, are further ways to find the light, whose shares add up to 1 (:mod:`.passing`).
 """
 
 from __future__ import annotations

@@ -25,6 +25,10 @@ CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 #: The first of those, one for each surface, that tell whether it lies on one that is nearly smooth.
 LOT = 1 << 16
 
+#: Photons for glossy surfaces that keep less than that of their light at the first one go on as they are, without
+#: roulette: they are all dimmed alike there.
+FAINT = 0.5
+
 #: Facets that are met at grazing incidence, but shaded as if they were not, would make single photons as bright as
 #: hundreds. About a thousandth of the light that a ball of facets gathers is lost by this bound.
 MOST = 8
@@ -159,6 +163,8 @@ class Walk:
         flux = arrived * weight
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(state.level < 4, 1, 0.95)))
+        if density is not None:  # Too few would come back from a varnish for what gathers them beside its own rays.
+            p = dr.select((state.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= random.number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
         lands &= true > 0

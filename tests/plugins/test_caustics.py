@@ -1,6 +1,7 @@
 """Caustics: photons that specular surfaces gather on diffuse ones, against paths and analytic irradiance."""
 
-from dataclasses import replace
+import pickle
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import drjit as dr
@@ -24,6 +25,7 @@ from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
 from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
+from test_taking import Elsewhere, image
 
 
 def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
@@ -143,6 +145,11 @@ def test_so_are_those_of_spectral_variants(variant_spectral):
 
 def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
+    integrator = mi.load_dict({"type": "prosim", "caustics": True, "caustic_photons": 1 << 12})
+    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 4))):
+        again = Photons.unpacked(pickle.loads(pickle.dumps(photons.packed())))
+        for field in fields(Photons):
+            assert np.array_equal(*(np.array(getattr(some, field.name)) for some in (photons, again)))
     assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
     parameters = mi.traverse(world.sensors()[0])
     parameters["film.crop_offset"], parameters["film.crop_size"] = (3, 5), (9, 8)
@@ -196,18 +203,36 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
 
 
 def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
-    """However small portions are; between two sets one can stop, and all pixels have come on alike."""
-    world, drawn = small(12), []
+    """However small portions are; between two sets one can stop, and all pixels have come on alike. By those who take
+    samples elsewhere they are drawn once as well, though not all of them are kept.
+    """
+    drawn = []
     monkeypatch.setattr(Photons, "of", lambda *rest, of=Photons.of: (drawn.append(len(drawn)), of(*rest))[1])
+    monkeypatch.setattr("mitsuba_prosim.caustics.caustics.KEPT", 3 << 10)
     more = {"samples": 2, "max_samples": 32, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 10}
-    integrator = mi.load_dict({"type": "prosim", "band": 40} | more)
+    world = small(12, integrator={"type": "prosim", "band": 40} | more)
+    integrator = world.integrator()
     *_, last = integrator.waves(world, seed=1)
     assert len(drawn) == 8 and np.all(np.array(last.state.estimate.count) == 32)
+    image = np.array(world.sensors()[0].film().develop())
+    integrator.taker = taker = Elsewhere(world, most=1500)
+    assert np.array_equal(np.array(integrator.render(world, seed=1)), image)
+    assert len(taker.compiled) > 5 and taker.estimator.transport.caustics.draws == 8 == len(drawn[8:])
+    integrator.taker = None
+    del drawn[8:]
     monkeypatch.setattr(
         Photons, "of", lambda *rest, of=Photons.of: (drawn[-1] == 10 and integrator.cancel(), of(*rest))[1]
     )
     *_, last = integrator.waves(world, seed=1)
     assert len(drawn) == 12 and set(np.array(last.state.estimate.count).tolist()) <= {12, 16}
+
+
+def test_portions_of_the_second_image_of_a_few_pixels_have_the_same_photons(variant_rgb):
+    """It has several copies of them there, each with a seed of its own."""
+    more = {"samples": 2, "max_samples": 8, "noise": 1e-4, "caustics": True, "caustic_photons": 1 << 10}
+    world = small(6, integrator={"type": "prosim"} | more)
+    expected = image(world)
+    assert image(world, Elsewhere(world, most=2000))[1] == expected[1]
 
 
 def test_no_photons_are_sent_out_for_a_few_pixels():

@@ -1,16 +1,20 @@
 """Whoever takes the samples, and in which portions and order they are given back, the image is the same."""
 
+import gc
 import pickle
 import random
+from types import SimpleNamespace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.cluster import fleet, message, worker
+from mitsuba_prosim.cluster import sets as photon_sets
 from mitsuba_prosim.cluster.desk import Desk, Ticket
 from mitsuba_prosim.cluster.errand import Errand
 from mitsuba_prosim.rendering.camera import ray_sampler
+from mitsuba_prosim.rendering.estimate import Estimator
 from scenes import penumbra
 from test_record import CROP, loaded
 
@@ -19,6 +23,8 @@ class Elsewhere:
     """Takes samples by what was sent, in another copy of the scene, a few portions at a time; the answers come in any
     order.
     """
+
+    in_turn = False
 
     def __init__(self, scene, most=3000, together=3, history=False):
         self.estimator = None
@@ -39,10 +45,10 @@ class Elsewhere:
                 return
             self.chance.shuffle(tickets)
             for ticket in tickets:
-                _, asked = pickle.loads(pickle.dumps(ticket.errand.arguments))
-                yield from desk.give(ticket, ticket.errand.read(self.answer(asked)))
+                _, asked, sets = pickle.loads(pickle.dumps(ticket.errand.arguments))
+                yield from desk.give(ticket, ticket.errand.read(self.answer(asked, sets)))
 
-    def answer(self, asked):
+    def answer(self, asked, sets):
         plan, policy = worker.planned(asked["plan"])
         if self.estimator is None:
             sensor = self.scene.sensors()[0]
@@ -72,9 +78,14 @@ def taken_alike(settings, **how):
     assert np.array_equal(found, expected) and as_far == reached
 
 
-def test_samples_that_were_taken_elsewhere(variant_rgb):
-    """With noise, larger patterns, a second image, and a filter that reaches other pixels."""
+def test_samples_that_were_taken_elsewhere(variant_rgb, monkeypatch):
+    """With noise, larger patterns, a second image, and a filter that reaches other pixels; nor does Python's garbage
+    collector run meanwhile, which would free scenes that the kernels know.
+    """
+    take, collects = Estimator.take, set()
+    monkeypatch.setattr(Estimator, "take", lambda *rest, **more: collects.add(gc.isenabled()) or take(*rest, **more))
     taken_alike({"size": 24, "noise": 0.004, "max_samples": 200}, most=20000)
+    assert collects == {False} and gc.isenabled()
 
 
 @pytest.mark.slow
@@ -173,3 +184,25 @@ def test_what_is_late_is_done_once_more_by_who_has_nothing_to_do():
     now[0] = 6.0  # two seconds' work that takes six: the worker may be stuck
     assert list(some.repeats()) == [(first, some.workers["b"])]
     assert some.remove("a") == [first] and some.out() == []
+
+
+def test_workers_draw_photons_for_each_other():
+    drawn, released = [], []
+
+    def draw(errand, which, address):
+        drawn.append((which[1], address))
+        return SimpleNamespace(name=which[1], release=lambda: released.append(which[1]))
+
+    def of(*numbers):
+        needed = Errand(None, (), 1, None, sets=[(0, number, 16) for number in numbers])
+        return [future.name for future in some.of(needed, ["a", "b"])]
+
+    some = photon_sets.PhotonSets(draw)
+    assert of(0, 1, 2) == [0, 1, 2] and of(1, 2) == [1, 2]
+    assert drawn == [(0, "a"), (1, "b"), (2, "a")]  # as many each, and each once
+    assert of(3, 4) == [3, 4] and released == [0]  # that used longest ago
+    assert of(*range(photon_sets.KEPT + 1)) == [] and len(drawn) == 5  # who needs so many has no room for them
+    assert some.lose("a") == {(0, number, 16) for number, address in drawn[1:] if address == "a"}
+    assert of(2) == [2] and drawn[-1] == (2, "a") and released.count(2) == 1
+    some.forget()
+    assert sorted(released) == sorted(number for number, _ in drawn)

@@ -10,17 +10,21 @@ import gc
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 import distributed
 import drjit as dr
 import mitsuba as mi
+import prosim_scene
 
+from ..caustics.caustics import Which
+from ..caustics.photons import Photons
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.plan import Plan
 from ..rendering.policies import POLICIES
@@ -31,6 +35,9 @@ from .parcel import Parcel
 
 #: Scenes that stay loaded, with their kernels; and plans of each.
 SCENES, PLANS = 4, 8
+
+#: The photons of a set, on diffuse surfaces and on glossy ones, as they travel.
+Packed = tuple[Mapping[str, Any], "Mapping[str, Any] | None"]
 
 
 @dataclass(frozen=True)
@@ -45,13 +52,29 @@ class Greeting:
 @dataclass(frozen=True)
 class Done:
     """What has come of an errand: for a portion what :func:`.message.answer` returns. ``before``: seconds until it was
-    begun with, whatever its size (Dr.Jit follows the code anew, and compiles it the first time); ``seconds``: that it
-    took.
+    begun with, whatever its size (Dr.Jit follows the code anew); ``seconds``: that it took; ``drawing``: that photons
+    took, which stay for the next portions.
     """
 
     what: Any
     before: float
     seconds: float
+    drawing: float = 0.0
+
+
+class Stopwatch:
+    """The ``seconds`` within its blocks, until the kernels have come to their end."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    @contextmanager
+    def __call__(self) -> Iterator[None]:
+        """A block."""
+        begun = time.perf_counter()
+        yield
+        dr.sync_thread()
+        self.seconds += time.perf_counter() - begun
 
 
 class Loaded:
@@ -68,16 +91,38 @@ class Loaded:
         self.estimator: Any = None
         self.plans: OrderedDict[Any, tuple[Plan, Any]] = OrderedDict()
 
-    def take(self, asked: Mapping[str, Any]) -> Done:
-        """The samples of a :func:`.message.request`."""
-        times = [time.perf_counter()]
-        plan, policy = recent(self.plans, asked["plan"], lambda: planned(asked["plan"]), PLANS)
+    def take(self, asked: Mapping[str, Any], photons: Mapping[Which, Packed | None] = MappingProxyType({})) -> Done:
+        """The samples of a :func:`.message.request`. ``photons``: of the sets that others have drawn."""
+        begun, drawn, running = time.perf_counter(), self.drawn, Stopwatch()
+        plan, policy = self.follow(asked["plan"])
+        for which, packed in photons.items():
+            if packed is not None and not self.estimator.transport.caustics.has(which):
+                self.estimator.transport.caustics.put(which, unpacked(packed))
+        more = message.portion(asked, plan, policy, self.estimator).take(running)
+        with running():
+            what = message.answer(more, asked["pixels"])
+        drawing = self.drawn - drawn
+        return Done(what, time.perf_counter() - begun - drawing - running.seconds, running.seconds, drawing)
+
+    def follow(self, said: tuple[Any, ...]) -> tuple[Plan, Any]:
+        """Makes ready for the plan of which that is said; it, and its policy."""
+        plan, policy = recent(self.plans, said, lambda: planned(said), PLANS)
         if self.estimator is None:
             self.estimator = self.make(plan)
             self.estimator.rays = ray_sampler(self.sensor)
-        more = message.portion(asked, plan, policy, self.estimator).take(lambda: times.append(time.perf_counter()))
-        what = message.answer(more, asked["pixels"])
-        return Done(what, times[1] - times[0], time.perf_counter() - times[1])
+        return plan, policy
+
+    def draw(self, said: tuple[Any, ...], which: Which) -> Packed:
+        """The photons of a set, for samples by the plan of which that is said."""
+        self.follow(said)
+        diffuse, glossy = self.estimator.transport.caustics.photons(which)
+        return diffuse.packed(), None if glossy is None else glossy.packed()
+
+    @property
+    def drawn(self) -> float:
+        """Seconds that photons have taken."""
+        caustics = None if self.estimator is None else self.estimator.transport.caustics
+        return 0.0 if caustics is None else caustics.seconds
 
 
 #: By their keys, that used last at the end; of one variant.
@@ -85,14 +130,18 @@ scenes: OrderedDict[tuple[str, str], Loaded] = OrderedDict()
 
 
 def greet(variant: str, key: str) -> Greeting:
-    """Makes the worker ready for a variant, to work with as many threads as Dask has given to it.
+    """Makes the worker ready for a variant, to work with as many threads as Dask has given to it; where it shares the
+    process of its client, with those that this has.
 
     Raises ImportError or RuntimeError where it has no such variant.
     """
-    threads = distributed.get_worker().state.nthreads
+    here = distributed.get_worker()
+    threads, shared = here.state.nthreads, here.address.startswith("inproc:")
 
     def greeted() -> Greeting:
-        dr.set_thread_count(threads)
+        if not shared:
+            dr.set_thread_count(threads)
+            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # who asks has seen them
         choose(variant)
         return Greeting(origin.here(), dr.thread_count(), (variant, key) in scenes)
 
@@ -108,25 +157,46 @@ def load(variant: str, parcel: Parcel, before: str | None, names: list[str], *co
     def loaded() -> Loaded:
         choose(variant)
         forget(variant, before)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # who asks has seen them
-            whole = completed(parcel, names, contents)
-            return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
+        whole = completed(parcel, names, contents)
+        return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
 
     hand().submit(loaded).result()
 
 
-def take(variant: str, key: str, asked: Mapping[str, Any]) -> Done | None:
-    """The samples of a :func:`.message.request`; None where that scene is not loaded any more."""
+def take(
+    variant: str, key: str, asked: Mapping[str, Any], sets: Sequence[Which] = (), *photons: Packed | None
+) -> Done | None:
+    """The samples of a :func:`.message.request`; None where that scene is not loaded any more. ``photons``: what
+    :func:`draw` has returned of ``sets``.
+    """
 
     def taken() -> Done | None:
         choose(variant)
         if (variant, key) not in scenes:
             return None
         scene: Loaded = recent(scenes, (variant, key), lambda: None, SCENES)
-        return scene.take(asked)
+        return scene.take(asked, dict(zip(sets, photons)))
 
     return hand().submit(taken).result()
+
+
+def draw(variant: str, key: str, said: tuple[Any, ...], which: Which) -> Packed | None:
+    """The photons of a set, for all workers; None where that scene is not loaded any more: each draws them then.
+    ``said``: of a plan by which samples are taken that need them.
+    """
+
+    def drawn() -> Packed | None:
+        choose(variant)
+        scene = scenes.get((variant, key))
+        return None if scene is None else scene.draw(said, which)
+
+    return hand().submit(drawn).result()
+
+
+def unpacked(packed: Packed) -> tuple[Photons, Photons | None]:
+    """The photons that :meth:`Loaded.draw` has packed."""
+    diffuse, glossy = packed
+    return Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
 
 
 def make(
@@ -149,9 +219,7 @@ def make(
         start = time.perf_counter()
         choose(variant)
         forget(variant, before)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            what = render(*completed(parcel, names, contents).load(), wanted, *arguments)
+        what = render(*completed(parcel, names, contents).load(), wanted, *arguments)
         return Done(what, 0.0, time.perf_counter() - start)
 
     return hand().submit(made).result()

@@ -376,7 +376,7 @@ BALLS = {
 }
 
 
-@pytest.mark.parametrize("tree", (True, False))
+@pytest.mark.parametrize("tree", (True, pytest.param(False, marks=pytest.mark.slow)))
 def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     """From rough metal into nearly smooth glass, out of it and to a lamp: by rays alone, by a point of the lamp that is
     sampled, and by photons on the inside of the glass and on the metal, reckoned from the lamp.
@@ -424,6 +424,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     assert np.abs(shares.sum(axis=0) - 1).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(variant_rgb):
     """They all lose as much of their light there: by roulette one in twenty-five would come back, as bright as ever."""
     enamel = {"type": "prosim_composite", "diffuse_reflectance": 0.0, "int_ior": 1.5}
@@ -436,6 +437,34 @@ def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(varian
         start = caustics.sources.start(pair, mi.Float(1, 1), *starts(mi.UInt32(5), i), mi.Color0f())
         lying.append(dr.count(caustics.walk(start, i)[1].lies)[0])
     assert lying[0] > 0.9 * lying[1] > 900
+
+
+ROUGHLY = {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.05}
+
+
+@pytest.mark.parametrize("glass", ({"type": "dielectric"}, ROUGHLY), ids=("smooth", "rough"))
+def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(variant_rgb, glass):
+    """Walls of radiance 1 send pi times the surface of a ball into it. Facets that shade one another lose some, as much
+    as the eye misses of an even sky that it sees through the ball.
+    """
+    walls = {"type": "cube", "flip_normals": True, "emitter": {"type": "area", "radiance": 1.0}}
+    thing = ball(glass, (0.2, 0.1, 0), 0.5)
+    world = mi.load_dict({"type": "scene", "sensor": camera(4), "walls": walls, "ball": thing})
+    caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
+    n = 1 << 17
+    i = dr.arange(mi.UInt32, n)
+    start = caustics.sources.start(0 * i, mi.Float(n), *starts(mi.UInt32(7), i), mi.Color0f())
+    landed, _ = caustics.walk(start, i)
+    power = dr.sum(dr.select(landed.lies, landed.flux.x, 0))[0]
+    place = (
+        mi.ScalarTransform4f().look_at(origin=(0.2, 0.1, 2), target=(0.2, 0.1, 0), up=(0, 1, 0)).scale((0.5, 0.5, 1))
+    )
+    eye = {"type": "orthographic", "to_world": place, "film": camera(32)["film"]}
+    world = mi.load_dict({"type": "scene", "sensor": eye, "sky": {"type": "constant"}, "ball": thing})
+    paths = mi.load_dict({"type": "path", "max_depth": 100, "rr_depth": 100})
+    missed = (1 - np.array(mi.render(world, integrator=paths, spp=64, seed=1)).mean()) * 4 / np.pi
+    assert missed < 0.01
+    assert power == pytest.approx(np.pi * 4 * np.pi * 0.5**2 * (1 - missed), rel=2e-3)
 
 
 def mirrored(kind, channel):

@@ -14,8 +14,8 @@ from . import dispersion, lobes
 from .indivisible import is_indivisible
 from .shapes import all_shapes
 
-#: A lobe is narrow if a tenth of its rays are drawn with densities per solid angle up to so many times those of the
-#: roughest one, and up to so much at least: a metal of m = 0.11 and glass of 0.25, which refracts into less.
+#: A lobe is narrow if the density per solid angle that nine in ten of its rays exceed is more than so many times that
+#: of the roughest one, and more than so much: a metal's of m = 0.11, or that of glass of 0.25, which narrows it.
 NARROWER, LEAST = 3.0, 1.0
 
 #: How many of the photons that meet one come to lie there, for rougher ones to see through them too.
@@ -65,7 +65,7 @@ class Narrow:
 
 
 def density_of_rays(identities: list[int]) -> np.ndarray:
-    """How narrow BSDFs are: the density per solid angle that a tenth of the rays do not reach that each draws from its
+    """How narrow BSDFs are: the density per solid angle that nine in ten of the rays exceed that each draws from its
     glossy lobes, lit at 45°, anywhere on its texture; 0 where it draws none.
     """
     count = len(identities)

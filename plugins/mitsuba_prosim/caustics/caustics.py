@@ -43,13 +43,14 @@ class Caustics:
     variants all photons of a map have the same wavelengths, which its samples have too (:meth:`wavelength`).
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk) -> None:
-        self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
-        self.footprint = Footprint.of(scene, sensor)
+    def __init__(
+        self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk, footprint: Footprint
+    ) -> None:
+        self.sensor, self.sources, self.count, self.walk, self.footprint = sensor, sources, count, walk, footprint
         self.gathering = Gathering(scene, self.footprint)
         self.merging: Merging | None = None
         if walk.merges:
-            self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible, walk.careful)
+            self.merging = Merging(footprint, sources, walk.narrow, walk.deepest, walk.indivisible, walk.careful)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         #: The one that was used last at the end.
         self._sets: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
@@ -67,7 +68,8 @@ class Caustics:
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
-        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
+        footprint = Footprint.of(scene, sensor)
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes, footprint), footprint)
 
     @property
     def kept(self) -> int:

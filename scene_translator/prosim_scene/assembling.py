@@ -69,17 +69,21 @@ def assemble(
         results,
     )
 
-    def comment(text: str, *path: str | int) -> Comment:
-        return Comment(f"{text} (line {document.line(*path)})")
-
     result: Node = {"type": "scene"} | single.check(document, target.settings(context))
-    bodies = list(triangles.values())
-    result["view_comment"] = comment("VIEW", "view")
-    result["view"] = single.check(document, _sensor(context, target, camera, bodies), "view")
+    result["view_comment"] = _comment(document, "VIEW", "view")
+    result["view"] = single.check(document, _sensor(context, target, camera, list(triangles.values())), "view")
     for i, light in enumerate(scene.lights):
         lights.warn_of_radius(context, i, light)
-        result[f"light_{i}_comment"] = comment(light.kind.upper(), "lights", i)
+        result[f"light_{i}_comment"] = _comment(document, light.kind.upper(), "lights", i)
         result[f"light_{i}"] = single.check(document, target.light(context, i, light), "lights", i)
+    return result | _shapes(context, target, triangles, kept, store)
+
+
+def _shapes(
+    context: Context, target: Target, triangles: dict[Skin, Triangles], kept: Kept, store: Callable[[str, bytes], str]
+) -> Node:
+    """The shapes, in the order of the tree: one for each skin of leaves that look alike."""
+    document, scene = context.document, context.scene
     skins: dict[Hashable, list[Skin]] = {}
     for skin in triangles:
         skins.setdefault(skin.material, []).append(skin)
@@ -87,8 +91,10 @@ def assemble(
     media: dict[Hashable, int] = {
         medium(scene, leaf): leaf.index for leaves in reversed(alike) for _, leaf in leaves[:1]
     }
+    result: Node = {}
     for leaves in alike:
         number, leaf = leaves[0]
+        bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
         for skin in skins.get(look(scene, leaf), []):
             name = f"surface_{leaf.index}"
             while name in result:
@@ -98,9 +104,6 @@ def assemble(
                     "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
                 )
             content = kept.file(triangles[skin], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
-            bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
-                ", ..." if len(leaves) > 3 else ""
-            )
             if content is None:
                 document.warn(
                     f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
@@ -113,13 +116,18 @@ def assemble(
                 None if skin.outside is None else media[skin.outside],
             )
             met = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
-            result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}{met}", "surfaces", leaf.index)
+            text = f"SURFACE {leaf.index} of {bearers}{met}"
+            result[name + "_comment"] = _comment(document, text, "surfaces", leaf.index)
             result[name] = {
                 "type": "ply",
                 "filename": store(name, content),
                 **single.check(document, target.surface(context, number, leaf, sides), "surfaces", leaf.index),
             }
     return result
+
+
+def _comment(document: Document, text: str, *path: str | int) -> Comment:
+    return Comment(f"{text} (line {document.line(*path)})")
 
 
 def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:

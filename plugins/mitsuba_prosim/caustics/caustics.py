@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..rendering import collector
+from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
@@ -83,7 +84,7 @@ class Caustics:
         """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
         same for all pixels.
         """
-        return random.shared(self._key, t, self._n)
+        return wavelengths.shared(self._key, t, self._n)
 
     def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
@@ -118,8 +119,8 @@ class Caustics:
         # The photons of a pair go on from map to map, so that those of all together are evenly spread too.
         of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
-        wavelengths = self._wavelengths(seed, t, maps)
-        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wavelengths)
+        wanted = self._wavelengths(seed, t, maps)
+        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wanted)
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, pair)
         return landed, map_of, pair
@@ -129,7 +130,7 @@ class Caustics:
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)
         key, n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
-        sample, middle = random.shared(key, t, n), mi.Point2f(0.5)
+        sample, middle = wavelengths.shared(key, t, n), mi.Point2f(0.5)
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:

@@ -20,8 +20,8 @@ from .sources import Sources
 from .targets import Targets
 from .walk import Landed, Walk
 
-#: Most maps of a set.
-MAPS = 64
+#: Most maps of a set: those of a pattern have as many wavelengths as that is wide.
+MAPS = wavelengths.PARTS**2
 
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1

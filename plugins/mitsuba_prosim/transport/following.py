@@ -34,6 +34,7 @@ def follow(
     # Only whole BSDFs choose among lobes often enough for strata to pay, and glass that disperses.
     stratified = lobes.is_everything(lobe) or stage.facts.disperses
     choice = points(space, active).x if stratified else points.choice(space)
+    choice = dispersion.evenly(points, space, choice) if stage.facts.disperses else choice
     sample = points(stage.space(ray.node, k), active)
     counts, whole = None if ray.counts is None else mi.Bool(True), mi.Bool(False)
     with dr.suspend_grad(when=stage.attached):

@@ -8,21 +8,36 @@ import os
 import signal
 import sys
 
+from .ending import end_at_once
+
 __all__ = ["main"]
 
 
 def main() -> None:
     """Runs the command with the arguments of the process, and ends the process."""
-    # Python's own handler would be heard between two lines of Python only, and answer with a traceback of imports. What
-    # has something to keep when it ends, a render, says so itself. A signal that is ignored stays so.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    for file, name in enumerate(("stdin", "stdout", "stderr")):
+        open_if_closed(file, name)
+    end_at_once()  # but what has something to keep, a render, hears the signal itself meanwhile
     from .group import prosim
 
     try:
         prosim(prog_name="prosim")
-    except OSError as error:  # of the commands' own files they speak themselves, so this is standard output
-        sys.stderr.write(f"Error: what there is to say could not be printed: {error.strerror or error}\n")
+    except OSError as error:  # of their files the commands speak themselves, so this is most often standard output
+        what = error.filename or "what there is to say could not be printed"
+        sys.stderr.write(f"Error: {what}: {error.strerror or error}\n")
         # Or else Python would try again when it ends, and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    finally:  # what is done is done, and Python needs a moment to end
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def open_if_closed(file: int, name: str) -> None:
+    """Lets one of the three standard files lead to nowhere, if it is closed: the next file that is opened, an image
+    perhaps, would take its place.
+    """
+    try:
+        os.fstat(file)
+    except OSError:
+        os.open(os.devnull, os.O_RDWR)  # the first that is free
+        setattr(sys, name, os.fdopen(file, "w" if file else "r", encoding="utf-8", closefd=False))

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import sys
 import warnings
 
 import click
@@ -18,6 +19,18 @@ COMMANDS = {
     "resume": ("resume:resume", "Go on with a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
     "watch": ("watch:watch", "Show a scene's picture while the scene is written."),
+}
+
+#: What may be meant by words that are no commands.
+MEANT = {
+    "continue": "prosim resume STATE",
+    "denoise": "prosim render SCENE --denoise",
+    "film": "prosim render SCENE --frames 0:48",
+    "frames": "prosim render SCENE --frames 0:48",
+    "help": "prosim -h",
+    "keep": "prosim render SCENE --keep",
+    "part": "prosim render SCENE --part 1/4",
+    "version": "prosim -V",
 }
 
 
@@ -48,6 +61,8 @@ class Commands(click.Group):
 
             if os.path.isfile(name):
                 ctx.fail(f"No such command {name!r}. To render that file: prosim render {shlex.quote(name)}")
+            if name.lower() in MEANT:
+                ctx.fail(f"No such command {name!r}. Did you mean {MEANT[name.lower()]}?")
             near = difflib.get_close_matches(name.lower(), COMMANDS, n=1)
             ctx.fail(
                 f"No such command {name!r}. "
@@ -66,6 +81,17 @@ class Commands(click.Group):
 def prosim() -> None:
     """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
 
-    Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else.
+    Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 130 Ctrl-C, nothing kept; 1 anything else.
     """
-    warnings.showwarning = lambda message, *_: click.echo(f"warning: {message}", err=True)
+    said = set()
+
+    def show(text: str) -> None:
+        if text not in said:
+            said.add(text)
+            if "tqdm" in sys.modules:  # out of a progress bar's way
+                sys.modules["tqdm"].tqdm.write(text, file=sys.stderr)
+            else:
+                click.echo(text, err=True)
+
+    # Python itself forgets what it has said whenever its filters change.
+    warnings.showwarning = lambda message, *_: show(f"warning: {message}")

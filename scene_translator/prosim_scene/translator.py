@@ -19,10 +19,11 @@ from .language import document_of
 from .language.document import Document
 from .language.files import read
 from .language.messages import SceneError
-from .language.words import PIXELS, Numbers, numbers
+from .language.quantities import Numbers
+from .language.words import PIXELS, numbers
 from .model import Leaf, Scene
 from .nodes import Comment, Default, Node
-from .solids import TOLERANCE, Skin, tessellate
+from .solids import TOLERANCE, Skin, Triangles, tessellate
 from .targets import TARGETS, Target, clip, lights, materials, sensor, single
 from .targets.context import Context
 from .targets.materials import Sides
@@ -121,7 +122,7 @@ def assemble(
         return Comment(f"{text} (line {document.line(*path)})")
 
     result: Node = {"type": "scene"} | single.check(document, target.settings(context))
-    bodies = [mesh.positions for mesh in triangles.values()]
+    bodies = list(triangles.values())
     result["view_comment"] = comment("VIEW", "view")
     result["view"] = single.check(document, _sensor(context, target, camera, bodies), "view")
     for i, light in enumerate(scene.lights):
@@ -131,16 +132,17 @@ def assemble(
     skins: dict[Hashable, list[Skin]] = {}
     for skin in triangles:
         skins.setdefault(skin.material, []).append(skin)
+    alike = _alike(scene)
     media: dict[Hashable, int] = {
-        medium(scene, leaf): leaf.index for leaves in reversed(_alike(scene)) for _, leaf in leaves[:1]
+        medium(scene, leaf): leaf.index for leaves in reversed(alike) for _, leaf in leaves[:1]
     }
-    for leaves in _alike(scene):
+    for leaves in alike:
         number, leaf = leaves[0]
         for skin in skins.get(look(scene, leaf), []):
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            if not np.abs(triangles[skin].positions).max() <= single.LARGEST:
+            if not np.abs(triangles[skin].vertices).max() <= single.LARGEST:
                 raise document.error(
                     "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
                 )
@@ -178,7 +180,7 @@ def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:
     return list(alike.values())
 
 
-def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[np.ndarray]) -> Node:
+def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[Triangles]) -> Node:
     camera = target.camera(context, camera)
     width, height = camera.resolution
     film = {

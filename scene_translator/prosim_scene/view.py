@@ -45,21 +45,16 @@ class Camera:
         w, h = self.pixel
         return abs(w / h - 1) * max(self.resolution) < 1e-4
 
-    def footprint(self, distance: float) -> float:
+    def footprint(self, distance: np.ndarray | float) -> np.ndarray:
         """Length that the smaller side of a pixel covers at a distance from the eye."""
-        return min(self.pixel) * max(distance, 1e-3 * self.depth) / self.depth
+        return np.asarray(min(self.pixel) * np.maximum(distance, 1e-3 * self.depth) / self.depth)
 
-    def may_see(self, corners: np.ndarray) -> bool:
-        """Whether the convex hull of points (n, 3) may reach into the pyramid that the window shows."""
-        x, y, z = self._axes @ (corners - self.eye).T
+    def may_see(self, corners: np.ndarray) -> np.ndarray:
+        """Whether the convex hull of points (..., n, 3) may reach into the pyramid that the window shows."""
+        x, y, z = np.moveaxis((corners - self.eye) @ self._axes.T, -1, 0)
         x, y = x * self.depth, y * self.depth  # against the window's borders at the depth z
-        return not (
-            (z <= 0).all()
-            or (x < self.left * z).all()
-            or (x > self.right * z).all()
-            or (y < self.bottom * z).all()
-            or (y > self.top * z).all()
-        )
+        without = [z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z]
+        return np.asarray(~np.any([side.all(axis=-1) for side in without], axis=0))
 
     @cached_property
     def _axes(self) -> np.ndarray:

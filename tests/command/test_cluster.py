@@ -5,14 +5,18 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import dask
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import OpenEXR
+import psutil
 import pytest
 from mitsuba_prosim import cluster
 from mitsuba_prosim.cluster import local, worker
@@ -21,7 +25,7 @@ from mitsuba_prosim.cluster.parcel import Parcel
 from mitsuba_prosim.cluster.remote import LOOK, Remote
 from mitsuba_prosim.command import output as files
 from mitsuba_prosim.saved.keeper import Keeper
-from mitsuba_prosim.scene_files import opening
+from mitsuba_prosim.scene_files import opening, session
 from running import names, prosim
 from test_frames import FILM
 from test_resume_and_merge import LAMP, alike
@@ -32,7 +36,27 @@ NOISE = {"noise": 0.007, "max_samples": 400}
 
 @pytest.fixture(scope="module")
 def client():
-    with local.workers(2) as client:
+    """Two workers; while they begin, somebody presses Ctrl-C, which all processes of a terminal get."""
+    pressed, heard, begun = set(), [], threading.Event()
+
+    def press():
+        here = psutil.Process()
+        while not begun.wait(0.01):
+            for process in {here, *here.children(recursive=True)} - pressed:
+                pressed.add(process)
+                process.send_signal(signal.SIGINT)
+
+    before = signal.signal(signal.SIGINT, lambda *_: heard.append("here"))
+    thread = threading.Thread(target=press)
+    thread.start()
+    with ExitStack() as until:
+        try:
+            client = until.enter_context(local.workers(2))
+        finally:
+            begun.set()
+            thread.join()
+            signal.signal(signal.SIGINT, before)
+        client.pressed = {process.pid for process in pressed}, heard
         yield client
 
 
@@ -114,6 +138,7 @@ def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path)
     [
         (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
         (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
+        (["--cluster", "localhost"], "'localhost' is not of the form tcp://machine:8786"),
         (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
         (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
     ],
@@ -145,6 +170,23 @@ def test_no_scheduler(lamp, monkeypatch):
     assert result.exit_code == 1 and "no scheduler answers at tcp://127.0.0.1:1" in result.stderr
 
 
+@pytest.mark.slow
+def test_ctrl_c_while_workers_begin(client, lamp, monkeypatch):
+    """It is for the one that renders: workers live on, and the command says that there is nothing."""
+    pressed, heard = client.pressed
+    workers = set(client.run(os.getpid).values())
+    assert len(workers) == 2 and workers | {os.getpid()} <= pressed and heard == ["here"]
+
+    def pressing(address, scheduler=local.scheduler):
+        os.kill(os.getpid(), signal.SIGINT)
+        return scheduler(address)
+
+    monkeypatch.setattr(local, "scheduler", pressing)
+    result = prosim("render", lamp, "--cluster", client.scheduler.address)
+    assert result.exit_code == 1 and "Error: interrupted before the image had begun; nothing" in result.output
+    assert names(lamp.parent) == [lamp.name]
+
+
 # ------------------------------------------------------------------ the same bytes
 
 
@@ -153,6 +195,15 @@ def test_two_workers_make_the_same_image(client, lamp):
     for changes in ({}, {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}):
         expected = here(lamp, **changes)
         assert np.array_equal(np.array(cluster.render(lamp, client=client, seed=2, **changes)), expected)
+
+
+@pytest.mark.parametrize("address, more", [("inproc://127.0.0.1/1/2", 0), ("tcp://127.0.0.1:1", 2)])
+def test_a_worker_that_shares_the_process_of_its_client_leaves_it_its_threads(variant_rgb, monkeypatch, address, more):
+    threads = dr.thread_count()
+    here = SimpleNamespace(address=address, state=SimpleNamespace(nthreads=threads + 2))
+    monkeypatch.setattr(worker.distributed, "get_worker", lambda: here)
+    with session.threads(None):
+        assert worker.greet(variant_rgb, "").threads == dr.thread_count() == threads + more
 
 
 def kill_one(client):
@@ -240,11 +291,13 @@ def test_a_film(client, lamp, monkeypatch):
     """
     film = lamp.with_name("film.scn")
     film.write_text(FILM)
-    one, many, again = (["render", film, "--frames", "0:6", "-o", film.with_name(name)] for name in ("a", "b", "c"))
+    options = ["render", film, "--frames", "0:6", "--resolution", "12x12"]
+    one, many, again = ([*options, "-o", film.with_name(name)] for name in ("a", "b", "c"))
     cluster = ["--cluster", client.scheduler.address]
     assert prosim(*one).exit_code == 0
     watch_kernels(client, True)
-    assert prosim(*many, *cluster).exit_code == 0
+    result = prosim(*many, *cluster)
+    assert result.exit_code == 0 and result.stderr.count("12x12 pixels distort the image") == 1
     takers, clients, saved, make, save = [], [], [], Remote.make, files.save
     monkeypatch.setattr(Remote, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
     monkeypatch.setattr(local, "scheduler", lambda at, scheduler=local.scheduler: clients.append(at) or scheduler(at))

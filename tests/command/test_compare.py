@@ -12,6 +12,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from mitsuba_prosim.command import compare
+from mitsuba_prosim.command.options import InputError
 from mitsuba_prosim.compare import facts, measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
 from mitsuba_prosim.scene_files.opening import SceneFile
@@ -227,6 +229,18 @@ def test_references_are_kept_and_continued(tmp_path, variant_rgb):
     assert longer.error < first.error
 
 
+def test_references_that_can_not_be_kept(tmp_path, monkeypatch, capsys):
+    """That is seen before they are rendered."""
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"--cache: references can't be kept there: .*this is no folder"):
+        compare.place_of_references(tmp_path / "file" / "cache", tmp_path, 10)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert compare.place_of_references(None, tmp_path, 10) == tmp_path
+    assert "warning: references are not kept: " in capsys.readouterr().err
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert compare.place_of_references(None, tmp_path, 10) == runs.cache_folder()
+
+
 # ---- the page
 
 
@@ -382,7 +396,9 @@ def test_page_in_a_browser(report):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["nosuchintegrator"], "nosuchintegrator"),
+        (["nosuchintegrator"], "there is no integrator 'nosuchintegrator'. What is compared is INTEGRATOR"),
+        (["pth"], "'pth': there is no integrator 'pth'. Did you mean path?"),
+        (["prosim", "path:multijiter"], "there is no sampler 'multijiter'. Did you mean multijitter?"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
         (["prosim", "path", "--resolution", "5x5"], "too few"),

@@ -155,6 +155,10 @@ def test_scenes_in_xml_have_frames_too(scene):
     scene.write_text(XML)
     done = prosim("render", scene, "--frames", "0:2", "-D", "radiance=0.1")
     assert done.exit_code == 2 and "says neither $frame nor $time, so all frames would be alike" in done.stderr
+    scene.write_text(XML.replace("<film", '<float name="fov" value="4$frame"/><film'))
+    done = prosim("render", scene, "--frames", "0:3", "-D", "radiance=0", "-o", scene.with_name("dark"))
+    assert done.exit_code == 0 and "3 of 3 frames rendered, 3 of them black" in done.stdout
+    assert done.stderr.count("frame 0: the picture is black: ") == done.stderr.count("black") == 1
 
 
 def test_a_wrong_frame_is_named_and_those_before_it_are_kept(film):

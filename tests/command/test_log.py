@@ -1,10 +1,12 @@
 """Mitsuba's log while a command runs."""
 
+import re
 import subprocess
 import sys
 
 import mitsuba as mi
 import pytest
+from mitsuba_prosim.command.lines import Lines
 from mitsuba_prosim.command.log import log
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
@@ -53,3 +55,15 @@ def test_log_goes_to_standard_error(variant_rgb, capfd, verbose, expected):
     printed = capfd.readouterr()
     assert [line.split()[-1] for line in printed.err.splitlines()] == expected
     assert printed.out == "afterwards\n" and "\x1b" not in printed.err
+
+
+def test_a_log_says_now_and_then_how_far_it_is(capsys):
+    """Seldom where it takes long: an hour is some twenty lines."""
+    now = [0.0]
+    lines = Lines(lambda: now[0])
+    for second in range(3601):
+        now[0] = float(second)
+        lines("reference" if second < 1800 else "rendering by turns", second % 1800 / 1800)
+    said = capsys.readouterr().err.splitlines()
+    assert said[:2] == ["reference: 1 %, 00:10 passed", "reference: 1 %, 00:20 passed, 29:40 left"]
+    assert 20 < len(said) < 30 and re.fullmatch(r"rendering by turns: \d\d %, 5\d:\d\d passed, 0\d:\d\d left", said[-1])

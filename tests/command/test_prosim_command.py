@@ -3,6 +3,7 @@
 import errno
 import os
 import sys
+import warnings
 from importlib.metadata import distribution
 
 import click
@@ -66,7 +67,7 @@ def test_wrong_scene(scene, text, says):
     scene.write_text(text)
     done = prosim("render", scene)
     assert done.exit_code == 2
-    assert says in done.stderr and "Traceback" not in done.stderr
+    assert says in done.stderr and "Traceback" not in done.stderr and ".cpp" not in done.stderr
     assert names(scene.parent) == ["scene.xml"]
 
 
@@ -115,6 +116,7 @@ def test_a_command_that_there_is_not(palito):
     for word, hint in [
         ("rneder", "Did you mean render?"),
         ("FORMAT", "Did you mean format?"),
+        ("denoise", "Did you mean prosim render SCENE --denoise?"),
         ("paint", "There are compare, doctor, format, language-server, link, merge, render, resume, translate, watch."),
         (palito, f"To render that file: prosim render {palito}"),
     ]:
@@ -123,6 +125,17 @@ def test_a_command_that_there_is_not(palito):
     assert "No such option" in prosim("--rneder").stderr
     completing = click.Context(group.prosim, resilient_parsing=True)
     assert group.prosim.resolve_command(completing, ["rneder"])[1] is None
+
+
+def test_a_warning_is_said_once(capsys):
+    """Though Python forgets that it has said it whenever its filters change."""
+    with warnings.catch_warnings():
+        group.prosim.callback()
+        for _ in range(2):
+            with warnings.catch_warnings():
+                warnings.simplefilter("always")
+                warnings.warn("the same", stacklevel=1)
+    assert capsys.readouterr().err == "warning: the same\n"
 
 
 def test_format(palito):

@@ -141,11 +141,13 @@ def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
     monkeypatch.setattr(Plan, "of", interrupted)
     scene.write_text(BANDS)
     done = prosim("render", scene)
-    assert done.exit_code == 1 and "interrupted before the image had begun" in done.stderr
+    assert done.exit_code == 130 and "Interrupted before the image had begun" in done.stderr
     assert names(scene.parent) == ["scene.xml"]
 
 
-def test_a_renderer_that_forgot_a_signal_is_told_again():
+def test_a_renderer_that_forgot_a_signal_is_told_again(monkeypatch, capfd):
+    """And who sits at the terminal is told once that it was heard."""
+    monkeypatch.setattr(os, "isatty", lambda _: True)
     calls = []
     with interruptible(lambda: calls.append(True)):
         os.kill(os.getpid(), signal.SIGINT)
@@ -154,6 +156,7 @@ def test_a_renderer_that_forgot_a_signal_is_told_again():
         while len(calls) < first + 3 and time.monotonic() < deadline:
             time.sleep(0.01)
     assert len(calls) >= first + 3
+    assert capfd.readouterr().err == "\nEnding; once more ends it at once.\n"
 
 
 def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):

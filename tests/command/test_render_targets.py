@@ -1,14 +1,18 @@
 """``prosim render`` until the noise is small enough or the time is up, with any integrator."""
 
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 
+import mitsuba as mi
 import OpenEXR
 import pytest
 from mitsuba_prosim.command import making
+from mitsuba_prosim.scene_files import rendering
 from running import XML, pixels, prosim
 
 #: A lamp over a floor: an image with noise.
@@ -56,6 +60,22 @@ def test_what_ended_it_is_said(scene):
     ]:
         done = prosim("render", scene, *options)
         assert done.exit_code == 0 and says in done.stdout and facts(scene)["ended"] == ended
+
+
+def test_time_alone_says_what_the_noise_is_at_most(scene, variant_rgb):
+    """It is about what N-rook samples come to in the end, or some times as much, and never known from one sample."""
+    scene.write_text(NOISY)
+    done = prosim("render", scene, "--time", 0.5)
+    assert done.exit_code == 0, done.output
+    assert re.search(r"\nnoise at most about 0\.0\d+ \(--noise measures it\), \d+\.\d samples a pixel", done.stdout)
+    loaded = mi.load_string(NOISY.replace('"path"/>', '"prosim_adaptive"><integrator type="path"/></integrator>'))
+    integrator = loaded.integrator()
+    integrator.noise, integrator.adaptive = 0.001, "graded"
+    *_, snapshot = integrator.waves(loaded)
+    assert 0.9 < rendering.noise_at_most(snapshot) / integrator.reached.noise < 10
+    integrator.noise, integrator.adaptive = 0, "none"
+    *_, snapshot = integrator.waves(loaded, spp=1)
+    assert math.isnan(rendering.noise_at_most(snapshot))
 
 
 def test_an_integrator_that_takes_no_samples_from_a_sensor(scene):

@@ -104,8 +104,9 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))
     refused("scene.xml is not what the state was made of", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
-    done("resume", state)
-    refused("no state of a render", "resume", tmp_path / "a.exr")
+    assert "It was finished before. To take it further, say how far" in done("resume", state).stdout
+    refused("is an EXR image, not the state of a render. Did you mean .*a.state.exr?", "resume", tmp_path / "a.exr")
+    refused("the state of a render, not a scene. To go on with it: prosim resume ", "render", state)
     refused("is the state of a whole image", "merge", state)
     file = OpenEXR.File(str(state), separate_channels=True)
     header = file.parts[0].header
@@ -149,7 +150,10 @@ def test_parts_make_the_image_and_it_goes_on(lamp, tmp_path, monkeypatch):
     first, second, third = parts = [tmp_path / f"a.{number}-of-3.exr" for number in (1, 2, 3)]
     assert not (tmp_path / "a.exr").exists()
     refused("of 3 parts, part 2 is missing", "merge", first, third)
-    done("merge", third, first, second, "--keep")
+    said = done("merge", third, first, second, "--keep").stdout
+    assert said.endswith(
+        f"The 3 parts can be removed: all that is known of the image is in {tmp_path}/a.state.exr as well.\n"
+    )
     assert alike(tmp_path / "whole", tmp_path / "a")
     # All that a small noise begins with is in the parts, and the image is that of one run.
     done("resume", tmp_path / "a.state.exr", "-o", tmp_path / "on", "--noise", 0.00005, "--adaptive", "graded")
@@ -161,7 +165,8 @@ def test_parts_make_the_image_and_it_goes_on(lamp, tmp_path, monkeypatch):
         assert prosim("render", lamp, "-o", tmp_path / "a", "--part", "2/3", *every).exit_code != 0
     refused("a.2-of-3.exr is not finished", "merge", *parts)
     done("resume", second)
-    done("merge", *parts, "-o", tmp_path / "b")
+    said = done("merge", *parts, "-o", tmp_path / "b").stdout
+    assert "The 3 parts can be removed, unless the image is to go on: prosim merge --keep" in said
     assert alike(tmp_path / "whole", tmp_path / "b")
 
 

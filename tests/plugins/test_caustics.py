@@ -19,6 +19,7 @@ from mitsuba_prosim.rendering.pursuit import in_full_sets
 from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import onward
+from test_taking import Elsewhere
 
 
 def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
@@ -191,13 +192,23 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
 
 
 def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
-    """However small portions are; between two sets one can stop, and all pixels have come on alike."""
-    world, drawn = small(12), []
+    """However small portions are; between two sets one can stop, and all pixels have come on alike. By those who take
+    samples elsewhere they are drawn once as well, though not all of them are kept.
+    """
+    drawn = []
     monkeypatch.setattr(Photons, "of", lambda *rest, of=Photons.of: (drawn.append(len(drawn)), of(*rest))[1])
+    monkeypatch.setattr("mitsuba_prosim.caustics.caustics.KEPT", 3 << 10)
     more = {"samples": 2, "max_samples": 32, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 10}
-    integrator = mi.load_dict({"type": "prosim", "band": 40} | more)
+    world = small(12, integrator={"type": "prosim", "band": 40} | more)
+    integrator = world.integrator()
     *_, last = integrator.waves(world, seed=1)
     assert len(drawn) == 8 and np.all(np.array(last.state.estimate.count) == 32)
+    image = np.array(world.sensors()[0].film().develop())
+    integrator.taker = taker = Elsewhere(world, most=1500)
+    assert np.array_equal(np.array(integrator.render(world, seed=1)), image)
+    assert len(taker.compiled) > 5 and taker.estimator.transport.caustics.draws == 8 == len(drawn[8:])
+    integrator.taker = None
+    del drawn[8:]
     monkeypatch.setattr(
         Photons, "of", lambda *rest, of=Photons.of: (drawn[-1] == 10 and integrator.cancel(), of(*rest))[1]
     )

@@ -1,5 +1,6 @@
 """Whoever takes the samples, and in which portions and order they are given back, the image is the same."""
 
+import gc
 import pickle
 import random
 
@@ -11,6 +12,7 @@ from mitsuba_prosim.cluster import fleet, message, worker
 from mitsuba_prosim.cluster.desk import Desk, Ticket
 from mitsuba_prosim.cluster.errand import Errand
 from mitsuba_prosim.rendering.camera import ray_sampler
+from mitsuba_prosim.rendering.estimate import Estimator
 from scenes import penumbra
 from test_record import CROP, loaded
 
@@ -19,6 +21,8 @@ class Elsewhere:
     """Takes samples by what was sent, in another copy of the scene, a few portions at a time; the answers come in any
     order.
     """
+
+    in_turn = False
 
     def __init__(self, scene, most=3000, together=3, history=False):
         self.estimator = None
@@ -72,9 +76,14 @@ def taken_alike(settings, **how):
     assert np.array_equal(found, expected) and as_far == reached
 
 
-def test_samples_that_were_taken_elsewhere(variant_rgb):
-    """With noise, larger patterns, a second image, and a filter that reaches other pixels."""
+def test_samples_that_were_taken_elsewhere(variant_rgb, monkeypatch):
+    """With noise, larger patterns, a second image, and a filter that reaches other pixels; nor does Python's garbage
+    collector run meanwhile, which would free scenes that the kernels know.
+    """
+    take, collects = Estimator.take, set()
+    monkeypatch.setattr(Estimator, "take", lambda *rest, **more: collects.add(gc.isenabled()) or take(*rest, **more))
     taken_alike({"size": 24, "noise": 0.004, "max_samples": 200}, most=20000)
+    assert collects == {False} and gc.isenabled()
 
 
 @pytest.mark.slow

@@ -130,7 +130,12 @@ def test_parts_that_are_missing_doubled_unfinished_or_of_another_image(variant_r
     ]:
         with pytest.raises(saved.StateError, match=says):
             saved.merge(names)
-    merged = saved.merge([third, first, second])
+    here = origin.here()
+    for path in first, second:
+        change(path, origin=here | {"processor": "another"})
+    with pytest.warns(UserWarning, match=r"^2 of 3 parts were made elsewhere \(processor another there") as said:
+        merged = saved.merge([third, first, second])
+    assert len(said) == 1
     assert merged.part is None and merged.facts["seconds"] == pytest.approx(3e-300, rel=1e-9)
 
 

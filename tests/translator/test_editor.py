@@ -10,8 +10,11 @@ import pytest
 from prosim_scene.editor import colours, meanings, places
 from prosim_scene.editor.completing import completions, hover
 from prosim_scene.editor.evaluating import evaluate
+from prosim_scene.language import trees
 from prosim_scene.language.judging import judge
+from prosim_scene.language.messages import MOST
 from prosim_scene.language.reading import Reading
+from prosim_scene.language.shapes import Shapes
 from prosim_scene.language.words import WORDS
 
 SCENE = """(a scene)
@@ -68,6 +71,7 @@ def test_every_wrong_statement_is_told_of():
         "unknown word 'NAMEX'",
         "this remark is not closed",
         "nothing above says what $b stands for",
+        "the file ends here and END is missing",
     ]
     assert [one[2] for one in told("SURFACE 0 ka 1\nSURFACE 0 ka 1 END")[0]] == [
         "SURFACE 0 is given twice; the first is on line 1"
@@ -86,6 +90,16 @@ def test_warnings_are_told_and_those_of_the_tree_too():
     ]
 
 
+REGULAR = "\n".join(
+    [
+        "LIGHTS AREA position 9 9 9\nCSG-TREE\n+ - * + +\nCUBE 0 ESFERA 1 t-brick (leg 1) CONE: 2 NULL t-listra",
+        "CUBE 3 a.png CUBE 4 # a foot\nCYLINDER 5",
+        *(f"SURFACE {i} (the {i})\n  material composto n-refr = 1.{i} kd = .{i} .2 .1 ks .1" for i in range(6)),
+        *(f"TRANSFORM {i} # {i}\n  SCALE (1 .{i + 1} 1) SCALE 1 2 1 ROTATE-X: {i}" for i in range(6)),
+        "TEXTURE t-x stripes\nEND\n",
+    ]
+)
+
 PIECES = [
     *"(){}#$\n 01.\"'",
     "END",
@@ -99,11 +113,12 @@ PIECES = [
 ]
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_text_that_changes_is_read_as_if_it_were_new(seed):
     choice = random.Random(seed)
-    text, reading = SCENE, Reading(SCENE)
-    for _ in range(60):
+    scene = (SCENE, REGULAR)[seed % 2]
+    text, reading = scene, Reading(scene)
+    for _ in range(40):
         start = choice.randrange(len(text) + 1)
         end = min(len(text), start + choice.choice([0, 0, 1, 3, 40]))
         text = text[:start] + choice.choice([*PIECES, text[end : end + 30]]) + text[end:]
@@ -114,8 +129,37 @@ def test_a_text_that_changes_is_read_as_if_it_were_new(seed):
             (t.type, str(t), at) for _, t, at in new.tokens()
         ]
         if choice.random() < 0.2:
-            text = SCENE
+            text = scene
             reading.change(text)
+
+
+@pytest.mark.parametrize("seed, count", [(0, 20), pytest.param(1, 60, marks=pytest.mark.slow)])
+def test_what_is_filled_in_is_as_if_it_were_read_word_by_word(seed, count, monkeypatch):
+    choice = random.Random(seed)
+    texts = [REGULAR]
+    for _ in range(count):
+        words = re.split("( )", REGULAR)
+        for at in choice.sample(range(0, len(words), 2), choice.choice([1, 1, 2, 5])):
+            words[at] = choice.choice([*words, *PIECES, "1e999", "0", "-1", "2.5", "SURFCE", "(x", "9876543210"])
+        texts.append("".join(words))
+    known = [Reading(text) for text in texts]
+    filled = [sum(unit.text is not None for unit in reading.units) for reading in known]
+    assert filled[0] == 11 and sum(filled) > 6 * count  # the first of each shape is parsed
+    monkeypatch.setattr(Shapes, "read", lambda *_: None)
+    monkeypatch.setattr(trees, "read", lambda *_: None)
+    for text, reading in zip(texts, known):
+        parsed = Reading(text)
+        assert told(reading) == told(parsed)
+        document, expected = judge(reading)[1], judge(parsed)[1]
+        assert document is None or dict(document.places) == dict(expected.places)
+        assert [(t.type, str(t), at) for _, t, at in reading.tokens()] == [
+            (t.type, str(t), at) for _, t, at in parsed.tokens()
+        ]
+
+
+def test_of_very_many_wrong_statements_the_first_are_told_and_nothing_that_follows():
+    found, _ = told("CSG-TREE CUBE 999\n" + "SURFACE 1 kd 2\n" * 200)
+    assert {reason.split(";")[0] for *_, reason, _ in found} == {"found '2' after kd"} and len(found) == MOST + 1
 
 
 def test_what_has_not_changed_is_not_read_again():

@@ -377,18 +377,23 @@ def test_encodings(tmp_path):
         # what cannot be read, and what the rest lacks
         (
             {5: "SURFACE 0 kkd = 1", 4: "CSG-TREE + CUBE 0 CONE 3"},
-            ["unknown word 'kkd'", "CONE 3 has no SURFACE 3 and no T"],
+            ["CONE 3 has no SURFACE 3 and no T", "unknown word 'kkd'"],
         ),
         (
             {5: "SURFACE 0 kd = 7", 6: "TRANSFORM 1"},
-            ["found '7'", "CUBE 0 has no TRANSFORM 0; expected a statement TRANS"],
+            ["CUBE 0 has no TRANSFORM 0; expected a statement TRANS", "found '7'"],
         ),
         (
             {3: "VIEW OBS 1 2", 6: "TRANSFORM 0 SCALE (1 2)"},
             ["found 2 numbers after OBS", "found 2 numbers after SCALE"],
         ),
         ({4: "CSG-TREE + CUBE 1 CUBE 2"}, ["CUBE 1 has no SURFACE 1 and no", "CUBE 2 has no SURFACE 2 and no"]),
+        ({3: "VIEW OBS 1 2", 7: "(the end)"}, ["found 2 numbers after OBS", "the file ends here and END is missing"]),
+        ({1: "AMBIENT $x 0 0", 3: "VIEW OBS 0 0 $y"}, ["nothing above says what $x", "nothing above says what $y"]),
+        ({4: "CSG-TREE CUBE 0 t-x", 5: "SURFACE 0 material composto"}, ["a composto lacks its index"]),
         # what only follows from another error
+        ({3: "VIEW OBS 1 2", 7: "ENDE"}, ["found 2 numbers after OBS", "unknown word 'ENDE'"]),
+        ({6: "TRANSFORM 0 (SCALE 1 1 1", 7: "the END"}, ["this remark is not closed"]),
         ({4: "CSG-TREE + CUBE 0 CONE"}, ["found 0 numbers after CONE"]),
         ({5: "SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
         ({5: "SURFACE 7 SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
@@ -406,6 +411,7 @@ def test_errors_are_told_together_but_not_what_follows_from_them(lines, reasons)
     with pytest.raises(SceneError) as caught:
         prosim_scene.parse("\n".join(text) + "\n", "s.scn")
     told = [caught.value, *caught.value.others]
+    assert told == sorted(told, key=lambda one: (one.line, one.column))
     assert len(told) == len(reasons) and all(one.reason.startswith(begin) for one, begin in zip(told, reasons))
     assert [line for line in str(caught.value).splitlines() if line.startswith("s.scn:")] == [
         f"s.scn:{one.line}:{one.column}: {one.reason}" for one in told

@@ -1,5 +1,6 @@
 """The language server, as an editor speaks with it."""
 
+import gc
 import sys
 import time
 
@@ -7,10 +8,11 @@ import prosim_scene
 import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
+from prosim_scene.editor import server
 from test_editor import SCENE, large
 
 URI = "file:///nowhere/scene.scn"
-SERVER = [sys.executable, "-c", "from prosim_scene.editor.server import server; server.start_io()"]
+SERVER = [sys.executable, "-c", "from prosim_scene.editor.server import serve; serve()"]
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -114,6 +116,16 @@ async def test_an_editor_renames_and_lays_out(editor):
     options = lsp.FormattingOptions(4, True)
     (tidy,) = await editor.text_document_formatting_async(lsp.DocumentFormattingParams(document, options))
     assert tidy.new_text == prosim_scene.format(SCENE)
+
+
+async def test_no_garbage_is_looked_for_at_the_end(monkeypatch):
+    """It took half a second after a session in which nothing was opened, and two after a long scene."""
+    monkeypatch.setattr(server.server, "start_io", lambda: None)
+    try:
+        server.serve()
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import prosim_scene
 import pytest
 from exact_csg import through_pixels
 from prosim_scene.language import document_of
+from prosim_scene.solids import Triangles
 from prosim_scene.targets import clip
 from prosim_scene.view import camera
 
@@ -195,7 +196,11 @@ def test_nothing_is_clipped(name, target, tmp_path, variant_rgb):
 
 def test_planes_stay_where_they_are_if_nothing_is_cut_off():
     camera_ = camera(document_of("LIGHTS POINT position 0 0 5 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END"))
-    triangle = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
-    assert clip.planes(camera_, [triangle], ()) == (0.02, 2e6)
-    assert clip.planes(camera_, [triangle + np.array([0, 0, 19.99])], ()) == pytest.approx((0.01 / 2 / 1.5**0.5, 2e6))
-    assert clip.planes(camera_, [triangle - [0, 0, 3e6]], ()) == (0.02, 2 * (3e6 + 20))
+
+    def planes(z):
+        vertices = np.array([[0, 0, z], [1, 0, z], [0, 1, z]])
+        return clip.planes(camera_, [Triangles(vertices, vertices, vertices, np.array([[0, 1, 2]]))], ())
+
+    assert planes(0) == (0.02, 2e6)
+    assert planes(19.99) == pytest.approx((0.01 / 2 / 1.5**0.5, 2e6))
+    assert planes(-3e6) == (0.02, 2 * (3e6 + 20))

@@ -1,7 +1,7 @@
-"""One process of ``prosim watch`` for the tests of a module."""
+"""One process of ``prosim watch``, and one browser, for the tests of a module."""
 
 import pytest
-from little import LITTLE, watching
+from little import BROWSER, LITTLE, watching
 
 
 @pytest.fixture(scope="module")
@@ -15,3 +15,13 @@ def scene(tmp_path_factory):
 def address(scene):
     with watching(scene) as (_, address):
         yield address
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield browser
+        browser.close()

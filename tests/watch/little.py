@@ -2,10 +2,15 @@
 
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
+
+#: Its path; None where there is none.
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 LITTLE = """NAME: little
 NSAMPLES: 2
@@ -45,3 +50,10 @@ def watching(scene, *options):
                     process.wait(20)
                 except subprocess.TimeoutExpired:
                     os.kill(process.pid, signal.SIGKILL)
+
+
+def until(condition):
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end, "nothing came of it"
+        time.sleep(0.02)

@@ -2,8 +2,10 @@
 
 import asyncio
 import base64
+import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -12,6 +14,8 @@ import numpy as np
 import prosim_scene
 import pytest
 from little import LITTLE
+from mitsuba_prosim.watch import cells
+from mitsuba_prosim.watch.takes import Take
 from mitsuba_prosim.watch.turns import Turns
 from nbclient import NotebookClient
 
@@ -68,8 +72,30 @@ def test_work_that_is_left_behind_ends_before_the_interpreter_does():
     assert (done.returncode, done.stdout, done.stderr) == (0, "ended\nended\n", "")
 
 
+def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
+    class View:
+        stopped = False
+
+        def stop(self):
+            self.stopped = True
+
+    def made(cell, run):
+        request = {"header": {"msg_id": run}, "metadata": {"cellId": cell}}
+        monkeypatch.setattr("IPython.get_ipython", lambda: SimpleNamespace(get_parent=lambda: request))
+        view = View()
+        cells.made(view)
+        return view
+
+    one, other, elsewhere = made("a", "1"), made("a", "1"), made("b", "2")
+    assert not (one.stopped or other.stopped)
+    again = made("a", "3")
+    assert one.stopped and other.stopped and not (again.stopped or elsewhere.stopped)
+    monkeypatch.setattr("IPython.get_ipython", lambda: None)
+    cells.made(View())
+
+
 @pytest.mark.slow
-def test_it_converges_while_other_things_are_done(variant_rgb, path):
+def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch):
     scene = mi.load_dict(prosim_scene.load(path))
 
     async def notebook():
@@ -85,14 +111,28 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path):
     assert np.array_equal(view.image, np.array(mi.render(scene)))
     assert view.layers["samples"].max() == 4 and view.layers["error"].shape == (48, 64)
 
-    async def stopped():
+    async def stopped(stop):
         view = mitsuba_prosim.show(path, spp=2**20)
         while not view.layers:
             await asyncio.sleep(0)
-        view.stop()
+        stop(view)
         return await view
 
-    assert asyncio.run(stopped()).layers["samples"].max() < 2**20
+    for stop in (lambda view: view.stop(), lambda view: view.task.cancel()):  # as when the kernel is interrupted
+        view = asyncio.run(stopped(stop))
+        assert view.layers["samples"].max() < 2**20 and repr(view).startswith("<stopped: ")
+
+    async def wrong():
+        view = mitsuba_prosim.show(scene)
+        with pytest.raises(RuntimeError, match="too much"):
+            await view
+        return view
+
+    def step(*_):
+        raise RuntimeError("too much")
+
+    monkeypatch.setattr(Take, "step", step)
+    assert repr(asyncio.run(wrong())) == "<not rendered: too much>"
 
 
 @pytest.mark.notebook
@@ -107,6 +147,7 @@ def test_a_still_picture_stays_in_the_notebook(path):
     NotebookClient(notebook, timeout=200).execute()
     for cell in (notebook.cells[1], notebook.cells[3]):
         (output,) = cell.outputs
+        assert re.fullmatch(r"[\d.]+ samples a pixel, [\d.]+ s", output.data["text/plain"])
         assert base64.b64decode(output.data["image/png"]).startswith(b"\x89PNG")
         assert "application/vnd.jupyter.widget-view+json" not in output.data
     assert notebook.cells[2].outputs[0].data["text/plain"] == "(48, 64, 3)"

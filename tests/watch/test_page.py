@@ -1,29 +1,15 @@
 """The page, driven in a browser."""
 
 import re
-import shutil
-import time
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import LITTLE
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+from little import BROWSER, LITTLE, until
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")]
 
 LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -58,11 +44,9 @@ def shown(page, canvas="own"):
     return np.array(data).reshape(height, width, 4)[..., :3]
 
 
-def until(condition):
-    end = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end, "nothing came of it"
-        time.sleep(0.02)
+def lower(page, selector):
+    box = page.locator(selector).bounding_box()
+    return box["y"] + box["height"]
 
 
 def save(page, scene, text, doing="done"):
@@ -140,6 +124,11 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
     quoted, caret = page.inner_text("#error pre").splitlines()
     assert caret.index("^") == quoted.index("kkd")
     assert np.array_equal(shown(page), red)
+    for width, height in ((390, 844), (1400, 900)):
+        page.set_viewport_size({"width": width, "height": height})
+        until(lambda width=width: page.locator("#picture").bounding_box()["width"] <= width)
+        until(lambda: lower(page, "#error") <= page.locator("#picture").bounding_box()["y"])
+        assert lower(page, "#picture") <= page.locator("#pixel").bounding_box()["y"]
     save(page, scene, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6"))
     assert page.is_hidden("#error")
     until(lambda: shown(page)[20, 30, 2] > shown(page)[20, 30, 0])

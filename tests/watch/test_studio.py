@@ -12,6 +12,8 @@ from little import LITTLE
 from mitsuba_prosim import denoising
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
 from mitsuba_prosim.watch.board import Board
+from mitsuba_prosim.watch.changes import watched
+from mitsuba_prosim.watch.named import Files
 from mitsuba_prosim.watch.studio import Studio
 
 pytestmark = pytest.mark.slow
@@ -126,6 +128,43 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
 
 
+def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypatch):
+    """And one that is not whole yet."""
+    path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
+    wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
+    mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
+    with (
+        running(path, monkeypatch, tmp_path) as studio,
+        watched(studio.files.known, studio.saved, studio.files.missing),
+    ):
+        until(lambda: "'pictures/wood.png' does not exist" in (studio.board.state.error or ""))
+        wood.parent.mkdir()
+        wood.write_bytes(stream.raw_buffer()[:40])
+        until(lambda: studio.board.state.saves > 0 and studio.board.state.doing == "failed")
+        wood.write_bytes(stream.raw_buffer())
+        until(is_done(studio))
+        assert {path, wood} <= studio.files.known() and not studio.files.missing()
+
+
+def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
+    scene, other = tmp_path / "scene.xml", tmp_path / "other.xml"
+    texture = '<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="{}"/>'
+    for name, text in {
+        "inc/sphere.xml": '<include filename="{}"/>',
+        "wood.png": f'<shape type="sphere">{texture}</texture></bsdf></shape>',
+        "gold.spd": '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>',
+        "bunny.ply": '<shape type="ply"><string name="filename" value="{}"/></shape>',
+        "$it.obj": '<default name="it" value="bunny"/><shape type="obj"><string name="filename" value="{}"/></shape>',
+    }.items():
+        other.write_text(f'<scene version="3.0.0">{text.format(name)}</scene>')
+        scene.write_text('<scene version="3.0.0"><include filename="other.xml"/></scene>')
+        files = Files(scene)
+        with pytest.raises(RuntimeError) as error:
+            SceneFile(scene, tmp_path).load()
+        files.failed(str(error.value))
+        assert tmp_path / name.replace("$it", "bunny") in files.missing() <= files.known()
+
+
 def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
     """Also where the view is another one; and a mistake takes no view away that was moved."""
     studios = []
@@ -208,7 +247,7 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             until(is_done(studio))
             state = studio.board.state
             assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
-            assert {path, wood} <= studio.files()
+            assert {path, wood} <= studio.files.known()
             before = final(studio)
             assert studio.errand(lambda subject: subject.seen(7, 5)).result(20).startswith("Sphere ball, ")
             studio.move(lambda camera: camera.panned(0.3, 0))

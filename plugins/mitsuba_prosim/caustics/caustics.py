@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from collections import OrderedDict
 
 import drjit as dr
 import mitsuba as mi
@@ -47,8 +49,11 @@ class Caustics:
         if walk.merges:
             self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible, walk.careful)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
-        self._sets: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
+        #: The one that was used last at the end.
+        self._sets: OrderedDict[tuple[int, int, int], tuple[Photons, Photons | None]] = OrderedDict()
         self._drawn: Photons | None = None
+        #: Sets that were drawn, and the seconds that it took.
+        self.draws, self.seconds = 0, 0.0
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
@@ -62,6 +67,11 @@ class Caustics:
             return None
         return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
 
+    @property
+    def kept(self) -> int:
+        """Sets that are not drawn anew."""
+        return max(KEPT // self.count, 2)
+
     @staticmethod
     def maps(n: int) -> int:
         """Maps of a set, for patterns of ``n``² samples."""
@@ -72,9 +82,12 @@ class Caustics:
         """Makes the set ``number`` of ``maps`` maps under ``seed`` what samples gather from."""
         which = (seed, number, maps)
         if which not in self._sets:
-            while len(self._sets) >= max(KEPT // self.count, 2):
-                del self._sets[next(iter(self._sets))]
+            while len(self._sets) >= self.kept:
+                self._sets.popitem(last=False)
+            begun = time.perf_counter()
             self._sets[which] = self._photons(*which)
+            self.draws, self.seconds = self.draws + 1, self.seconds + time.perf_counter() - begun
+        self._sets.move_to_end(which)
         self._drawn, glossy = self._sets[which]
         if self.merging is not None and glossy is not None:
             self.merging.draw(glossy, self._shares[maps][0])

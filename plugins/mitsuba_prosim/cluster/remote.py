@@ -178,7 +178,8 @@ class Remote:
             return None  # another was first, or the worker has gone
         if isinstance(outcome, worker.Done):
             self.fleet.workers[address].learn(ticket.errand.work, outcome.before, outcome.seconds)
-            self.portions, self.busy = self.portions + 1, self.busy + outcome.before + outcome.seconds
+            self.portions += 1
+            self.busy += outcome.drawing + outcome.before + outcome.seconds
             self.taking, self.work = self.taking + outcome.seconds, self.work + ticket.errand.work
             self.fleet.take_back(ticket)
             return ticket, outcome.what

@@ -10,9 +10,9 @@ import gc
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -20,6 +20,7 @@ from typing import Any
 import distributed
 import drjit as dr
 import mitsuba as mi
+import prosim_scene
 
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.plan import Plan
@@ -45,13 +46,29 @@ class Greeting:
 @dataclass(frozen=True)
 class Done:
     """What has come of an errand: for a portion what :func:`.message.answer` returns. ``before``: seconds until it was
-    begun with, whatever its size (Dr.Jit follows the code anew, and compiles it the first time); ``seconds``: that it
-    took.
+    begun with, whatever its size (Dr.Jit follows the code anew); ``seconds``: that it took; ``drawing``: that photons
+    took, which stay for the next portions.
     """
 
     what: Any
     before: float
     seconds: float
+    drawing: float = 0.0
+
+
+class Stopwatch:
+    """The ``seconds`` within its blocks, until the kernels have come to their end."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    @contextmanager
+    def __call__(self) -> Iterator[None]:
+        """A block."""
+        begun = time.perf_counter()
+        yield
+        dr.sync_thread()
+        self.seconds += time.perf_counter() - begun
 
 
 class Loaded:
@@ -70,14 +87,22 @@ class Loaded:
 
     def take(self, asked: Mapping[str, Any]) -> Done:
         """The samples of a :func:`.message.request`."""
-        times = [time.perf_counter()]
+        begun, drawn, running = time.perf_counter(), self.drawn, Stopwatch()
         plan, policy = recent(self.plans, asked["plan"], lambda: planned(asked["plan"]), PLANS)
         if self.estimator is None:
             self.estimator = self.make(plan)
             self.estimator.rays = ray_sampler(self.sensor)
-        more = message.portion(asked, plan, policy, self.estimator).take(lambda: times.append(time.perf_counter()))
-        what = message.answer(more, asked["pixels"])
-        return Done(what, times[1] - times[0], time.perf_counter() - times[1])
+        more = message.portion(asked, plan, policy, self.estimator).take(running)
+        with running():
+            what = message.answer(more, asked["pixels"])
+        drawing = self.drawn - drawn
+        return Done(what, time.perf_counter() - begun - drawing - running.seconds, running.seconds, drawing)
+
+    @property
+    def drawn(self) -> float:
+        """Seconds that photons have taken."""
+        caustics = None if self.estimator is None else self.estimator.transport.caustics
+        return 0.0 if caustics is None else caustics.seconds
 
 
 #: By their keys, that used last at the end; of one variant.
@@ -85,14 +110,18 @@ scenes: OrderedDict[tuple[str, str], Loaded] = OrderedDict()
 
 
 def greet(variant: str, key: str) -> Greeting:
-    """Makes the worker ready for a variant, to work with as many threads as Dask has given to it.
+    """Makes the worker ready for a variant, to work with as many threads as Dask has given to it; where it shares the
+    process of its client, with those that this has.
 
     Raises ImportError or RuntimeError where it has no such variant.
     """
-    threads = distributed.get_worker().state.nthreads
+    here = distributed.get_worker()
+    threads, shared = here.state.nthreads, here.address.startswith("inproc:")
 
     def greeted() -> Greeting:
-        dr.set_thread_count(threads)
+        if not shared:
+            dr.set_thread_count(threads)
+            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # who asks has seen them
         choose(variant)
         return Greeting(origin.here(), dr.thread_count(), (variant, key) in scenes)
 
@@ -108,10 +137,8 @@ def load(variant: str, parcel: Parcel, before: str | None, names: list[str], *co
     def loaded() -> Loaded:
         choose(variant)
         forget(variant, before)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # who asks has seen them
-            whole = completed(parcel, names, contents)
-            return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
+        whole = completed(parcel, names, contents)
+        return recent(scenes, (variant, parcel.key), lambda: Loaded(whole), SCENES)
 
     hand().submit(loaded).result()
 
@@ -149,9 +176,7 @@ def make(
         start = time.perf_counter()
         choose(variant)
         forget(variant, before)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            what = render(*completed(parcel, names, contents).load(), wanted, *arguments)
+        what = render(*completed(parcel, names, contents).load(), wanted, *arguments)
         return Done(what, 0.0, time.perf_counter() - start)
 
     return hand().submit(made).result()

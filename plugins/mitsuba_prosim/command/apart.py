@@ -54,9 +54,9 @@ class Apart:
     seconds: float
     work: int
 
-    def write(self, frames: Iterator[Frame], stopped: Callable[[], bool]) -> Iterator[tuple[Developed, str]]:
-        """Makes and writes frames in the order in which they are done, as long as they are small; yields what was made
-        of each, and what is said of it. It ends as well where it is ``stopped``, or the cluster is gone.
+    def write(self, frames: Iterator[Frame], stopped: Callable[[], bool]) -> Iterator[tuple[Frame, Developed, str]]:
+        """Makes and writes frames in the order in which they are done, as long as they are small; yields each, what was
+        made of it, and what is said of that. It ends as well where it is ``stopped``, or the cluster is gone.
 
         What is wrong with a frame is raised when those before it are there. Raises ClickException.
         """
@@ -84,7 +84,7 @@ class Apart:
                 with naming(frame.number):
                     paths = files.save(frame.stem, made.contents)
                 said = made.line(frame.job, frame.file, paths), *made.said
-                yield made, "\n".join(filter(None, said))
+                yield frame, made, "\n".join(filter(None, said))
         except ClusterError as error:
             raise click.ClickException(str(error)) from None
         if wrong and not stopped() and not self.taker.gone:

@@ -9,11 +9,14 @@ import click
 import mitsuba as mi
 from tqdm.auto import tqdm
 
-from ..scene_files import opening, writing
+from ..scene_files import opening, session, writing
 from . import denoised
 from . import output as files
+from .arguments import SCENE
+from .lines import Lines
 from .log import log
-from .options import SCENE, STOPS, Finite, InputError, choose_variant, defines, translation, wrong_input
+from .making import warn
+from .options import STOPS, Finite, InputError, Whole, choose_variant, defines, translation, wrong_input
 
 SUFFIXES = (".html", ".json", ".csv")
 
@@ -75,7 +78,7 @@ def missing_packages() -> list[str]:
     is_flag=True,
     help="Show each contestant's image denoised as well, as prosim render --denoise does it, and count its time.",
 )
-@click.option("--rounds", type=click.IntRange(min=1), default=5, help="Measured runs of each; medians are shown.")
+@click.option("--rounds", type=Whole(min=1), default=5, help="Measured runs of each; medians are shown.")
 @click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
 @click.option(
     "--reference-seconds",
@@ -152,16 +155,22 @@ def compare(
             if denoise:
                 denoised.check(opened.scene().sensors()[0].film())
             for spec in specs:  # whatever is wrong with them shows before the long work
-                opened.contestant(spec, spec.transport or "scene", spp=4)
+                try:
+                    opened.contestant(spec, spec.transport or "scene", spp=4)
+                except RuntimeError as error:
+                    raise ValueError(scenes.unknown(spec, error) or session.message(error)) from None
         width, height = opened.scene().sensors()[0].film().crop_size()
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
-        form, doing = "{l_bar}{bar}| {elapsed}", ""
+        cache = place_of_references(cache, folder, 2**4 * 3 * width * height)
+        form, doing, lines = "{l_bar}{bar}| {elapsed}", "", Lines()
         with tqdm(total=100, unit="%", bar_format=form, disable=None, leave=False) as bar:
 
             def tell(text: str, done: float) -> None:
                 nonlocal doing
+                if bar.disable:
+                    lines(text, done)
                 if text != doing:
                     doing = text
                     bar.reset()  # each step has a time of its own
@@ -175,6 +184,23 @@ def compare(
     written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))
     click.echo(summary(facts))
     click.echo(f"{', '.join(written[:-1])} and {written[-1]}")
+
+
+def place_of_references(asked: Path | None, scratch: Path, size: int) -> Path:
+    """The folder for references of ``size`` bytes: ``asked``, or the user's; where that can't be written to,
+    ``scratch``, and a warning says so. Raises InputError where it was asked for.
+    """
+    from ..compare import runs
+
+    place = asked or runs.cache_folder()
+    try:
+        writing.check([place / "reference"], size)
+    except OSError as error:
+        if asked:
+            raise InputError(f"--cache: references can't be kept there: {files.said(error)}") from None
+        warn(f"references are not kept: {files.said(error)}. --cache names another folder for them")
+        return scratch
+    return place
 
 
 def summary(facts: Mapping[str, Any]) -> str:

@@ -17,11 +17,14 @@ LAYERS = 9
 
 @dataclass(frozen=True)
 class Picture:
-    """An image to be written. ``facts``: metadata, of the PNG too; ``said``: what is to be told of it."""
+    """An image to be written. ``facts``: metadata, of the PNG too; ``said``: what is to be told of it; ``at_most``:
+    what its noise is at most, about, where that is known without having been asked for.
+    """
 
     bitmap: mi.Bitmap
     facts: Mapping[str, str] = field(default_factory=dict)
     said: str | None = None
+    at_most: float | None = None
 
 
 def check(film: mi.Film, integrator: mi.Integrator | None = None) -> None:

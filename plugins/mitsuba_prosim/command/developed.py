@@ -54,8 +54,8 @@ def take(
     """Renders the image, and denoises it where that is asked for."""
     if denoise:
         return denoised.render(scene, sensor, job.seed, job.spp, tell, stopped)
-    rendering.render(scene, sensor, job.seed, job.spp, tell, begin, keeper, part)
-    return denoised.Picture(sensor.film().bitmap())
+    at_most = rendering.render(scene, sensor, job.seed, job.spp, tell, begin, keeper, part)
+    return denoised.Picture(sensor.film().bitmap(), at_most=at_most)
 
 
 def develop(
@@ -79,7 +79,8 @@ def develop(
         shown = images.colours(picture.bitmap)
         why = None if shown is None else black.why(scene, sensor, shown * 2.0**job.exposure)
     width, height = sensor.film().crop_size()
-    sentence = reached.sentence(integrator, end is not None, end or "")
+    at_most = None if picture is None else picture.at_most
+    sentence = reached.sentence(integrator, end is not None, end or "", at_most)
     said = sentence, None if picture is None else picture.said
     return Developed(contents, why, (int(width), int(height)), seconds, said)
 

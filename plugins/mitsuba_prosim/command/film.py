@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -38,7 +37,9 @@ class Film:
         self.job, self.stem, self.frames, self.fps = job, stem, frames, fps
         self.keep, self.denoise, self.anew = keep, denoise, anew
         self.kept = prosim_scene.Kept()
-        self.made = self.left = 0
+        self.made = self.left = self.black = 0
+        #: Why frames are black; each reason is said once.
+        self.reasons: set[str] = set()
         self.text = Path(job.scene).read_bytes()
         with wrong_input():
             self.names = opening.uses(job.scene, {**job.definitions, **definitions(0, fps)}, (FRAME, TIME))
@@ -119,6 +120,7 @@ class Film:
         )
         if made.interrupted:
             return None, made.lost or INTERRUPTED
+        self.see_black(frame.number, made.black)
         tqdm.write(made.said, file=sys.stderr)
         self.made += 1
         integrator = scene.integrator()
@@ -133,9 +135,8 @@ class Film:
         """Lets each worker make some of the next frames, as long as they are small; returns by what it was interrupted,
         in words.
         """
-        for made, said in apart.write(frames, lambda: bool(signals)):
-            if made.black:
-                warn(made.black)
+        for frame, made, said in apart.write(frames, lambda: bool(signals)):
+            self.see_black(frame.number, made.black)
             tqdm.write(said, file=sys.stderr)
             self.made += 1
             bar.update(100)
@@ -151,6 +152,13 @@ class Film:
                 "not; the same command renders these anew"
             )
 
+    def see_black(self, number: int, why: str | None) -> None:
+        """Counts a frame that is black, and says ``why`` it is."""
+        self.black += why is not None
+        if why is not None and why not in self.reasons:
+            self.reasons.add(why)
+            warn(f"frame {number}: {why}")
+
     def bar(self) -> tqdm:
         """The progress over all frames."""
         form = "{l_bar}{bar}| {elapsed}, {remaining} left"
@@ -162,7 +170,8 @@ class Film:
         first, last = path(self.stem, self.frames[0]), path(self.stem, self.frames[-1])
         names = f"{first}.exr" if len(self.frames) == 1 else f"{first}.exr to {last.name}.exr"
         left = f", {self.left} had been rendered before" if self.left else ""
-        return f"{names}, and .png: {self.made} of {len(self.frames)} frames rendered{left}"
+        black = f", {self.black} of them black" if self.black else ""
+        return f"{names}, and .png: {self.made} of {len(self.frames)} frames rendered{black}{left}"
 
 
 @contextmanager
@@ -201,10 +210,8 @@ def render(
         raise click.BadParameter(
             f"{stem.name!r}: frames number themselves, such as name.0007.exr; give the name alone.", param_hint="-o"
         )
-    with warnings.catch_warnings():
-        warnings.simplefilter("once", prosim_scene.SceneWarning)  # not for every frame
-        film = Film(job, stem, frames, fps or FPS, keep, denoise, anew)
-        interruption = film.render(threads, verbose, helpers)
+    film = Film(job, stem, frames, fps or FPS, keep, denoise, anew)
+    interruption = film.render(threads, verbose, helpers)
     if interruption:
         click.echo(f"{film.said()}; {interruption}. The same command goes on with the others.")
         sys.exit(1)

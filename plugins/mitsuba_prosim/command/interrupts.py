@@ -39,7 +39,10 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
                 return
             come += number in handled
             if come > 1:
+                os.write(2, b"\nEnded at once.\n" if os.isatty(2) else b"Ended at once.\n")
                 os._exit(128 + number)
+            if come and number == signal.SIGINT and os.isatty(2):  # below ^C
+                os.write(2, b"\nEnding; once more ends it at once.\n")
             stop()
 
     def handle(number: int, _: object) -> None:

@@ -26,6 +26,7 @@ from .developed import develop, take
 from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
+from .lines import Lines
 from .log import log
 from .options import Helpers, InputError, wrong_input
 
@@ -45,6 +46,8 @@ class Made:
     #: Why the cluster is there no more, if that has interrupted it.
     lost: str | None
     keeper: Keeper | None
+    #: Why nothing can be seen, if that is so.
+    black: str | None
 
 
 def make(
@@ -109,9 +112,9 @@ def render(
     """Renders ``job``, which has been ``opened``, and writes its image or state, as :func:`make` does.
 
     ``keep``: what the state says that it is about, where it is kept; ``frame``: further metadata of a frame of a film,
-    whose image is written only if it is finished; ``bar``: what shows the progress, in the place of
-    :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while; ``sources``: files
-    that no image may overwrite.
+    whose image is written only if it is finished, and of which nothing is said here; ``bar``: what shows the progress,
+    in the place of :func:`progress_bar`; ``by``: what lets others take the samples of an integrator, for a while;
+    ``sources``: files that no image may overwrite.
     """
     file, loaded, chosen = opened
     integrator = loaded.integrator()
@@ -140,14 +143,18 @@ def render(
         lost = gone(taker)
         seconds, interrupted = perf_counter() - start, bool(signals or lost)
         if interrupted and frame is None and reached.nothing(integrator):
-            raise click.ClickException(f"{lost or 'interrupted'} before the image had begun; nothing was written.")
+            nothing = "before the image had begun; nothing was written."
+            if lost:
+                raise click.ClickException(f"{lost} {nothing}")
+            click.echo(f"Interrupted {nothing}", err=True)
+            sys.exit(128 + signals[0])
         end = None if not interrupted else "the loss of the cluster" if lost else "a signal"
         written: list[Path] = []
         unwritten = part is not None or (frame is not None and interrupted)
         made = develop(job, loaded, chosen, None if unwritten else picture, seconds, end, frame)
         if made.contents:
             written = files.save(stem, made.contents)
-        if made.black:
+        if made.black and frame is None:
             warn(made.black)
     if keeper is not None:
         if keeper.unwritten is not None:
@@ -158,7 +165,7 @@ def render(
         lost,
         *(made.said[1:] if part else made.said),
     ]
-    return Made("\n".join(filter(None, said)), interrupted, lost, keeper)
+    return Made("\n".join(filter(None, said)), interrupted, lost, keeper, made.black)
 
 
 def gone(taker: Remote | None) -> str | None:
@@ -225,7 +232,8 @@ def refuse_waves(names: Iterable[str], variant: str) -> None:
 
 @contextmanager
 def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
-    """Shows how far a render is, with the time left, if the integrator tells and a person watches.
+    """Shows how far a render is, with the time left, if the integrator tells: by a bar if a person watches, else by a
+    line now and then.
 
     Yields the function to be told the part done, 0 to 1, or None.
     """
@@ -234,8 +242,11 @@ def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[
     # The first step comes when the kernels are compiled and a part is rendered.
     doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
     with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
+        lines = Lines()
 
         def tell(done: float) -> None:
+            if bar.disable:
+                lines("rendering", done)
             bar.set_description_str("rendering", refresh=False)
             if done > 0.01:  # before, nobody knows
                 bar.bar_format = form + ", {remaining} left"

@@ -8,13 +8,14 @@ import click
 
 from .. import saved
 from . import output as files
-from .making import SUFFIXES, make
-from .options import SCENE, running
+from .arguments import PART
+from .making import STATE, SUFFIXES, make
+from .options import running
 from .resume import exposing, moved, named, opened
 
 
 @click.command()
-@click.argument("parts", metavar="PART...", type=SCENE, nargs=-1, required=True)
+@click.argument("parts", metavar="PART...", type=PART, nargs=-1, required=True)
 @click.option(
     "-o",
     "--output",
@@ -45,4 +46,11 @@ def merge(
     All parts have to be there, each once, in any order. Nothing is rendered.
     """
     record, job = opened(parts[0], scene, exposure, lambda: saved.merge(parts))
-    make(job, files.stem(output, named(parts[0]), SUFFIXES), threads, verbose, record, keep, sources=parts)
+    stem = files.stem(output, named(parts[0]), SUFFIXES)
+    make(job, stem, threads, verbose, record, keep, sources=parts)
+    number = f"The {len(parts)} parts" if len(parts) > 1 else "The part"
+    click.echo(
+        f"{number} can be removed: all that is known of the image is in {stem}{STATE} as well."
+        if keep
+        else f"{number} can be removed, unless the image is to go on: prosim merge --keep makes a state of them."
+    )

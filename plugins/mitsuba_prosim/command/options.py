@@ -2,6 +2,7 @@
 
 import functools
 import math
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,8 +17,6 @@ from click.core import ParameterSource
 
 from ..rendering.part import Part
 from ..scene_files import opening, session
-
-SCENE = click.Path(exists=True, dir_okay=False, readable=True, path_type=Path)
 
 #: More than any machine has processors.
 MOST_THREADS = 1024
@@ -69,7 +68,7 @@ class Resolution(click.ParamType):
         try:
             width, height = (int(word) for word in value.lower().split("x"))
         except ValueError:
-            self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
+            self.fail(f"{value!r} is not of the form {self.name}, such as 640x480", param, ctx)
         try:
             opening.check_size(width, height)
         except ValueError as error:
@@ -89,7 +88,7 @@ class Crop(click.ParamType):
         try:
             x, y, width, height = (int(word) for word in value.split(","))
         except ValueError:
-            self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
+            self.fail(f"{value!r} is not of the form {self.name}, such as 10,20,64,48", param, ctx)
         if min(x, y) < 0 or min(width, height) < 1:
             self.fail(f"{value!r}: X and Y are 0 or more, W and H are 1 or more", param, ctx)
         return x, y, width, height
@@ -111,11 +110,27 @@ class Share(click.ParamType):
         return Part(number, of)
 
 
+class Whole(click.IntRange):
+    """A whole number in a range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """The number."""
+        try:
+            int(value)
+        except ValueError:
+            self.fail(f"{value!r} is not a whole number", param, ctx)
+        return int(super().convert(value, param, ctx))
+
+
 class Finite(click.FloatRange):
     """A number in a range, and not "nan", which no range keeps out."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number."""
+        try:
+            float(value)
+        except ValueError:
+            self.fail(f"{value!r} is not a number, such as 0.01 or 90", param, ctx)
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
@@ -131,8 +146,22 @@ class Definition(click.ParamType):
         """The two."""
         key, equals, text = value.partition("=")
         if not key or not equals:
-            self.fail(f"{value!r} is not of the form key=value", param, ctx)
+            self.fail(f"{value!r} is not of the form key=value, such as angle=30", param, ctx)
         return key, text
+
+
+class Address(click.ParamType):
+    """The address of a scheduler."""
+
+    name = "ADDRESS"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The address, which has a port, as Dask would wait for one without."""
+        if not re.fullmatch(r"(\w+://)?[^/]+:\d{1,5}/?", value):
+            self.fail(
+                f"{value!r} is not of the form tcp://machine:8786, as `dask scheduler` says its address", param, ctx
+            )
+        return str(value)
 
 
 #: Decorator: the option for what $names stand for in scenes of either kind.
@@ -160,11 +189,7 @@ class Helpers:
 def running(command: Callable) -> Callable:
     """Decorator: the options of a process that renders."""
     threads = click.option(
-        "-t",
-        "--threads",
-        type=click.IntRange(1, MOST_THREADS),
-        show_default=False,
-        help="Number of threads. [default: all]",
+        "-t", "--threads", type=Whole(1, MOST_THREADS), show_default=False, help="Number of threads. [default: all]"
     )
     return threads(click.option("-v", "--verbose", count=True, help="Say more; twice: still more.")(command))
 
@@ -184,14 +209,14 @@ def helped(command: Callable) -> Callable:
 
     cluster = click.option(
         "--cluster",
-        metavar="ADDRESS",
+        type=Address(),
         show_default=False,
         help="Render by the workers of a Dask cluster, of which this is the scheduler's address, such as "
         "tcp://machine:8786.",
     )
     workers = click.option(
         "--workers",
-        type=click.IntRange(1, MOST_WORKERS),
+        type=Whole(1, MOST_WORKERS),
         show_default=False,
         help="Render by so many processes of this machine.",
     )
@@ -208,7 +233,7 @@ def aims(*, noise: str, noise_99: str, time: str, max_samples: str) -> Callable[
                 click.option("--noise", type=above_0, show_default=False, help=noise),
                 click.option("--noise-99", type=above_0, show_default=False, help=noise_99),
                 click.option("--time", type=above_0, metavar="SECONDS", show_default=False, help=time),
-                click.option("--max-samples", type=click.IntRange(1, 2**20), show_default=False, help=max_samples),
+                click.option("--max-samples", type=Whole(1, 2**20), show_default=False, help=max_samples),
             ]
         ):
             command = option(command)
@@ -249,7 +274,7 @@ def translation(command: Callable) -> Callable:
             click.option("--resolution", type=Resolution(), help="Size of the image in pixels, such as 640x480."),
             click.option(
                 "--samples",
-                type=click.IntRange(1, 2**12),
+                type=Whole(1, 2**12),
                 metavar="N",
                 help="N of the N-rook sampling: N samples a pass, at most N*N a pixel.",
             ),

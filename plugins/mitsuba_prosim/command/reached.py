@@ -12,9 +12,12 @@ from ..rendering.plan import UNLIMITED
 IN_TIME = 0.97
 
 
-def sentence(integrator: mi.Integrator, interrupted: bool, by: str = "a signal") -> str | None:
+def sentence(
+    integrator: mi.Integrator, interrupted: bool, by: str = "a signal", at_most: float | None = None
+) -> str | None:
     """Noise, samples and seconds of the last render of ``integrator``, and what ended it if that was not the noise;
-    None where neither noise nor time was asked for. ``by``: what has ``interrupted`` it.
+    None where neither noise nor time was asked for. ``by``: what has ``interrupted`` it; ``at_most``: what the noise is
+    at most, about, where nobody has measured it.
     """
     if not asked(integrator):
         return None
@@ -22,6 +25,10 @@ def sentence(integrator: mi.Integrator, interrupted: bool, by: str = "a signal")
     parts = [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s"]
     if integrator.time:
         parts[1] += f" of {integrator.time:g}"
+    if at_most is not None:
+        parts.insert(
+            0, f"noise {'not known' if isnan(at_most) else f'at most about {at_most:.2g}'} (--noise measures it)"
+        )
     # Where it was cut short, the image has got better since.
     below = "" if ended in ("noise", "samples") else "below "
     for word, measured, most in reversed(noises(integrator)):

@@ -10,10 +10,11 @@ import click
 from ..rendering.part import Part
 from . import film, tev
 from . import output as files
+from .arguments import SCENE
 from .frames import Frames
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
-from .options import SCENE, STOPS, Crop, Finite, Helpers, Share, choose_variant, defines, helped, running, translation
+from .options import STOPS, Crop, Finite, Helpers, Share, Whole, choose_variant, defines, helped, running, translation
 from .sampled import parameters, sampled, sampling
 
 
@@ -36,7 +37,7 @@ from .sampled import parameters, sampled, sampling
     show_default=False,
 )
 @defines
-@click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
+@click.option("-s", "--sensor", type=Whole(min=0), default=0, help="Which sensor of the scene.")
 @running
 @sampled
 @click.option(
@@ -149,8 +150,10 @@ def render(
         raise click.UsageError(f"{'--fps' if fps else '--anew'} is for films; say which --frames.")
     if frames is not None and (part or view):
         raise click.UsageError(
-            f"{'--part' if part else '--view'} is for single images. A film is shared by giving each machine some of "
-            "its --frames, such as 0:24 here and 24:48 there."
+            "--part is for single images. A film is shared by giving each machine some of its --frames, such as 0:24 "
+            "here and 24:48 there."
+            if part
+            else "--view is for single images. To see one frame: --frames 7 without it, or -D frame=7 with it."
         )
     asked = sampling(threshold, ends, max_samples, adaptive)
     variant = choose_variant(mode)

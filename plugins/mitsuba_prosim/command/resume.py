@@ -16,9 +16,10 @@ from ..rendering.policies import POLICIES
 from ..rendering.record import Record
 from ..scene_files import session
 from . import output as files
+from .arguments import SCENE, STATE
 from .job import Job
 from .making import SUFFIXES, make
-from .options import SCENE, STOPS, Finite, Helpers, InputError, aims, choose_variant, helped, running
+from .options import STOPS, Finite, Helpers, InputError, aims, choose_variant, helped, running
 
 #: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
 BY_FIRST = ("neighbours", "thesis")
@@ -41,7 +42,7 @@ exposing = click.option(
 
 
 @click.command()
-@click.argument("state", type=SCENE)
+@click.argument("state", type=STATE)
 @click.option(
     "-o",
     "--output",
@@ -104,6 +105,8 @@ def resume(
         raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})
     make(job, stem, threads, verbose, record, keep=True, part=record.part, helpers=helpers, sources=[state])
+    if record.finished and not record.part and not any(asked.values()):
+        click.echo("It was finished before. To take it further, say how far, such as --noise 0.005.")
 
 
 def opened(

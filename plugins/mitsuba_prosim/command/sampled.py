@@ -8,17 +8,17 @@ from typing import Any
 import click
 
 from ..rendering.policies import POLICIES
-from .options import Finite, aims
+from .options import Finite, Whole, aims
 
 #: In the order of the help.
 OPTIONS = (
     click.option(
         "--spp",
-        type=click.IntRange(1, 2**24),
+        type=Whole(1, 2**24),
         help="Samples per pixel, as Mitsuba counts them, instead of --samples. [default: what the scene says]",
         show_default=False,
     ),
-    click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, help="Seed of the samples."),
+    click.option("--seed", type=Whole(0, 2**32 - 1), default=0, help="Seed of the samples."),
     click.option(
         "--paths",
         is_flag=True,
@@ -33,7 +33,7 @@ OPTIONS = (
     ),
     click.option(
         "--max-level",
-        type=click.IntRange(-1, 2**16),
+        type=Whole(-1, 2**16),
         show_default=False,
         help="Deepest level of reflected and refracted rays; -1, with --paths: any. "
         "[default: what the scene says; with --paths: -1]",

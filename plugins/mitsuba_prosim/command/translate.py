@@ -9,7 +9,8 @@ import click
 import prosim_scene
 
 from . import stand_in
-from .options import SCENE, InputError, defines, translation
+from .arguments import LANGUAGE
+from .options import InputError, defines, translation
 from .output import KNOWN
 
 
@@ -28,7 +29,7 @@ class Folder(click.Path):
 
 
 @click.command()
-@click.argument("scene", type=SCENE)
+@click.argument("scene", type=LANGUAGE)
 @click.option("-o", "--output", type=Folder(), show_default=False, help="Folder to write to. [default: the scene's]")
 @click.option(
     "--target",
@@ -58,7 +59,7 @@ def translate(
 
 
 @click.command("format")
-@click.argument("scenes", type=SCENE, nargs=-1, required=True)
+@click.argument("scenes", type=LANGUAGE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES in the thesis's scene language in tidy form; what they mean stays the same."""

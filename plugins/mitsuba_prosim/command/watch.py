@@ -13,12 +13,13 @@ from prosim_scene import Kept
 
 from ..denoising import oidn
 from ..scene_files import images, session, writing
+from .arguments import SCENE
 from .developed import metadata
 from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .making import refuse_waves
-from .options import SCENE, choose_variant, defines, running, translation
+from .options import Whole, choose_variant, defines, running, translation
 from .sampled import parameters, sampled, sampling
 
 
@@ -33,11 +34,9 @@ from .sampled import parameters, sampled, sampling
     show_default=False,
 )
 @defines
-@click.option("-s", "--sensor", type=click.IntRange(min=0), default=0, help="Which sensor of the scene.")
+@click.option("-s", "--sensor", type=Whole(min=0), default=0, help="Which sensor of the scene.")
 @running
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine; 0: any that is free."
-)
+@click.option("--port", type=Whole(0, 65535), default=0, help="Port of the page on this machine; 0: any that is free.")
 @click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or only print its address.")
 @sampled
 @click.option(
@@ -129,7 +128,7 @@ def watch(
             with (
                 log(verbose),
                 session.threads(threads),
-                changes.watched(shown.files, shown.saved),
+                changes.watched(shown.files.known, shown.saved, shown.files.missing),
                 interruptible(shown.leave),
             ):
                 shown.run()

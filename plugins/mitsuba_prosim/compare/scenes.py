@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
+import re
 from abc import ABC, abstractmethod
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 
+from .. import registry
 from ..scene_files import opening
 from .runs import Contestant
+
+#: How a contestant is said.
+FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
 
 
 class Scene(ABC):
@@ -148,7 +155,7 @@ class Spec:
                 raise ValueError(f"{parameter!r} in {text!r} is not of the form PARAMETER=VALUE")
             self.parameters[name.strip()] = typed(value.strip())
         if not self.integrator:
-            raise ValueError(f"{text!r} is not of the form INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]")
+            raise ValueError(f"{text!r} is not of the form {FORM}")
 
     def but(self, **parameters: Any) -> Spec:
         """The same with other values of some parameters, under the same name."""
@@ -171,6 +178,20 @@ class Spec:
     def transport(self) -> str | None:
         """The transport that the integrator is bound to; None for one that can follow any."""
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
+
+
+def unknown(spec: Spec, error: RuntimeError) -> str | None:
+    """What is said where ``error`` is that Mitsuba knows no such integrator or sampler; None where it is another."""
+    found = re.search(r'Plugin "(.+?)" not found', str(error))
+    kinds = {spec.integrator: mi.ObjectType.Integrator, spec.sampler: mi.ObjectType.Sampler}
+    if not found or (name := found[1]) not in kinds:
+        return None
+    names = [path.stem for path in Path(mi.__file__).parent.glob("plugins/*.so")]
+    near = difflib.get_close_matches(name, {*names, *registry.PLUGINS}, n=9)
+    meant = next((one for one in near if mi.PluginManager.instance().plugin_type(one) == kinds[name]), None)
+    return f"{spec.text!r}: there is no {kinds[name].name.lower()} {name!r}." + (
+        f" Did you mean {meant}?" if meant else f" What is compared is {FORM}, such as path:multijitter."
+    )
 
 
 def typed(text: str) -> bool | int | float | str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -168,13 +169,25 @@ class Estimator:
         down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
-    def take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None = None) -> Estimate:
+    def take(
+        self,
+        x: mi.Int32,
+        y: mi.Int32,
+        start: Estimate,
+        end: mi.UInt32,
+        quiet: Quiet | None = None,
+        running: Callable[[], AbstractContextManager[Any]] = nullcontext,
+    ) -> Estimate:
         """Goes on from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or are ``quiet`` after
-        a pass. All arguments are evaluated arrays, so that one kernel serves every wave.
+        a pass. All arguments are evaluated arrays, so that one kernel serves every wave, and so is what is returned;
+        ``running()`` surrounds the running of kernels.
         """
         caustics = self.transport.caustics
         if caustics is None:
-            return self._take(x, y, start, end, quiet)
+            start = self._take(x, y, start, end, quiet)
+            with running():
+                dr.eval(start)
+            return start
         # Each set of photons is for so many samples of all pixels.
         seed, maps = int(self.plan.seed[0]), caustics.maps(self.plan.first.n)
         lacking = start.count < end
@@ -186,7 +199,8 @@ class Estimator:
             caustics.draw(seed, number, maps)
             until = dr.minimum(end, after)
             start = self._take(x, y, start, dr.maximum(start.count, until), quiet)
-            dr.eval(start)
+            with running():
+                dr.eval(start)
         return start
 
     def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -92,13 +92,12 @@ class State:
 
         ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
         """
+        all_steps: Iterable[Iterator[Portion]] = ()
         if self.keeps:
-            portions = self._portions(wanted, quiet)
+            all_steps = (self._portions(*step, quiet) for step in steps(self.estimate.count, wanted, self))
         elif self.decisions.rows is not None or dr.any(wanted > self.estimate.count):
-            portions = self._bands(wanted, quiet)
-        else:
-            return True
-        wave = Round(portions, self.taker, cancelled, in_order=not self.keeps)
+            all_steps = (self._bands(wanted, quiet),)
+        wave = Round(all_steps, self.taker, cancelled, in_order=not self.keeps)
         for done in wave:
             if tell is not None or done < 1:
                 dr.eval(self.estimate)
@@ -107,23 +106,22 @@ class State:
                 tell(done)
         return wave.whole
 
-    def _portions(self, wanted: mi.UInt32, quiet: Quiet | None) -> Iterator[Portion]:
-        """The pixels that lack samples, ``band`` at a time."""
-        for soon, step in steps(self.estimate.count, wanted, self):
-            for span, some, work in portions(self.estimate.count, soon, self, step):
-                whole = dr.width(some) == dr.width(wanted)  # all: spares two copies of the state
+    def _portions(self, wanted: mi.UInt32, step: tuple[float, float], quiet: Quiet | None) -> Iterator[Portion]:
+        """The pixels that lack samples, ``band`` at a time. ``step``: of :func:`steps`."""
+        for span, some, work in portions(self.estimate.count, wanted, self, step):
+            whole = dr.width(some) == dr.width(wanted)  # all: spares two copies of the state
 
-                def put(more: Estimate, some: mi.UInt32 = some, whole: bool = whole) -> None:
-                    if whole:
-                        self.estimate = more
-                    else:
-                        self.estimate.put(more, some)
+            def put(more: Estimate, some: mi.UInt32 = some, whole: bool = whole) -> None:
+                if whole:
+                    self.estimate = more
+                else:
+                    self.estimate.put(more, some)
 
-                x, y = self._places(some)
-                start = self.estimate if whole else self.estimate.at(some)
-                end = soon if whole else dr.gather(mi.UInt32, soon, some)
-                dr.eval(x, y, start, end)
-                yield Portion(self.estimator, x, y, start, [(self.plan, end)], quiet, work, span, put)
+            x, y = self._places(some)
+            start = self.estimate if whole else self.estimate.at(some)
+            end = wanted if whole else dr.gather(mi.UInt32, wanted, some)
+            dr.eval(x, y, start, end)
+            yield Portion(self.estimator, x, y, start, [(self.plan, end)], quiet, work, span, put)
 
     def _bands(self, wanted: mi.UInt32, quiet: Quiet | None) -> Iterator[Portion]:
         """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
@@ -238,20 +236,23 @@ class State:
 def steps(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[mi.UInt32, tuple[float, float]]]:
     """What is ``wanted`` of those that have ``count``, step by step: ``(wanted so far, (part done before, then))``.
 
-    There is one step, but for caustics: each set of photons is drawn once then, all pixels come on alike, and between
-    two sets one can stop. (Who asks for portions before others are taken has them as they are.)
+    There is one step, but for caustics: each set of photons is drawn once then, by whoever takes samples. Here all
+    pixels come on alike, and between two sets one can stop; elsewhere a step has as many sets as one keeps from portion
+    to portion.
     """
     caustics = state.estimator.transport.caustics
-    if caustics is None or not state.taker.in_turn:
+    if caustics is None:
         yield wanted, (0.0, 1.0)
         return
     maps = caustics.maps(state.plan.first.n)
+    further = maps * (1 if state.taker.in_turn else caustics.kept)
     have, want = (np.array(values, dtype=np.int64) for values in (count, wanted))
     lacking = want > have
     have, want, done = have[lacking], want[lacking], 0.0
     if not have.size:
         return
-    for end in range((int(have.min()) // maps + 1) * maps, int(want.max()) + maps, maps):
+    begun = int(have.min()) // maps * maps
+    for end in range(begun + further, int(want.max()) + further, further):
         before, done = done, float(np.sum(np.maximum(np.minimum(want, end) - have, 0)) / np.sum(want - have))
         yield dr.minimum(wanted, dr.opaque(mi.UInt32, end)), (before, done)
 

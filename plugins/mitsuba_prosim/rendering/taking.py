@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-import drjit as dr
 import mitsuba as mi
 
+from ..alone import alone
+from . import collector
 from .estimate import Estimate, Estimator
 from .plan import Plan
 
@@ -34,16 +36,15 @@ class Portion:
     #: What the samples are given to.
     put: Callable[[Estimate], None]
 
-    def take(self, followed: Callable[[], Any] = lambda: None) -> Estimate:
-        """Takes the samples, in this process. ``followed``: called in each stage when Dr.Jit has followed the code,
-        which takes as long for few samples as for many.
+    def take(self, running: Callable[[], AbstractContextManager[Any]] = nullcontext) -> Estimate:
+        """Takes the samples, in this process. ``running()`` surrounds the running of kernels; what goes before, as
+        Dr.Jit follows the code, takes as long for few samples as for many.
         """
         more = self.start
-        for plan, end in self.stages:
-            self.estimator.plan = plan
-            more = self.estimator.take(self.x, self.y, more, end, self.quiet)
-            followed()
-            dr.eval(more)
+        with collector.suspended(), alone():
+            for plan, end in self.stages:
+                self.estimator.plan = plan
+                more = self.estimator.take(self.x, self.y, more, end, self.quiet, running)
         return more
 
 
@@ -87,31 +88,34 @@ class Here:
 
 
 class Round:
-    """``portions``, each taken and put where it belongs: an iterator of the part that is done, 0 to 1."""
+    """The portions of some ``steps``, each taken and put where it belongs: an iterator of the part that is done, 0 to
+    1. Those of a step are asked for when all before them are where they belong.
+    """
 
     def __init__(
-        self, portions: Iterator[Portion], taker: Taker, cancelled: Callable[[], bool], in_order: bool = False
+        self, steps: Iterable[Iterator[Portion]], taker: Taker, cancelled: Callable[[], bool], in_order: bool = False
     ) -> None:
-        self.portions, self.taker, self.cancelled, self.in_order = portions, taker, cancelled, in_order
+        self.steps, self.taker, self.cancelled, self.in_order = steps, taker, cancelled, in_order
         self.asked, self.taken = 0, 0
         #: The part that is done when all that was asked for is taken; and what of it is not taken yet.
         self.end, self.open = 0.0, 0.0
-        self.exhausted = False
-
-    @property
-    def whole(self) -> bool:
-        """Whether all has been taken."""
-        return self.exhausted and self.taken == self.asked
+        #: Whether all portions of a step have been asked for, and whether all has been taken.
+        self.exhausted = self.whole = False
 
     def __iter__(self) -> Iterator[float]:
-        for portion, more in self.taker(self._asking(), self.cancelled, self.in_order):
-            portion.put(more)
-            self.taken += 1
-            self.open = self.open - width(portion) if self.taken < self.asked else 0.0
-            yield self.end - self.open
+        for portions in self.steps:
+            self.exhausted = False
+            for portion, more in self.taker(self._asking(portions), self.cancelled, self.in_order):
+                portion.put(more)
+                self.taken += 1
+                self.open = self.open - width(portion) if self.taken < self.asked else 0.0
+                yield self.end - self.open
+            if not self.exhausted or self.taken < self.asked:
+                return
+        self.whole = True
 
-    def _asking(self) -> Iterator[Portion]:
-        for portion in self.portions:
+    def _asking(self, portions: Iterator[Portion]) -> Iterator[Portion]:
+        for portion in portions:
             self.asked += 1
             self.end, self.open = portion.span[1], self.open + width(portion)
             yield portion

@@ -53,28 +53,28 @@ class Twin:
 
     def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
         """Takes as many samples as ``state`` has. Returns whether it got to its end."""
-        wave = Round(self._portions(state), state.taker, cancelled)
+        end = dr.gather(mi.UInt32, state.estimate.count, self.index)
+        dr.eval(end)
+        all_steps = (self._portions(state, *step) for step in steps(self.estimate.count, end, state))
+        wave = Round(all_steps, state.taker, cancelled)
         for _ in wave:
             dr.eval(self.estimate)
             dr.sync_thread()
         return wave.whole
 
-    def _portions(self, state: State) -> Iterator[Portion]:
-        end = dr.gather(mi.UInt32, state.estimate.count, self.index)
-        dr.eval(end)
-        for soon, step in steps(self.estimate.count, end, state):
-            for span, some, work in portions(self.estimate.count, soon, state, step):
-                x, y, wanted = (dr.gather(type(v), v, some) for v in (self.x, self.y, soon))
-                start, seed = self.estimate.at(some), self.seed
-                if self.copies > 1:
-                    seed = dr.gather(mi.UInt32, seed, some)
-                dr.eval(x, y, start, wanted, seed)
+    def _portions(self, state: State, wanted: mi.UInt32, step: tuple[float, float]) -> Iterator[Portion]:
+        for span, some, work in portions(self.estimate.count, wanted, state, step):
+            x, y, end = (dr.gather(type(v), v, some) for v in (self.x, self.y, wanted))
+            start, seed = self.estimate.at(some), self.seed
+            if self.copies > 1:
+                seed = dr.gather(mi.UInt32, seed, some)
+            dr.eval(x, y, start, end, seed)
 
-                def put(more: Estimate, some: mi.UInt32 = some) -> None:
-                    self.estimate.put(more, some)
+            def put(more: Estimate, some: mi.UInt32 = some) -> None:
+                self.estimate.put(more, some)
 
-                plan = replace(state.plan, seed=seed)
-                yield Portion(self.estimator, x, y, start, [(plan, wanted)], None, work, span, put)
+            plan = replace(state.plan, seed=seed)
+            yield Portion(self.estimator, x, y, start, [(plan, end)], None, work, span, put)
 
     def noise(self, state: State) -> tuple[float, float]:
         """Root mean square of the error of the displayed pixels of ``state``, white being 1, and what 99 in 100 are

@@ -102,8 +102,8 @@ def about(path: str | Path) -> dict[str, Any]:
     return text
 
 
-def load(path: str | Path) -> Record:
-    """Reads what :func:`save` has written, and warns where it comes from another kind of processor.
+def load(path: str | Path, warn: bool = True) -> Record:
+    """Reads what :func:`save` has written, and warns where it comes from another kind of processor, unless not told to.
 
     Raises StateError where the file is no state, is not whole, or was made by other versions or in another variant;
     OSError.
@@ -114,7 +114,7 @@ def load(path: str | Path) -> Record:
             f"{path} was made elsewhere ({different}), and samples are the same only where these are; render anew, or "
             "go on with what made it"
         )
-    if different := origin.differences(text["origin"], ours, origin.CLOSE):
+    if warn and (different := origin.differences(text["origin"], ours, origin.CLOSE)):
         warnings.warn(
             f"{path} was made elsewhere ({different}): what is added now is as good, but may differ in its last bits "
             "from what would have been added there",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from ..rendering.part import Part
 from ..rendering.record import Record
+from . import origin
 from .files import StateError, about, load
 
 #: What parts may differ in: it says where they were made, not of what.
@@ -19,11 +21,20 @@ FREE = ("scene", "exposure", "LLVM", "processor")
 
 def merge(paths: Sequence[str | Path]) -> Record:
     """The record of the image of which all parts are in the files ``paths``, in any order. One part is read at a time.
+    Warns, once, where some come from other kinds of processors.
 
     Raises StateError where a part is missing, there twice, not finished, or of another image; and as :func:`.load`.
     """
     check(paths)
-    return put_together(map(load, paths))
+    ours = origin.here()
+    elsewhere = [where for path in paths if (where := origin.differences(about(path)["origin"], ours, origin.CLOSE))]
+    if elsewhere:
+        warnings.warn(
+            f"{len(elsewhere)} of {len(paths)} parts were made elsewhere ({'; '.join(dict.fromkeys(elsewhere))}): "
+            "their samples are as good, but may differ in their last bits from those that are made here",
+            stacklevel=2,
+        )
+    return put_together(load(path, warn=False) for path in paths)
 
 
 def put_together(parts: Iterable[Record]) -> Record:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +18,9 @@ from .digest import digest, named_files
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
+
+#: How an OpenEXR file begins.
+EXR = b"v/1\x01"
 
 
 class SceneFile:
@@ -82,7 +86,9 @@ class SceneFile:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
                 _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
-                check_size(node.props.get("width", 768), node.props.get("height", 576))
+                width, height = node.props.get("width", 768), node.props.get("height", 576)
+                check_size(width, height)
+                check_crop(crop, width, height)
         #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
@@ -106,7 +112,8 @@ class SceneFile:
                 props = mi.Properties(sampler)
                 props["sample_count"] = node.props.get("sample_count", 4)
                 node.props = props
-        with self._search_paths(), session.enough_threads():
+        enough = session.enough_threads() if self._names_exr() else nullcontext()  # threads take time to begin
+        with self._search_paths(), enough:
             try:
                 return instantiate(state)
             except RuntimeError as error:
@@ -117,6 +124,14 @@ class SceneFile:
                         f"{session.message(error)}"
                     ) from None
                 raise
+
+    def _names_exr(self) -> bool:
+        """Whether the scene names an OpenEXR file, whatever that is called."""
+        for _, path in self.named_files():
+            with open(path, "rb") as file:
+                if file.read(len(EXR)) == EXR:
+                    return True
+        return False
 
     def _change_integrator(self, parameters: Mapping[str, Any]) -> str | None:
         try:
@@ -155,6 +170,15 @@ def check_size(width: int, height: int) -> None:
         raise ValueError(
             f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
             f"{MOST_PIXELS // 10**6} million in all"
+        )
+
+
+def check_crop(crop: tuple[int, int, int, int] | None, width: int, height: int) -> None:
+    """Raises ValueError for a crop window (x, y, width, height) that is not within the image."""
+    if crop is not None and (crop[0] + crop[2] > width or crop[1] + crop[3] > height):
+        raise ValueError(
+            f"a crop window of {crop[2]} x {crop[3]} pixels from ({crop[0]}, {crop[1]}) on, in an image of {width} x "
+            f"{height}: it has to be within"
         )
 
 
@@ -200,13 +224,14 @@ def plugin_names(state: mi.parser.ParserState) -> set[str]:
 
 
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
-    """The sensor of that index, or an error in the native command's words."""
+    """The sensor of that index, or an error that begins with the native command's words."""
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")
     if not scene.sensors():
         raise ValueError(f"No sensor specified for scene: {scene}")
     if not 0 <= index < len(scene.sensors()):
-        raise ValueError("Specified sensor index is out of bounds!")
+        there = f"sensors 0 to {len(scene.sensors()) - 1}" if len(scene.sensors()) > 1 else "one sensor, number 0"
+        raise ValueError(f"Specified sensor index is out of bounds! The scene has {there}.")
     return scene.sensors()[index]
 
 

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
+from ..rendering.error import in_display_units
 from ..rendering.part import Part
+from ..rendering.plan import pixels
 from ..rendering.record import Record
+
+if TYPE_CHECKING:
+    from ..rendering.snapshot import Snapshot
 
 
 def tells_progress(integrator: mi.Integrator) -> bool:
@@ -37,13 +44,16 @@ def render(
     keep: Callable[[Callable[[], Record], bool], None] | None = None,
     part: Part | None = None,
     integrator: Any = None,
-) -> None:
+) -> float | None:
     """Renders into the sensor's film with the scene's integrator, or another, and waits for the end.
 
     ``spp``: samples per pixel, 0 for as many as the scene says; ``tell``: called with the part done, 0 to 1, at every
     step of an integrator that :func:`tells_progress`. ``begin``, ``keep``: for an integrator that :func:`keeps`, the
     record of an image to go on with, and what is called with a record from time to time; ``part``: of the image, where
     that is to be kept.
+
+    Returns what the noise is at most, about, where time was asked for and no noise, as nobody has measured it then;
+    not a number where that is not known, and None where it was not asked for.
     """
     integrator = integrator or scene.integrator()
     told = tell is not None and tells_progress(integrator)
@@ -52,15 +62,34 @@ def render(
         integrator.band = min(integrator.band, max(2**10, samples_of_a_step() // (spp or int(integrator.samples) ** 2)))
     if told:
         integrator.progress = tell
+    snapshot = None
+    unmeasured = keeps(integrator) and integrator.time and not (integrator.noise or integrator.noise_99)
     try:
-        if begin is not None or keep is not None:
+        if begin is not None or keep is not None or unmeasured:
             integrator.keep = keep
-            for _ in integrator.waves(scene, sensor, seed, spp, begin, part):
-                pass
+            for wave in integrator.waves(scene, sensor, seed, spp, begin, part):
+                snapshot = wave
         else:
             # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.
             integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True)
         dr.sync_thread()
+        return noise_at_most(snapshot) if snapshot is not None and unmeasured else None
     finally:
         if told:
             integrator.progress = integrator.keep = None
+
+
+def noise_at_most(snapshot: Snapshot) -> float:
+    """Root mean square of the error of the displayed pixels, white being 1, as the samples within each pixel show it;
+    not a number where some have less than two.
+
+    It is what these samples would come to if they had been drawn without a pattern, or in passes that knew nothing of
+    each other. Their pattern makes the error smaller, by how much only another image can show.
+    """
+    state = snapshot.state
+    x, y, *_ = pixels(state.plan.region)
+    estimate = replace(state.estimate, sums=[]).at(state.index(x, y))
+    error = in_display_units(estimate.error(state.plan.pass_size), estimate.total / mi.Float(estimate.count))
+    values = np.array(error, dtype=np.float64)
+    result = float(np.sqrt(np.mean(values**2))) * state.estimator.smoothing
+    return result if int(dr.min(estimate.count)[0]) > 1 and np.isfinite(result) else float("nan")

@@ -10,6 +10,8 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 
+from ..alone import alone
+
 #: Beginning of a variant's name -> (its backend, what that needs).
 BACKENDS = {
     "scalar": (None, ""),
@@ -63,35 +65,38 @@ def load_plugins() -> None:
             warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
 
 
-def message(error: BaseException) -> str:
+def message(error: BaseException, lines: bool = False) -> str:
     """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its
-    own words.
+    own words; nor the ``lines`` of Mitsuba's own source, unless they are asked for.
     """
-    cause = f" {message(error.__cause__)}" if error.__cause__ else ""
-    return re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
+    cause = f" {message(error.__cause__, lines)}" if error.__cause__ else ""
+    text = re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
+    return text if lines else re.sub(r"\[\w+\.(?:cpp|h):\d+\] ", "", text)
 
 
 @contextmanager
 def search_paths(first: Iterable[str | Path] = (), last: Iterable[str | Path] = ()) -> Iterator[None]:
     """Adds folders to both ends of Mitsuba's search path, for a while."""
-    resolver = mi.FileResolver(mi.file_resolver())
-    for path in reversed(list(first)):
-        resolver.prepend(str(path))
-    for path in last:
-        resolver.append(str(path))
-    with resolving(resolver):
-        yield
+    with alone():
+        resolver = mi.FileResolver(mi.file_resolver())
+        for path in reversed(list(first)):
+            resolver.prepend(str(path))
+        for path in last:
+            resolver.append(str(path))
+        with resolving(resolver):
+            yield
 
 
 @contextmanager
 def resolving(resolver: mi.FileResolver) -> Iterator[None]:
-    """Looks for files by another search path, for a while."""
-    before = mi.file_resolver()
-    mi.set_file_resolver(resolver)
-    try:
-        yield
-    finally:
-        mi.set_file_resolver(before)
+    """Looks for files by another search path, for a while; other threads that want to do so wait."""
+    with alone():
+        before = mi.file_resolver()
+        mi.set_file_resolver(resolver)
+        try:
+            yield
+        finally:
+            mi.set_file_resolver(before)
 
 
 @contextmanager

@@ -20,13 +20,16 @@ Stamps = dict[Path, tuple[int, ...] | None]
 
 
 @contextmanager
-def watched(files: Callable[[], Collection[Path]], tell: Callable[[], None]) -> Iterator[None]:
+def watched(
+    files: Callable[[], Collection[Path]], tell: Callable[[], None], missing: Callable[[], Collection[Path]] = frozenset
+) -> Iterator[None]:
     """Calls ``tell``, in a thread, whenever one of ``files``, absolute paths, is written, made, removed or renamed.
+    ``missing``: those of them that were not there when they were looked for, and may have been made since.
 
     Their folders are watched, not the files: many editors save a new file and rename it.
     """
     end = threading.Event()
-    thread = threading.Thread(target=_follow, args=(files, tell, end), name="changes", daemon=True)
+    thread = threading.Thread(target=_follow, args=(files, tell, missing, end), name="changes", daemon=True)
     thread.start()
     try:
         yield
@@ -35,7 +38,12 @@ def watched(files: Callable[[], Collection[Path]], tell: Callable[[], None]) -> 
         thread.join(2)
 
 
-def _follow(files: Callable[[], Collection[Path]], tell: Callable[[], None], end: threading.Event) -> None:
+def _follow(
+    files: Callable[[], Collection[Path]],
+    tell: Callable[[], None],
+    missing: Callable[[], Collection[Path]],
+    end: threading.Event,
+) -> None:
     known: Stamps = {}
     while not end.is_set():
         folders = folders_of(files())
@@ -43,7 +51,7 @@ def _follow(files: Callable[[], Collection[Path]], tell: Callable[[], None], end
             end.wait(AGAIN / 1000)
             continue
         try:
-            known = _until_others(folders, files, tell, end, known)
+            known = _until_others(folders, files, tell, missing, end, known)
         except FileNotFoundError:
             continue  # a folder has gone
 
@@ -52,6 +60,7 @@ def _until_others(
     folders: set[Path],
     files: Callable[[], Collection[Path]],
     tell: Callable[[], None],
+    missing: Callable[[], Collection[Path]],
     end: threading.Event,
     known: Stamps,
 ) -> Stamps:
@@ -69,6 +78,7 @@ def _until_others(
     ):
         # What changes between two watches is seen by its stamp.
         now = {path: stamp(path) for path in files()}
+        known = dict.fromkeys(missing()) | known
         changed = any(path in known and known[path] != stamped for path, stamped in now.items())
         known = now
         if changed or {Path(path) for _, path in found} & set(now):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,10 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 
+from ..scene_files import session
 from ..scene_files.images import png
 from ..scene_files.tone import compress
-from . import takes
+from . import cells, takes
 from .picture import LAYERS, Picture, coloured
 from .turns import Turns
 
@@ -44,9 +47,10 @@ def show(
         Makes what is shown brighter by so many factors of two.
 
     Returns at once: the image grows while the notebook has nothing else to do. ``await view``, or ``view.wait()``,
-    which keeps the notebook busy, wait for its end; where there is no notebook, that is done before it returns. In the
-    end a picture takes the place of the buttons, and stays in the saved notebook; ``view.image`` is the linear image,
-    ``view.layers`` has the maps of ``error`` and ``samples`` beside it.
+    which keeps the notebook busy, wait for its end, and to interrupt the kernel meanwhile is to stop it; where there is
+    no notebook, that is done before it returns. In the end a picture, or what has gone wrong, takes the place of the
+    buttons, and stays in the saved notebook; ``view.image`` is the linear image, ``view.layers`` has the maps of
+    ``error`` and ``samples`` beside it. An image whose cell is run again is stopped.
 
     Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants and where no variant is set,
     and what the scene's maker raises.
@@ -62,6 +66,7 @@ def show(
         sensor = scene.sensors()[sensor]
     chosen, spp = takes.in_waves(integrator or scene.integrator(), sensor, spp)
     view = View(takes.Take(chosen, scene, sensor, spp, seed), exposure)
+    cells.made(view)
     try:
         loop = asyncio.get_running_loop()
     except RuntimeError:
@@ -87,20 +92,23 @@ class View:
         self._picture: Picture | None = None
         self._stopped = False
         self._words_in_the_end: str | None = None
+        self._wrong: str | None = None
         self._begun = time.perf_counter()
         self._turns = Turns(self._work)
-        self._shown = widgets.Image(format="png", layout=widgets.Layout(max_width="100%", object_fit="contain"))
+        self._shown = widgets.Image(format="png", layout=widgets.Layout(max_width="100%"))
         self._layer = widgets.ToggleButtons(options=[(name.capitalize(), name) for name in LAYERS], value="final")
         self._layer.observe(lambda _: self._draw(), names="value")
         self._part = widgets.FloatProgress(min=0, max=1, layout=widgets.Layout(width="12em"))
         self._said = widgets.Label("compiling kernels")
         stop = widgets.Button(description="Stop", icon="stop")
         stop.on_click(lambda _: self.stop())
-        self._box = widgets.VBox([self._shown, widgets.HBox([stop, self._part, self._said]), self._layer])
+        # Above the picture, however high it is; a line that is too long for the cell becomes two.
+        controls = widgets.HBox([stop, self._part, self._said, self._layer], layout={"flex_flow": "row wrap"})
+        self._box = widgets.VBox([controls, self._shown], layout={"align_items": "flex-start"})
         self._place = display(self._box, display_id=True)
 
     def __repr__(self) -> str:
-        return f"<{self._said.value}>"
+        return f"<{self._words_in_the_end or self._said.value}>"
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
@@ -122,28 +130,45 @@ class View:
 
     def wait(self) -> View:
         """Renders to the end, without pause. Ctrl-C, or to interrupt the kernel, stops it."""
-        try:
-            while self._turns.go_on():
-                pass
-        except KeyboardInterrupt:
-            self.stop()
-            while self._turns.go_on():
-                pass
-        self._finish()
+        with self._ended():
+            try:
+                while self._turns.go_on():
+                    pass
+            except KeyboardInterrupt:
+                self._stop_at_once()
         return self
 
     def __await__(self) -> Generator[Any, None, View]:
-        """Waits for the end, while the notebook does other things."""
+        """Waits for the end, while the notebook does other things. To interrupt the kernel stops it."""
         if self.task is not None:
             yield from self.task.__await__()
             self._finish()  # once more, from the cell that waits: what runs a notebook may hear no other
         return self
 
     async def converge(self) -> None:
-        """Renders to the end, turn by turn."""
+        """Renders to the end, turn by turn; what cancels it stops it."""
+        with self._ended():
+            try:
+                while self._turns.go_on():
+                    await asyncio.sleep(BREATH)
+            except (KeyboardInterrupt, asyncio.CancelledError):
+                self._stop_at_once()
+
+    @contextmanager
+    def _ended(self) -> Iterator[None]:
+        """Says in the end what there is, or what has gone wrong."""
+        try:
+            yield
+        except Exception as error:
+            self._wrong = session.message(error)
+            raise
+        finally:
+            self._finish()
+
+    def _stop_at_once(self) -> None:
+        self.stop()
         while self._turns.go_on():
-            await asyncio.sleep(BREATH)
-        self._finish()
+            pass
 
     def _work(self, pause: Callable[[], None]) -> None:
         """The waves, in the turns' thread."""
@@ -179,21 +204,25 @@ class View:
         self._said.value = self._words()
 
     def _words(self) -> str:
-        if self._picture is None:
-            return "nothing"
+        assert self._picture is not None
         mean = float(self._picture.layers["samples"].mean())
         return f"{mean:.1f} samples a pixel, {time.perf_counter() - self._begun:.1f} s"
 
+    def _last_words(self) -> str:
+        if self._wrong is not None:
+            return f"not rendered: {self._wrong}"
+        if self._picture is None:
+            return "stopped before the first wave"
+        return ("stopped: " if self._stopped else "") + self._words()
+
     def _finish(self) -> None:
         """Leaves a still picture, in the place of what needs the kernel."""
-        from IPython.display import Image
-
         if self._words_in_the_end is None:
-            self._words_in_the_end = ("stopped: " if self._stopped else "") + self._words()
+            self._words_in_the_end = self._last_words()
             self._box.close()
         if self._place is None:  # there is no IPython that runs
             return
-        if self._picture is None:
-            self._place.update({"text/plain": "stopped before the first wave"}, raw=True)
-        else:
-            self._place.update(Image(data=self._png("final"), alt=self._words_in_the_end))
+        still = {"text/plain": self._words_in_the_end}
+        if self._picture is not None and self._wrong is None:
+            still["image/png"] = base64.b64encode(self._png("final")).decode()
+        self._place.update(still, metadata={"image/png": {"alt": self._words_in_the_end}}, raw=True)

@@ -21,8 +21,9 @@ from . import takes
 from .board import Board, State
 from .camera import Camera
 from .denoised import DenoisedTake
+from .named import Files
 from .picture import Picture, of_snapshot
-from .subject import Opener, Subject, places
+from .subject import Opener, Subject
 from .wish import Wish
 
 #: What makes a black picture brighter on the page.
@@ -43,7 +44,7 @@ class Studio:
     """
 
     def __init__(self, path: Path, opener: Opener, spp: int = 0, seed: int = 0, denoise: bool = False) -> None:
-        self.board = Board(State(path.name))
+        self.board, self.files = Board(State(path.name)), Files(path)
         self._path, self._opener = path, opener
         self._spp, self._seed, self._denoise = spp, seed, denoise
         self._changed = threading.Condition()
@@ -52,7 +53,6 @@ class Studio:
         self._left = False
         self._number, self._reported, self._begun = 0, 0.0, 0.0
         self._subject: Subject | None = None
-        self._files: frozenset[Path] = frozenset(places(path))
         self._takes: dict[str, takes.Take] = {}
         self._integrator: Any = None
         self._view: Camera | None = None  # the scene's own, when it was opened last
@@ -62,10 +62,6 @@ class Studio:
     def saved(self) -> None:
         """The scene's file has changed."""
         self._ask(lambda wish: replace(wish, text=wish.text + 1, stopped=False))
-
-    def files(self) -> frozenset[Path]:
-        """The files that the scene is made of, as far as they are known."""
-        return self._files
 
     def move(self, by: Callable[[Camera], Camera]) -> None:
         """Moves the camera."""
@@ -191,7 +187,8 @@ class Studio:
             subject = Subject(self._path, self._opener)
         gc.collect()
         said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
-        self._subject, self._files = subject, subject.files()
+        self._subject = subject
+        self.files.opened(subject.files())
         before, self._view = self._view, subject.home
         if before is None or subject.home is None or (before.to_world != subject.home.to_world).any():
             with self._changed:  # the text says another view
@@ -301,8 +298,10 @@ class Studio:
 
     def _fail(self, error: BaseException) -> None:
         self._close()
-        missing = not self._path.exists()
-        self.board.say(doing="missing" if missing else "failed", error=None if missing else session.message(error))
+        missing, words = not self._path.exists(), session.message(error)
+        if self._subject is None:
+            self.files.failed(words)
+        self.board.say(doing="missing" if missing else "failed", error=None if missing else words)
 
     def _next_number(self) -> int:
         self._number += 1

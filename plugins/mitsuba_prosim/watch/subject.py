@@ -24,11 +24,6 @@ Opener = Callable[[], tuple[SceneFile, Any, Any]]
 COARSE = 1 << 14
 
 
-def places(path: Path) -> set[Path]:
-    """Where a file lies, and where that which it may be a link to does."""
-    return {path.absolute(), path.resolve()}
-
-
 class Subject:
     """A scene file, opened. Raises what ``opener`` does."""
 
@@ -43,14 +38,14 @@ class Subject:
         self.home = self._home()
         self.camera = self.home
 
-    def files(self) -> frozenset[Path]:
-        """The files that it is made of, wherever they lie; not those of its translation."""
+    def files(self) -> list[Path]:
+        """The files that it names, wherever they lie; not those of its translation."""
         found = [path for _, path in self.file.named_files()]
         if self.file.document is None:
             found += [Path(str(path)) for path in self.file.state.files]
         else:
             found = [path for path in found if self.file.xml.parent.resolve() not in path.resolve().parents]
-        return frozenset(place for path in [self.path, *found] for place in places(path))
+        return found
 
     # ---------------------------------------------------------------- looking from elsewhere
 

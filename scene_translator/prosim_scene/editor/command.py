@@ -10,11 +10,11 @@ def language_server() -> None:
     An editor starts it, and speaks with it by standard input and output.
     """
     try:
-        from .server import server
+        from .server import serve
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("pygls", "lsprotocol"):
             raise
         raise click.ClickException(
             "the language server needs the package pygls: pip install 'mitsuba-prosim[editors]'"
         ) from None
-    server.start_io()
+    serve()

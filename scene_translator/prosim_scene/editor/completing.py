@@ -11,8 +11,10 @@ from ..language.definitions import FRAME, TIME
 from ..language.expressions import CONSTANTS, FUNCTIONS
 from ..language.names import BUILT_IN, GLASSES, INDICES, METALS
 from ..language.parser import ORDER
+from ..language.quantities import Numbers
 from ..language.reading import Reading
-from ..language.words import ROLES, STATEMENTS, Numbers, Word, fold, of_role, row
+from ..language.words import ROLES, STATEMENTS, Word, fold, of_role, row
+from ..model import Leaf
 from . import meanings, places
 
 #: The word before the cursor.
@@ -132,12 +134,15 @@ def _spellings(word: Word, start: int, rank: int) -> Iterator[Completion]:
 def _indices(reading: Reading, keyword: Token, start: int) -> list[Completion]:
     """Indices that lack this statement; or for a primitive, those that have one."""
     given: dict[str, set[int]] = {kind: set() for kind in places.INDEXED}
-    before: Token | None = None
-    for _, token, _ in reading.tokens():
-        if before is not None and before.type in given and token.type == "NUMBER" and token.isdigit():
-            given[before.type].add(int(token))
-        if token.type != "REMARK":
-            before = token
+    for number, unit in enumerate(reading.units):
+        if unit.wrong:
+            for one in places.occurrences(reading, only=number):
+                if one.symbol.kind == "index":
+                    given[unit.kind if one.defines else "PRIMITIVE"].add(int(one.symbol.key))
+            continue
+        given["SURFACE"].update(unit.fields.get("surfaces", ()))
+        given["TRANSFORM"].update(unit.fields.get("transforms", ()))
+        given["PRIMITIVE"].update(node.index for node in unit.fields.get("csg", ()) if isinstance(node, Leaf))
     if keyword.type == "PRIMITIVE":
         found = given["SURFACE"] | given["TRANSFORM"]
     else:

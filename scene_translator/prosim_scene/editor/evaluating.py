@@ -5,8 +5,7 @@ import warnings
 from pathlib import Path
 
 from ..language.document import Document
-from ..language.messages import SceneError, SceneWarning
-from ..language.reading import Said, said
+from ..language.messages import Said, SceneError, SceneWarning, what_is_said
 from ..translator import Options, assemble
 
 
@@ -18,5 +17,5 @@ def evaluate(document: Document, folder: Path | None) -> list[Said]:
         try:
             assemble(document, folder or Path(nowhere), Options(), lambda name, _: name, str)
         except SceneError as error:
-            failed.append(said(error))
-    return [*failed, *(said(w.message) for w in warned if isinstance(w.message, SceneWarning))]
+            failed.append(what_is_said(error))
+    return [*failed, *(what_is_said(w.message) for w in warned if isinstance(w.message, SceneWarning))]

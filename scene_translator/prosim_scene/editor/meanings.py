@@ -1,6 +1,7 @@
 """What the words of the language mean, in a line or two: what an editor shows where the pointer rests."""
 
-from ..language.words import Flags, Numbers, Word
+from ..language.quantities import Flags, Numbers
+from ..language.words import Word
 
 #: (role, name of the model) -> the meaning; see docs/language.md.
 MEANINGS = {

@@ -34,11 +34,11 @@ class Occurrence:
     defines: bool
 
 
-def occurrences(reading: Reading, symbol: Symbol | None = None) -> Iterator[Occurrence]:
-    """Where symbols stand in a text, in order; all of them, or one."""
+def occurrences(reading: Reading, symbol: Symbol | None = None, only: int | None = None) -> Iterator[Occurrence]:
+    """Where symbols stand in a text, in order; all of them, or one; of all statements, or ``only`` of that number."""
     text = reading.source.text
     before: Token | None = None
-    for _, token, start in reading.tokens():
+    for _, token, start in reading.tokens(only):
         if token.type in ("REMARK", "REST"):
             continue
         end = start + (token.end_pos or 0) - (token.start_pos or 0)
@@ -50,7 +50,7 @@ def occurrences(reading: Reading, symbol: Symbol | None = None) -> Iterator[Occu
 
 def at(reading: Reading, offset: int) -> Occurrence | None:
     """The symbol at an offset, or that ends there."""
-    return next((o for o in occurrences(reading) if o.start <= offset <= o.end), None)
+    return next((o for o in occurrences(reading, only=reading.unit(offset)) if o.start <= offset <= o.end), None)
 
 
 def definitions(reading: Reading, symbol: Symbol) -> list[Occurrence]:

@@ -1,5 +1,6 @@
 """The Language Server Protocol: what the other files know, told to an editor."""
 
+import gc
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ from pygls.workspace import TextDocument
 from ..collector import still
 from ..language.formatter import format
 from ..language.judging import judge
-from ..language.messages import SceneError
-from ..language.reading import Reading, Said
+from ..language.messages import Said, SceneError
+from ..language.reading import Reading
 from . import completing, places
 from .evaluating import evaluate
 
@@ -68,7 +69,8 @@ class SceneServer(LanguageServer):
     def diagnostic(self, uri: str, one: Said) -> lsp.Diagnostic:
         """An error or a warning."""
         severity = lsp.DiagnosticSeverity.Error if one.error else lsp.DiagnosticSeverity.Warning
-        return lsp.Diagnostic(self.range(uri, one.start, one.end), one.reason, severity=severity, source="prosim")
+        place = self.range(uri, one.start, max(one.end, one.start + 1))
+        return lsp.Diagnostic(place, one.reason, severity=severity, source="prosim")
 
     def range(self, uri: str, start: int, end: int) -> lsp.Range:
         """Offsets as the protocol has them."""
@@ -87,6 +89,12 @@ class SceneServer(LanguageServer):
 
 
 server = SceneServer()
+
+
+def serve() -> None:
+    """Speaks with an editor by standard input and output, until that says it is the end."""
+    server.start_io()
+    gc.freeze()  # Python would look at all that there is for garbage before it ends: seconds, after a long scene
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)

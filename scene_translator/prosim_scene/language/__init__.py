@@ -1,24 +1,23 @@
 """The scene language: text -> model.
 
 ``words`` is the table of the language and ``grammar.lark`` its grammar. ``lexer``, ``parser`` and ``builder`` make of a
-text a :class:`~prosim_scene.language.document.Document`, a scene with the places of its values. ``checks`` judges it;
-``formatter`` lays a text out anew. ``reading`` reads each statement on its own, and ``judging`` says what is wrong in
-all of them.
+statement what it says; ``units`` reads each on its own, ``shapes`` and ``trees`` those that large scenes are made of at
+once, and ``reading`` all of a text. ``judging`` says what is wrong in it, and makes the rest a
+:class:`~prosim_scene.language.document.Document`, a scene with the places of its values; ``checks`` knows what has to
+be. ``formatter`` lays a text out anew.
 """
 
+import warnings
 from collections.abc import Mapping
 from os import PathLike
 
 from ..collector import still
 from ..model import Scene
-from . import parentheses
-from .builder import Builder
-from .definitions import Definitions
 from .document import Document
 from .files import SIZE_LIMIT, too_large
-from .judging import others
-from .messages import SceneError, Source, together
-from .parser import tokens_and_tree
+from .judging import errors, judge
+from .messages import Place, together
+from .reading import Reading
 
 
 def document_of(
@@ -27,16 +26,18 @@ def document_of(
     """The scene that ``text`` describes, with the places of its values; raises and warns as :func:`parse` does."""
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
-    source = Source(text, filename)
-    definitions = Definitions(source, define)
-    try:
-        with still():
-            pieces, tree = tokens_and_tree(source, definitions)
-            definitions.check_uses()
-            parentheses.judge(source, pieces, tree)
-            return Builder(source, frozenset(definitions.uses)).document(tree)
-    except SceneError as error:
-        raise together(error, others(error, text, str(filename), define)) from None
+    with still():
+        reading = Reading(text, str(filename), define)
+        found, document = judge(reading)
+        wrong = errors(reading, found)
+    for one in found:
+        if not one.error:
+            place = Place(one.start, one.end)
+            warnings.warn(reading.source.warning(place, one.reason, names=False), stacklevel=2)
+    if document is None:
+        raise together(wrong[0], wrong[1:])
+    reading.definitions.check_uses()
+    return document
 
 
 def parse(text: str, filename: str | PathLike[str] = "<string>", define: Mapping[str, object] | None = None) -> Scene:

@@ -1,15 +1,14 @@
-"""lark's tree -> document: each statement's values by the table of words, and their places."""
+"""lark's tree -> model: each statement's values by the table of words, and their places."""
 
 import math
-from collections.abc import Iterable, MutableMapping
-from pathlib import PurePath
+from collections.abc import Iterable
 from typing import Any
 
 from lark import Token, Tree
 
 from .. import model
 from . import checks, parentheses
-from .document import Document, Path
+from .document import Path, Places
 from .hints import hint, nearest
 from .lexer import place
 from .messages import CLIP, Place, SceneError, Source, listing, quote
@@ -22,33 +21,17 @@ Node = Tree[Token]
 
 
 class Builder:
-    """One scene on its way from the tree to the model."""
+    """Statements on their way from the tree to the model."""
 
-    def __init__(self, source: Source, uses: frozenset[str] = frozenset()) -> None:
-        self.source, self.uses = source, uses
-        self.places: MutableMapping[Path, Place] = {}
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.places: dict[Path, Place] = {}
+        self.fields: dict[str, Any] = {"surfaces": {}, "transforms": {}, "patterns": {}}
 
-    def document(self, tree: Node) -> Document:
-        """The document of a whole scene; raises SceneError, emits SceneWarning."""
-        fields: dict[str, Any] = {"surfaces": {}, "transforms": {}, "patterns": {}}
-        self.statements(fields, tree)
-        return self.whole(fields)
-
-    def statements(self, fields: dict[str, Any], tree: Node) -> None:
-        """Puts the values of a tree's statements into ``fields``; raises SceneError."""
+    def statements(self, tree: Node) -> None:
+        """Puts the values of a tree's statements into ``fields``, by the names of a Scene's; raises SceneError."""
         for statement in _trees(tree.children):
-            getattr(self, statement.data)(fields, statement.children)
-
-    def whole(self, fields: dict[str, Any]) -> Document:
-        """The document of a scene with these values; raises SceneError, emits SceneWarning."""
-        for node in fields.get("csg", ()):
-            for texture in node.textures if isinstance(node, model.Leaf) else ():
-                if texture and texture.name in BUILT_IN:
-                    fields["patterns"].setdefault(texture.name, model.Pattern(BUILT_IN[texture.name]))
-        fields.setdefault("name", PurePath(self.source.filename).stem or "scene")
-        document = Document(model.Scene(**fields, text=self.source.text), self.source, self.places, self.uses)
-        checks.whole(document)
-        return document
+            getattr(self, statement.data)(self.fields, statement.children)
 
     def error(self, where: Token | Place, reason: str) -> SceneError:
         """The error to raise about a token or a place."""
@@ -139,7 +122,9 @@ class Builder:
             )
         if values.get("distribution") == "cone":
             values.setdefault("angle", 30.0)
-        return model.Light(row(keyword).name, **values)
+        light = model.Light(row(keyword).name, **values)
+        checks.light(Places(self.source, self.places), number, light)
+        return light
 
     def view(self, fields: dict[str, Any], children: list[Any]) -> None:
         """VIEW."""
@@ -199,10 +184,7 @@ class Builder:
         textures: list[model.Texture | None] = [None, None]
         for i, token in enumerate(slots):
             self.places["csg", number, "textures", i] = place(token)
-            if token.type == "TEXTURE_NAME":
-                textures[i] = model.Texture(name=_texture_name(token))
-            elif token.type != "NULL":
-                textures[i] = model.Texture(image=str(token))
+            textures[i] = texture(token.type, str(token))
         numbers = [c for c in children[1:] if c.type == "NUMBER"]
         return model.Leaf(row(children[0]).name, self.index([children[0], *numbers]), (textures[0], textures[1]))
 
@@ -220,6 +202,7 @@ class Builder:
                     self.once(_tokens(item)[0], "the roughness", "surfaces", index, "roughness")
                 values[word.name] = value
         fields["surfaces"][index] = model.Surface(**values)
+        checks.surface(Places(self.source, self.places), index, fields["surfaces"][index])
 
     def material(self, values: dict[str, Any], tokens: list[Token], index: int) -> None:
         """``material``, and ``metal`` or the metal's name after condutor, the glass's after dieletrico."""
@@ -297,6 +280,13 @@ class Builder:
         fields["patterns"][name] = model.Pattern(kind, tuple(sorted(parameters)))
 
 
+def texture(kind: str, word: str) -> model.Texture | None:
+    """What a word in a primitive's texture slot says: the name of a texture, that of an image's file, or none."""
+    if kind == "TEXTURE_NAME":
+        return model.Texture(name=_texture_name(word))
+    return model.Texture(image=word) if kind != "NULL" else None
+
+
 def _trees(children: Iterable[Token | Node]) -> list[Node]:
     return [c for c in children if isinstance(c, Tree)]
 
@@ -305,6 +295,6 @@ def _tokens(item: Node) -> list[Token]:
     return [c for c in item.children if isinstance(c, Token) and c.type not in ("LPAR", "RPAR")]
 
 
-def _texture_name(token: Token) -> str:
-    name = fold(token)
+def _texture_name(word: str) -> str:
+    name = fold(word)
     return ALIASES.get(name, name)

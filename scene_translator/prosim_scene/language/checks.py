@@ -1,12 +1,13 @@
-"""What a scene needs as a whole, and what in it has no effect."""
+"""What materials and lights need, and a scene as a whole, and what has no effect."""
 
 import functools
+import itertools
 from collections.abc import Collection, Iterator, Sequence
 
-from ..model import GREY, Leaf, Operator, Surface, Vector
-from .document import Document
+from ..model import GREY, Leaf, Light, Operator, Surface, Vector
+from .document import Document, Places
 from .hints import nearest
-from .messages import listing, quote
+from .messages import MOST, Said, listing, quote
 from .names import ALIASES, BUILT_IN
 from .words import WORDS, canonical
 
@@ -22,16 +23,47 @@ CALLED = {
 DARK = 256
 
 
-def whole(document: Document) -> None:
-    """Raises the first SceneError about a scene, and emits its SceneWarnings."""
-    scene = document.scene
-    for i, light in enumerate(scene.lights):
-        _effects(document, light.distribution, f"{light.distribution.upper()} light", "LIGHT_PARAMETER", "lights", i)
-    for index, surface in scene.surfaces.items():
-        _surface(document, index, surface)
-    _leaves(document)
-    _unused(document)
-    _dark(document)
+def light(places: Places, number: int, light: Light) -> None:
+    """Keeps the doubts about a light."""
+    kind = light.distribution
+    _effects(places, kind, f"{kind.upper()} light", "LIGHT_PARAMETER", "lights", number)
+
+
+def surface(places: Places, index: int, surface: Surface) -> None:
+    """Raises SceneError for what a material lacks, and keeps the doubts about what has no meaning for it."""
+    path = "surfaces", index
+    if found := wrong(surface):
+        reason, *at = found
+        raise places.error(reason, *path, *at)
+    if surface.material == "dielectric" and places.given(*path, "thickness") and not surface.transmittance:
+        _doubt(
+            places,
+            "{} has no effect without transmitancia, which is what that thickness lets through",
+            *path,
+            "thickness",
+        )
+    kind = surface.material or "phong"
+    _effects(places, kind, CALLED[kind], "OPTIC", *path)
+
+
+def wrong(surface: Surface) -> tuple[str, ...]:
+    """What is wrong with a material, and of which of its values that is said; nothing where it is right."""
+    kind = surface.material
+    if kind == "conductor":
+        if surface.metal and (surface.eta or surface.k):
+            return "a metal's name and n-refr or k-abs are given; expected one of the two", "metal"
+        if not surface.metal and not (surface.eta and surface.k):
+            return ("a condutor lacks its optics; expected n-refr and k-abs, or a metal's name",)
+    elif kind == "dielectric":
+        if surface.glass and (surface.eta or surface.abbe):
+            return "a glass's name and n-refr or abbe are given; expected one of the two", "glass"
+        if not surface.glass and not surface.eta:
+            return ("a dieletrico lacks its index; expected n-refr, or a glass's name after dieletrico",)
+    elif kind == "composite" and not surface.eta:
+        return ("a composto lacks its index; expected n-refr",)
+    elif kind == "composite" and surface.ks and max(map(sum, zip(surface.kd or GREY, surface.ks))) > 1 + 1e-6:
+        return ("kd + ks is above 1 in a composto; expected s + d = 1 at most",)
+    return ()
 
 
 @functools.cache
@@ -45,55 +77,22 @@ def _of_others(role: str, kind: str) -> dict[str, tuple[str, ...]]:
     return {name: kinds for name, kinds in particular.items() if kind not in kinds}
 
 
-def _effects(document: Document, kind: str, called: str, role: str, *owner: str | int) -> None:
-    """Warns of the given parameters that a kind of light or material does not know."""
-    given = [
-        ((*owner, name), kinds) for name, kinds in _of_others(role, kind).items() if (*owner, name) in document.places
-    ]
-    for path, kinds in sorted(given, key=lambda one: document.places[one[0]].start):
-        meant = listing(kind.upper() if role == "LIGHT_PARAMETER" else CALLED[kind] for kind in kinds)
-        document.warn(f"{_word(document, *path)} has no effect on a {called}; it is for a {meant}", *path)
+def _effects(places: Places, kind: str, called: str, role: str, *owner: str | int) -> None:
+    """Doubts the given parameters that a kind of light or material does not know."""
+    for name, kinds in _of_others(role, kind).items():
+        if places.given(*owner, name):
+            meant = listing(kind.upper() if role == "LIGHT_PARAMETER" else CALLED[kind] for kind in kinds)
+            _doubt(places, f"{{}} has no effect on a {called}; it is for a {meant}", *owner, name)
 
 
-def _word(document: Document, *path: str | int) -> str:
-    """A keyword as the text has it."""
-    place = document.place(*path)
-    return document.source.text[place.start : place.end]
+def _doubt(places: Places, reason: str, *path: str | int) -> None:
+    """Keeps a doubt about a value; braces in ``reason`` stand for what the text has at its place."""
+    places.source.doubt(places.place(*path), reason.format(places.word(*path)))
 
 
-def _surface(document: Document, index: int, surface: Surface) -> None:
-    """What a material needs, and what has no meaning for it."""
-    path = "surfaces", index
-    kind = surface.material
-    if kind == "conductor":
-        if surface.metal and (surface.eta or surface.k):
-            raise document.error(
-                "a metal's name and n-refr or k-abs are given; expected one of the two", *path, "metal"
-            )
-        if not surface.metal and not (surface.eta and surface.k):
-            raise document.error("a condutor lacks its optics; expected n-refr and k-abs, or a metal's name", *path)
-    elif kind == "dielectric":
-        _glass(document, index, surface)
-    elif kind == "composite" and not surface.eta:
-        raise document.error("a composto lacks its index; expected n-refr", *path)
-    elif kind == "composite" and surface.ks and max(map(sum, zip(surface.kd or GREY, surface.ks))) > 1 + 1e-6:
-        raise document.error("kd + ks is above 1 in a composto; expected s + d = 1 at most", *path)
-    _effects(document, kind or "phong", CALLED[kind or "phong"], "OPTIC", *path)
-
-
-def _glass(document: Document, index: int, surface: Surface) -> None:
-    path = "surfaces", index
-    if surface.glass and (surface.eta or surface.abbe):
-        raise document.error("a glass's name and n-refr or abbe are given; expected one of the two", *path, "glass")
-    if not surface.glass and not surface.eta:
-        raise document.error("a dieletrico lacks its index; expected n-refr, or a glass's name after dieletrico", *path)
-    if document.given(*path, "thickness") and not surface.transmittance:
-        document.warn(
-            f"{_word(document, *path, 'thickness')} has no effect without transmitancia, which is what that thickness "
-            "lets through",
-            *path,
-            "thickness",
-        )
+def whole(document: Document) -> Iterator[Said]:
+    """What is wrong, and what is doubtful, in a scene as a whole."""
+    return itertools.chain(_leaves(document), _unused(document), _dark(document))
 
 
 def lacking(
@@ -115,33 +114,45 @@ def lacking(
             )
 
 
-def _leaves(document: Document) -> None:
-    """Indices and texture names that lead nowhere."""
+def _leaves(document: Document) -> Iterator[Said]:
+    """Indices that lead nowhere, and textures."""
+    return itertools.chain(
+        itertools.islice(_indices(document), MOST + 1), itertools.islice(_textures(document), MOST + 1)
+    )
+
+
+def _indices(document: Document) -> Iterator[Said]:
     scene = document.scene
-    for number, reason in lacking(scene.csg, scene.surfaces, scene.transforms):
-        given = sorted(scene.surfaces if "SURFACE" in reason else scene.transforms)
+    for i, (number, reason) in enumerate(lacking(scene.csg, scene.surfaces, scene.transforms)):
+        given = sorted(scene.surfaces if "SURFACE" in reason else scene.transforms) if i == 0 else []
         known = f"; there are {listing(given[:20], 'and')}" if given else ""
-        raise document.error(reason + known, "csg", number)
+        yield document.said(reason + known, "csg", number, error=True)
+
+
+def _textures(document: Document) -> Iterator[Said]:
+    scene = document.scene
+    said: set[str] = set()
     for number, leaf in enumerate(scene.csg):
-        if not isinstance(leaf, Leaf):
+        if not isinstance(leaf, Leaf) or leaf.textures == (None, None):
             continue
         for slot, texture in enumerate(leaf.textures):
             path = "csg", number, "textures", slot
-            if texture and texture.name and texture.name not in scene.patterns:
+            if texture and texture.name and texture.name not in (*scene.patterns, *said):
+                said.add(texture.name)
                 names = list(dict.fromkeys([*BUILT_IN, *scene.patterns]))
-                raise document.error(
+                yield document.said(
                     f"unknown texture {quote(texture.name)}; expected {listing(names[:20])}, an image file "
                     f"or NULL{nearest(texture.name, [*names, *ALIASES])}",
                     *path,
+                    error=True,
                 )
             if slot == 1 and texture and texture.image:
-                raise document.error(
-                    "an image stands in the second texture slot, which is solid; expected it in the first", *path
-                )
+                reason = "an image stands in the second texture slot, which is solid; expected it in the first"
+                yield document.said(reason, *path, error=True)
 
 
-def _dark(document: Document) -> None:
-    """Warns of intensities that were meant as 1.0, or as 255."""
+def _dark(document: Document) -> Iterator[Said]:
+    """Intensities that were meant as 1.0, or as 255."""
     scene = document.scene
     given: list[tuple[Vector, str, tuple[str | int, ...]]] = [
         (light.intensity, "Intensity", ("lights", i, "intensity")) for i, light in enumerate(scene.lights)
@@ -151,23 +162,19 @@ def _dark(document: Document) -> None:
         given.append((scene.background.color, "BACKGROUND", ("background",)))
     for color, word, path in given:
         if 0 < max(color) < DARK:
-            document.warn(f"this {word} is all but dark: 65535 is 1.0", *path)
+            yield document.said(f"this {word} is all but dark: 65535 is 1.0", *path)
 
 
-def _unused(document: Document) -> None:
+def _unused(document: Document) -> Iterator[Said]:
     """What is given and never used, and what is missing."""
     scene = document.scene
     used = {node.index for node in scene.csg if isinstance(node, Leaf)}
     for name, table in (("surfaces", scene.surfaces), ("transforms", scene.transforms)):
         for index in table:
             if index not in used:
-                document.warn(
-                    f"{_word(document, name, index)} {index} is not used: no primitive has this index", name, index
-                )
-    for path in document.places:
-        if path[0] == "defaults" and path[1] not in document.uses:
-            document.warn(f"nothing below uses ${path[1]}", *path)
+                word = document.word(name, index)
+                yield document.said(f"{word} {index} is not used: no primitive has this index", name, index)
     if not scene.csg:
-        document.warn("the scene has no CSG-TREE: nothing but the background is seen", "csg")
+        yield document.said("the scene has no CSG-TREE: nothing but the background is seen", "csg")
     if not scene.lights:
-        document.warn("the scene has no lights", "lights")
+        yield document.said("the scene has no lights", "lights")

@@ -63,6 +63,13 @@ class Definitions:
         )
         raise UndefinedError(str(error), error.filename, error.line, error.column, error.reason, place)
 
+    def now(self, name: str) -> str | None:
+        """The text that a name stands for, if it has one."""
+        try:
+            return self.text(name, Place(0, 0))
+        except SceneError:
+            return None
+
     def number(self, name: str, place: Place) -> float:
         """The number that a name stands for; SceneError where it stands for something else, or for nothing."""
         text = self.text(name, place)

@@ -5,7 +5,6 @@ ROTATE, a remark elsewhere) and because a word is a keyword only where the gramm
 """
 
 import re
-import warnings
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 
@@ -145,7 +144,7 @@ class _Lexer:
         piece = PIECE.fullmatch(text)
         if piece is None or piece.lastgroup not in ("word", "number") or piece.start(piece.lastgroup) > 0:
             return _token("STRING", text, start, self.position)
-        kind = _type(text, accepted, self.statement)
+        kind = terminal(text, accepted, self.statement)
         if kind not in VALUES:
             raise self.source.error(
                 where,
@@ -156,7 +155,7 @@ class _Lexer:
 
     def word(self, word: str, start: int) -> Token:
         """A word by what fits where it stands."""
-        token = _token(_type(word, self.accepted(), self.statement), word, start)
+        token = _token(terminal(word, self.accepted(), self.statement), word, start)
         if token.type in STATEMENTS:
             self.statement = token.type
         return token
@@ -200,7 +199,7 @@ def _after_end(source: Source, position: int) -> Iterator[Token]:
         elif kind != "remark":
             stop = None
         if stop is None:
-            warnings.warn(source.warning(Place(start, position), "what follows END is ignored"), stacklevel=2)
+            source.doubt(Place(start, position), "what follows END is ignored")
             yield _token("REST", text[start:], start)
             return
         yield _token("REMARK", text[start:stop], start)
@@ -208,7 +207,7 @@ def _after_end(source: Source, position: int) -> Iterator[Token]:
 
 
 @lru_cache(maxsize=1 << 12)
-def _type(word: str, accepted: frozenset[str], statement: str) -> str:
+def terminal(word: str, accepted: frozenset[str], statement: str) -> str:
     """The terminal of a word: a number, the keyword that fits here, a name, or else whatever explains it best.
 
     The parser's table may accept, at the end of a list of numbers, what has its place in another statement: a word of

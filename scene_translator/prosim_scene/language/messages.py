@@ -3,6 +3,7 @@
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from typing import NamedTuple
@@ -10,6 +11,7 @@ from typing import NamedTuple
 USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
 CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
 OTHERS = 4  # so many errors are told beside the first one
+MOST = 100  # so many more are looked for
 
 
 class Place(NamedTuple):
@@ -58,10 +60,27 @@ def together(first: SceneError, others: Sequence[SceneError]) -> SceneError:
     if not others:
         return first
     more = len(others) - OTHERS
-    text = "\n".join([str(first), *map(str, others[:OTHERS]), *([f"and {more} more errors"] if more > 0 else [])])
+    rest = "and many more errors" if len(others) >= MOST else f"and {more} more errors"
+    text = "\n".join([str(first), *map(str, others[:OTHERS]), *([rest] if more > 0 else [])])
     result = type(first)(text, first.filename, first.line, first.column, first.reason, first.place)
     result.others = tuple(others)
     return result
+
+
+@dataclass(frozen=True)
+class Said:
+    """What an error or a warning says, and where; ``start`` and ``end`` are offsets."""
+
+    start: int
+    end: int
+    reason: str
+    error: bool
+
+
+def what_is_said(message: SceneError | SceneWarning, otherwise: int = 0) -> Said:
+    """What a message says; at ``otherwise`` where it has no place."""
+    place = message.place or Place(otherwise, otherwise + 1)
+    return Said(place.start, place.end, message.reason, isinstance(message, SceneError))
 
 
 class Source:
@@ -71,6 +90,8 @@ class Source:
         self.text, self.filename = text, str(filename)
         #: What ``$names`` stand for, and where that is from: ``'5', by -D x=5``. Messages about them say it.
         self.names: dict[str, str] = {}
+        #: What has been found doubtful so far.
+        self.doubts: list[Said] = []
 
     @cached_property
     def line_starts(self) -> list[int]:
@@ -106,16 +127,24 @@ class Source:
         said = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
         return f"; {listing(said[:3], 'and')}" if said else ""
 
-    def error(self, place: Place, reason: str) -> SceneError:
-        """The error to raise about what stands at ``place``."""
-        reason += self._of_names(place, reason)
+    def error(self, place: Place, reason: str, names: bool = True) -> SceneError:
+        """The error to raise about what stands at ``place``; it says what the ``names`` there stand for."""
+        reason += self._of_names(place, reason) if names else ""
         line, column = self.line_column(place.start)
         return SceneError(self.message(place, reason), self.filename, line, column, reason, place)
 
-    def warning(self, place: Place, reason: str) -> SceneWarning:
-        """The warning to emit about what stands at ``place``."""
-        reason += self._of_names(place, reason)
+    def warning(self, place: Place, reason: str, names: bool = True) -> SceneWarning:
+        """The warning to emit about what stands at ``place``; it says what the ``names`` there stand for."""
+        reason += self._of_names(place, reason) if names else ""
         return SceneWarning(self.message(place, reason), reason, place)
+
+    def said(self, place: Place, reason: str, error: bool = False) -> Said:
+        """What an error or a warning is to say about what stands at ``place``."""
+        return Said(*place, reason + self._of_names(place, reason), error)
+
+    def doubt(self, place: Place, reason: str) -> None:
+        """Keeps a warning about what stands at ``place`` until all has been read."""
+        self.doubts.append(self.said(place, reason))
 
 
 def quote(text: str) -> str:

@@ -1,7 +1,6 @@
 """Trees that are written as in other languages: with parentheses, which are remarks here, or infix."""
 
 import re
-import warnings
 
 from lark import Token, Tree
 
@@ -16,16 +15,14 @@ EXPLAINED = "operators come before their operands, as in - CUBE 1 SPHERE 2, and 
 
 
 def judge(source: Source, pieces: list[Token], tree: Tree[Token]) -> None:
-    """Raises or warns where remarks in CSG-TREE hold what looks like the tree."""
+    """Raises an error or has a doubt where remarks in CSG-TREE hold what looks like the tree."""
     remarks = in_tree(pieces)
     empty = any(isinstance(s, Tree) and s.data == "csg" and len(s.children) == 1 for s in tree.children)
     for remark in remarks:
         if empty and PREFIX.search(remark):
             raise source.error(place(remark), f"the tree stands in a remark: {EXPLAINED}")
         if INFIX.search(remark):
-            warnings.warn(
-                source.warning(place(remark), f"this remark reads like a part of the tree: {EXPLAINED}"), stacklevel=2
-            )
+            source.doubt(place(remark), f"this remark reads like a part of the tree: {EXPLAINED}")
 
 
 def infix(source: Source, items: list[Tree[Token]]) -> str | None:

@@ -10,7 +10,8 @@ from .automaton import Parser
 from .definitions import Definitions
 from .hints import TEXTURES, hint, meant, nearest
 from .messages import CLIP, Place, SceneError, Source, listing, quote
-from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, Numbers, canonical, fold, is_statement, meanings, row
+from .quantities import Numbers
+from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, is_statement, meanings, row
 
 #: The order in which a message lists what it expected.
 ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")

@@ -9,7 +9,8 @@ from lark import Token
 
 from .lexer import place
 from .messages import CLIP, Place, SceneError, Source, quote
-from .words import LARGE, Flags, Numbers, row
+from .quantities import Flags, Numbers
+from .words import row
 
 PARENTHESES = re.compile(r"[\s:=]*\([-+.\d\s,;e]*\)", re.IGNORECASE)
 HTML_COLOR = re.compile(r"[\s:=]*#([0-9a-f]{6})\b", re.IGNORECASE)
@@ -28,16 +29,16 @@ def read_value(source: Source, children: Sequence[Token]) -> Any:
             raise source.error(place(token), f"found {quote(token)} after {keyword}; expected a number")
     if len(tokens) not in ((1, 3) if takes.channels else (takes.count,)):
         raise _miscounted(source, keyword, tokens, takes)
-    values = [_number(source, keyword, token, takes) for token in tokens]
-    if takes.direction and math.hypot(*values) < 1 / LARGE:
+    value = takes.value([float(token) for token in tokens])
+    if value is None:
+        for token in tokens:
+            _judge(source, keyword, token, takes)
         raise source.error(place(tokens[0]), f"{keyword} has length 0; expected a direction")
-    if takes.channels:
-        return tuple(values * (3 // len(values)))
-    return values[0] if takes.count == 1 else tuple(values)
+    return value
 
 
-def _number(source: Source, keyword: Token, token: Token, takes: Numbers) -> float:
-    """One number, in the range that the keyword's row allows."""
+def _judge(source: Source, keyword: Token, token: Token, takes: Numbers) -> None:
+    """Raises SceneError for a number that the keyword's row does not allow."""
     value = float(token)
     if not math.isfinite(value):
         raise source.error(place(token), f"found {quote(token)}; expected a finite number")
@@ -45,7 +46,6 @@ def _number(source: Source, keyword: Token, token: Token, takes: Numbers) -> flo
         raise source.error(place(token), f"found {quote(token)}; this scale is singular, expected factors other than 0")
     if not takes.allow(value):
         raise source.error(place(token), f"found {quote(token)} after {keyword}; expected {takes.bounds()}")
-    return int(value) if takes.whole else value
 
 
 def _miscounted(source: Source, keyword: Token, tokens: Sequence[Token], takes: Numbers) -> SceneError:

@@ -5,56 +5,14 @@ the model calls it, and which numbers follow it. Case and accents do not matter;
 also mixed. A word of several roles has a row for each, and the one counts that the grammar has a place for.
 """
 
+import re
 import unicodedata
 from dataclasses import dataclass
 from functools import lru_cache
 
 from lark import Token
 
-
-@dataclass(frozen=True)
-class Numbers:
-    """The numbers that follow a word: how many, what they are called in messages, and where they lie."""
-
-    count: int = 1
-    what: str = ""
-    low: float = 0
-    high: float = 1
-    whole: bool = False
-    channels: bool = False  #: r g b, or one for all channels
-    direction: bool = False  #: a vector that may not have length 0
-    least: float = 0  #: smaller magnitudes are refused, but for 0
-    nonzero: bool = False  #: and 0 too
-    unit: str = ""
-
-    def counted(self) -> str:
-        """How many there are, in words."""
-        return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
-
-    def bounds(self) -> str:
-        """What is allowed, in words."""
-        kind = ("a whole number" if self.whole else "") + (f" of {self.unit}" if self.unit else "")
-        magnitude = "a magnitude of " if self.low < 0 else ""
-        low = max(self.low, self.least)
-        least = f"{low:g} or more, " if low > 0 or not magnitude else ""
-        zero = "0, or " if self.least and not self.nonzero else ""
-        return f"{zero}{kind}{', ' * bool(kind)}{magnitude}{least}{self.high:.10g} at most"
-
-    def allow(self, value: float) -> bool:
-        """Whether a number is in the range."""
-        return (
-            self.low <= value <= self.high
-            and (abs(value) >= self.least or value == 0)
-            and (value != 0 or not self.nonzero)
-            and (value == int(value) or not self.whole)
-        )
-
-
-@dataclass(frozen=True)
-class Flags:
-    """The TRUE or FALSE that follow a word."""
-
-    count: int = 1
+from .quantities import LARGE, Flags, Numbers
 
 
 @dataclass(frozen=True)
@@ -81,8 +39,6 @@ def _word(role: str, spellings: str, name: str = "", takes: Numbers | Flags | No
     return Word(role, tuple(spellings.split()), name, takes, tuple(of.split()))
 
 
-#: Lengths go from 1 / LARGE to LARGE: their squares have to be numbers of single precision, which is Mitsuba's.
-LARGE = 1e15
 #: The most pixels that an image has.
 PIXELS = 2**28
 
@@ -284,6 +240,16 @@ def is_statement(word: str) -> bool:
 def of_role(role: str) -> list[Word]:
     """The rows of a role."""
     return [word for word in WORDS if word.role == role]
+
+
+def spelled(*roles: str) -> str:
+    """A pattern for the words of some roles; those with the same letter at the beginning stand together, to be fast."""
+    words = [spelling for role in roles for word in of_role(role) for spelling in word.spellings]
+    ends: dict[str, list[str]] = {}
+    for spelling in sorted(words, key=len, reverse=True):
+        ends.setdefault(spelling[0].upper(), []).append(re.escape(spelling[1:]))
+    pattern = "|".join(f"{letter}(?:{'|'.join(rest)})" for letter, rest in ends.items())
+    return rf'(?:{pattern})(?![^\s()#":=])'
 
 
 def numbers(role: str, name: str) -> Numbers:

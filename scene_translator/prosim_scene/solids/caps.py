@@ -29,7 +29,8 @@ def crowded(solid: Solid, bound: Ball, camera: Sight, tolerance: float) -> tuple
     """
     if bound.radius == math.inf:
         return None
-    left = meeting(bound, around(solid))
+    (own,) = around([solid])
+    left = meeting(bound, own)
     inverse = np.linalg.inv(solid.to_world)
     center = inverse[:3, :3] @ np.array(left.center) + inverse[:3, 3]
     distance, reach = float(np.linalg.norm(center)), left.radius / solid.narrowest
@@ -39,9 +40,9 @@ def crowded(solid: Solid, bound: Ball, camera: Sight, tolerance: float) -> tuple
     most = MAX_SEGMENTS
     if not camera.may_see(np.array(left.center) + left.radius * CORNERS):
         most, tolerance = UNSEEN_SEGMENTS, UNSEEN_TOLERANCE * tolerance
-    pixel = camera.footprint(math.dist(left.center, camera.eye.tolist()) - left.radius)
+    pixel = float(camera.footprint(math.dist(left.center, camera.eye.tolist()) - left.radius))
     # Whatever cuts the cap off, even a plane, meets it at its angle at least, or as these two balls do.
-    slant = min(_slant(around(solid), bound), math.sqrt(1 - cosine**2))
+    slant = min(_slant(own, bound), math.sqrt(1 - cosine**2))
     error = tolerance * pixel / solid.widest * slant
     closer = CLOSEST
     while closer >= 2:

@@ -4,9 +4,10 @@ import numpy as np
 
 from ..language.document import Document
 from .caps import crowded
+from .grouping import alike
 from .remains import Ball
 from .sight import Sight
-from .solid import Solid
+from .solid import IDENTITY, Solid
 
 TOLERANCE = 0.1  # chord error in pixels
 MOST_TRIANGLES = 4_000_000  # of all primitives, about 3 GB while they are united
@@ -23,14 +24,17 @@ def choose_segments(
     """
     wanted = tolerance
     while True:
+        for primitive, numbers in alike(s.primitive for s in solids).items():
+            places = np.array([solids[i].to_world for i in numbers])
+            for i, segments in zip(numbers, primitive.segments(places, camera, tolerance)):
+                solids[i].segments = segments
         most: dict[int, int] = {}
         for s, bound in zip(solids, bounds):
-            cap = crowded(s, bound, camera, tolerance) if s.primitive.axes == 3 and s.curved_surface < 0 else None
-            s.segments = s.primitive.segments(s.to_world, camera, tolerance) if cap is None else cap[0]
-            if s.curved_surface < 0:
-                s.frame = np.eye(4) if cap is None else cap[1]
-            if s.curved_surface >= 0:
-                most[s.curved_surface] = max(most.get(s.curved_surface, 0), s.segments)
+            if (surface := s.curved_surface) >= 0:
+                most[surface] = max(most.get(surface, 0), s.segments)
+            elif s.primitive.axes == 3:
+                cap = crowded(s, bound, camera, tolerance)
+                s.segments, s.frame = cap or (s.segments, IDENTITY)
         for s in solids:
             s.segments = most.get(s.curved_surface, s.segments)
         total = sum(s.primitive.count(s.segments) for s in solids)
@@ -58,7 +62,7 @@ def warn_if_far(document: Document, camera: Sight, boxes: np.ndarray) -> None:
     """
     low, high = boxes.min(axis=1), boxes.max(axis=1)
     nearest = np.linalg.norm(np.clip(camera.eye, low, high) - camera.eye, axis=1).min()
-    pixel = camera.footprint(nearest)
+    pixel = float(camera.footprint(nearest))
     grain = float(np.spacing(np.float32(np.abs(camera.eye).max())))
     if grain > 0.1 * pixel:
         document.warn(

@@ -18,7 +18,8 @@ from .recognition import same_surfaces
 from .remains import clipped, remains
 from .sight import Sight
 from .solid import Solid
-from .transforms import matrix
+from .sweep import components
+from .transforms import matrices
 
 FAR = 16  # times its size: a scene that lies farther from the origin than this is computed about its own centre
 
@@ -52,8 +53,8 @@ class Leaves:
         leaves = tree.leaves(document.scene.csg)
         kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
         self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
-        matrices = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
-        self.solids = [Solid(PRIMITIVES[shape], matrices[index]) for shape, index in kinds]
+        placing = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
+        self.solids = [Solid(PRIMITIVES[shape], placing[index]) for shape, index in kinds]
         boxes = corners(self.solids)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
@@ -108,7 +109,8 @@ class Leaves:
         facets = np.arange(counts.sum()) + np.repeat(self.first[:-1] - (np.cumsum(counts) - counts), counts)
         self.faces[facets] = np.concatenate([m.faces for m in meshes])
         # A surface's planes are those of the facets of the first solid that bears it, which is the largest one.
-        sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
+        near = self._near_others().tolist()
+        sharing = [i for i, s in enumerate(self.solids) if near[i] and (s.surfaces >= 0).any()]
         sharing.sort(key=lambda i: -np.linalg.norm(self.solids[i].to_world[:3, :3]))
         facets = np.concatenate([np.arange(0), *(self.first[i] + np.arange(counts[i]) for i in sharing)])
         own = facet_planes([meshes[i] for i in sharing])
@@ -143,6 +145,12 @@ class Leaves:
         vertices = np.concatenate([m.vertices for m in meshes])
         self.boxes = np.stack([np.minimum.reduceat(vertices, begins), np.maximum.reduceat(vertices, begins)], axis=1)
 
+    def _near_others(self) -> np.ndarray:
+        """Which solids may touch another leaf's. Where they do not, it does not matter that they share a plane."""
+        boxes = corners(self.solids)
+        group = components(boxes.min(axis=1) - self._step, boxes.max(axis=1) + self._step)
+        return np.asarray(np.bincount(group[self.of_leaf], minlength=len(group))[group] > 1)
+
     def mesh_content(self, i: int) -> list[bytes]:
         """What the mesh of solid i, and all that is done to it, follows from; after :meth:`make_meshes`."""
         solid, mesh, facets = self.solids[i], self.meshes[i], slice(self.first[i], self.first[i + 1])
@@ -173,18 +181,20 @@ class Leaves:
             if chosen.any():
                 c = primitive.corners(local[chosen], face[chosen])
                 normals[chosen], uv[chosen], alone[chosen] = c.normals, c.uv, c.alone
-        normals = normals @ inverse[:, :, :3]  # by the inverse's transpose
+        return Surface(self.outwards(normals, solid) * sign[:, None, None], uv, face, alone)
+
+    def outwards(self, normals: np.ndarray, solid: np.ndarray) -> np.ndarray:
+        """Normals (..., m, 3) of any length in the spaces of solids (n,) as those in the world (n, m, 3)."""
+        normals = normals @ self.to_local[solid][:, :, :3]  # by the inverse's transpose
         length = np.linalg.norm(normals, axis=2, keepdims=True)
-        normals *= sign[:, None, None] / np.where(length > 0, length, 1)
-        return Surface(normals, uv, face, alone)
+        return np.asarray(normals * (1 / np.where(length > 0, length, 1)))
 
 
 def _checked_matrices(document: Document, indices: list[int]) -> dict[int, np.ndarray]:
-    result = {index: matrix(document.scene.transforms[index]) for index in indices}
-    matrices = np.array(list(result.values()))
-    finite = np.isfinite(matrices).all(axis=(1, 2))
-    conditions = np.linalg.cond(np.where(finite[:, None, None], matrices, 0)[:, :3, :3])
+    found = matrices([document.scene.transforms[index] for index in indices])
+    finite = np.isfinite(found).all(axis=(1, 2))
+    conditions = np.linalg.cond(np.where(finite[:, None, None], found, 0)[:, :3, :3])
     for index, wrong in zip(indices, (~finite | ~(conditions <= 1e12)).tolist()):
         if wrong:
             raise document.error("this transform is singular or beyond double precision", "transforms", index)
-    return result
+    return dict(zip(indices, found))

@@ -13,6 +13,7 @@ from manifold3d import Manifold, Mesh64
 from ..model import Leaf
 from . import tree
 from .coincidence import Planes
+from .faces import heights
 from .parts import Part, as_parts, beneath, reserve_ids, union
 from .results import kept
 from .values import Value
@@ -55,12 +56,6 @@ class Shell:
         return replace(
             self, triangles=self.triangles[:, ::-1], sign=-self.sign, inside=self.outside, outside=self.inside
         )
-
-    def heights(self, part: slice = slice(None)) -> np.ndarray:
-        """Heights of triangles over their longest sides: those in a seam of coincident faces have none."""
-        a, b, c = (self.vertices[self.triangles[part, i]] for i in range(3))
-        longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
-        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))
 
 
 def cutters(nodes: tree.Nodes, media_of: list[int]) -> np.ndarray:
@@ -122,7 +117,10 @@ def shells(value: Value, fresnel: Collection[int] = ()) -> list[Shell]:
     for layer in layers:
         width = 2 * layer.total[0].planes.step if layer.total else 0.0
         touched = any(  # and not in seams alone
-            ((face.heights() > width) & (layer.medium != OPAQUE or np.isin(face.ids, list(fresnel)))).any()
+            (
+                (heights(face.vertices, face.triangles) > width)
+                & (layer.medium != OPAQUE or np.isin(face.ids, list(fresnel)))
+            ).any()
             for face in layer.interfaces
         )
         found = [_shell(part).between(layer.medium, AIR) for part in (layers[-1] if touched else layer).total]
@@ -173,7 +171,7 @@ def _shell(part: Part) -> Shell:
 
 def _extracted(part: Part) -> Shell:
     # Plain primitives are brought onto their planes many at a time, see batches; elsewhere that is not idempotent.
-    mesh = (part.manifold if part.plain else part.planes.together(part.manifold, part.surfaces)).to_mesh64()
+    mesh = (part.manifold if part.leaf is not None else part.planes.together(part.manifold, part.surfaces)).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
@@ -186,7 +184,7 @@ def _extracted(part: Part) -> Shell:
         np.where(part.planes.backs(mesh), -1.0, 1.0),
         nowhere,
         nowhere,
-        not part.plain,
+        part.leaf is None,
     )
 
 

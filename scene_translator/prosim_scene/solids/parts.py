@@ -28,8 +28,8 @@ BATCH = 64  # holes at first; then so many times as many, until there are all
 class Part:
     """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that
     its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same,
-    and its ``extent``. It is ``plain`` where it is a whole primitive none of whose curved faces is shared. ``content``:
-    what it comes from, where results are kept.
+    its ``extent``, and the number of its ``leaf``, None where its curved face is shared. ``content``: what it comes
+    from, where results are kept.
     """
 
     make: Callable[[], Manifold]
@@ -38,7 +38,7 @@ class Part:
     surfaces: frozenset[int]
     planes: Planes
     key: Hashable = None
-    plain: bool = False
+    leaf: int | None = None
     extent: Callable[[], Extent] | None = None
     content: Content | None = None
 
@@ -57,7 +57,7 @@ def solid(
     planes: Planes,
     surfaces: frozenset[int] = frozenset(),
     key: Hashable = None,
-    plain: bool = False,
+    leaf: int | None = None,
     extent: Callable[[], Extent] | None = None,
     content: Content | None = None,
 ) -> list[Part]:
@@ -78,7 +78,7 @@ def solid(
             )
         )
 
-    return [Part(make, box[0] - planes.step, box[1] + planes.step, surfaces, planes, key, plain, extent, content)]
+    return [Part(make, box[0] - planes.step, box[1] + planes.step, surfaces, planes, key, leaf, extent, content)]
 
 
 def as_parts(

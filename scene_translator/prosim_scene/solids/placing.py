@@ -3,10 +3,11 @@
 Many solids have one mesh but for their place: what such have in common is computed together.
 """
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
+from .grouping import alike
 from .primitives import Mesh
 from .solid import Solid
 
@@ -23,12 +24,12 @@ def corners(solids: list[Solid]) -> np.ndarray:
 def placed(solids: list[Solid]) -> list[Mesh]:
     """The meshes of solids in the world, wound counter-clockwise seen from outside."""
     result: dict[int, Mesh] = {}
-    for numbers in _alike(s.own_mesh_key for s in solids):
+    for numbers in alike(s.own_mesh_key for s in solids).values():
         unit = solids[numbers[0]].own_mesh()
         a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
         outside_in = np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # of the volume
         triangles = {False: unit.triangles, True: unit.triangles[:, ::-1]}
-        for chunk in _chunks(numbers, len(unit.triangles)):
+        for chunk in chunks(numbers, len(unit.triangles)):
             to_world = np.array([solids[i].to_world for i in chunk])
             shrink = np.array([[solids[i].shrink] for i in chunk])
             scale = np.where(np.arange(3) < solids[chunk[0]].primitive.axes, shrink, 1.0)
@@ -43,10 +44,10 @@ def placed(solids: list[Solid]) -> list[Mesh]:
 def facet_planes(meshes: list[Mesh]) -> np.ndarray:
     """The planes (k, 4) of the facets of meshes, one mesh after the other: outward unit normals and offsets."""
     result: dict[int, np.ndarray] = {}
-    for numbers in _alike(id(m.triangles) for m in meshes):
+    for numbers in alike(id(m.triangles) for m in meshes).values():
         triangles, facets = meshes[numbers[0]].triangles, meshes[numbers[0]].facets
         count = len(meshes[numbers[0]].faces)
-        for chunk in _chunks(numbers, len(triangles)):
+        for chunk in chunks(numbers, len(triangles)):
             vertices = np.array([meshes[i].vertices for i in chunk])
             a, b, c = (vertices[:, triangles[:, i]].reshape(-1, 3) for i in range(3))
             cross = np.cross(b - a, c - a)
@@ -62,14 +63,7 @@ def facet_planes(meshes: list[Mesh]) -> np.ndarray:
     return np.concatenate([np.empty((0, 4)), *(result[i] for i in range(len(meshes)))])
 
 
-def _alike(keys: Iterable[Hashable]) -> Iterable[list[int]]:
-    """The numbers of equal keys."""
-    groups: dict[Hashable, list[int]] = {}
-    for number, key in enumerate(keys):
-        groups.setdefault(key, []).append(number)
-    return groups.values()
-
-
-def _chunks(numbers: list[int], triangles: int) -> Iterator[list[int]]:
+def chunks(numbers: list[int], triangles: int) -> Iterator[list[int]]:
+    """Some of the numbers at a time, of meshes with so many triangles each."""
     step = max(CHUNK // triangles, 1)
     return (numbers[i : i + step] for i in range(0, len(numbers), step))

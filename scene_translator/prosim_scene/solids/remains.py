@@ -8,6 +8,7 @@ import numpy as np
 
 from ..model import Leaf
 from . import tree
+from .grouping import alike
 from .solid import Solid
 
 
@@ -30,7 +31,7 @@ def remains(nodes: tree.Nodes, solids: Sequence[Solid], of_leaf: Sequence[int]) 
     result = [EVERYWHERE] * len(solids)
     if all(node.symbol == "+" for node in nodes if not isinstance(node, Leaf)):
         return result
-    balls_of = [around(solid) for solid in solids]
+    balls_of = around(solids)
     leaves = np.zeros(len(nodes), int)
     leaves[[i for i, node in enumerate(nodes) if isinstance(node, Leaf)]] = of_leaf
     balls = [EVERYWHERE] * len(nodes)  # around the value of each node
@@ -63,17 +64,21 @@ def clipped(corners: np.ndarray, balls: Sequence[Ball]) -> np.ndarray:
     return np.asarray(np.clip(corners, center - radius, center + radius))
 
 
-def around(solid: Solid) -> Ball:
-    """A ball around a solid at its place."""
-    linear, offset = solid.to_world[:3, :3], solid.to_world[:3, 3]
-    if solid.primitive.curved is None:
-        corners = solid.primitive.box_corners @ linear.T
-        center = corners.mean(axis=0)
-        radius = float(np.linalg.norm(corners - center, axis=1).max())
-    else:
-        _, center, radius = solid.primitive.ball(linear)
-    x, y, z = (center + offset).tolist()
-    return Ball((x, y, z), radius)
+def around(solids: Sequence[Solid]) -> list[Ball]:
+    """Balls around solids at their places."""
+    result = [EVERYWHERE] * len(solids)
+    for primitive, numbers in alike(s.primitive for s in solids).items():
+        places = np.array([solids[i].to_world for i in numbers])
+        linear, offset = places[:, :3, :3], places[:, :3, 3]
+        if primitive.curved is None:
+            corners = primitive.box_corners @ linear.transpose(0, 2, 1)
+            center = corners.mean(axis=1)
+            radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
+        else:
+            _, center, radius = primitive.ball(linear)
+        for i, (x, y, z), r in zip(numbers, (center + offset).tolist(), radius.tolist()):
+            result[i] = Ball((x, y, z), r)
+    return result
 
 
 def joined(a: Ball, b: Ball) -> Ball:

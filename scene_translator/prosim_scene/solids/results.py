@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 from manifold3d import Manifold
@@ -57,15 +58,18 @@ class Results:
 
 @dataclass(frozen=True)
 class Content:
-    """What a part comes from: its ``digest``, and where results are kept."""
+    """What a part comes from, all that it follows from as bytes, and where results are kept."""
 
-    digest: bytes
+    bytes_of: Callable[[], Iterable[bytes]]
     results: Results
 
-    @staticmethod
-    def of(results: Results, *parts: bytes) -> Content:
-        """Of a leaf, which follows from these bytes."""
-        return Content(_digest(parts), results)
+    @cached_property
+    def digest(self) -> bytes:
+        """Of these bytes, and where each part of them ends."""
+        result = hashlib.blake2b(digest_size=16)
+        for part in self.bytes_of():
+            result.update(len(part).to_bytes(8, "little") + part)
+        return result.digest()
 
     @staticmethod
     def combined(operation: str, contents: Iterable[Content | None]) -> Content | None:
@@ -75,17 +79,9 @@ class Content:
             if one is None:
                 return None
             known.append(one)
-        return Content(_digest([operation.encode(), *(one.digest for one in known)]), known[0].results)
+        return Content(lambda: [operation.encode(), *(one.digest for one in known)], known[0].results)
 
 
 def kept(content: Content | None, kind: str, make: Callable[[], T], triangles: Callable[[T], int]) -> T:
     """What ``make`` gives, or has given for the same content and kind of result."""
     return make() if content is None else content.results.found(kind.encode() + content.digest, make, triangles)
-
-
-def _digest(parts: Iterable[bytes]) -> bytes:
-    """Of bytes, and where each part ends."""
-    result = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        result.update(len(part).to_bytes(8, "little") + part)
-    return result.digest()

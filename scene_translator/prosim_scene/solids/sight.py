@@ -12,8 +12,8 @@ class Sight(Protocol):
     def eye(self) -> np.ndarray:
         """Where it stands (3,)."""
 
-    def footprint(self, distance: float) -> float:
+    def footprint(self, distance: np.ndarray | float) -> np.ndarray:
         """Length that a pixel covers at a distance from the eye."""
 
-    def may_see(self, corners: np.ndarray) -> bool:
-        """Whether the convex hull of points (n, 3) may reach into the picture."""
+    def may_see(self, corners: np.ndarray) -> np.ndarray:
+        """Whether the convex hull of points (..., n, 3) may reach into the picture."""

@@ -9,6 +9,9 @@ import numpy as np
 
 from .primitives import Mesh, Primitive
 
+IDENTITY = np.eye(4)
+IDENTITY.flags.writeable = False
+
 
 @dataclass(eq=False)
 class Solid:
@@ -24,13 +27,18 @@ class Solid:
     to_world: np.ndarray
     segments: int = 0
     surfaces: np.ndarray = field(default_factory=lambda: np.empty(0, int))
-    frame: np.ndarray = field(default_factory=lambda: np.eye(4))
+    frame: np.ndarray = field(default_factory=lambda: IDENTITY)
     shrink: float = 1.0
+
+    @property
+    def framed(self) -> bool:
+        """Whether its curved face's facets lie elsewhere than in the primitive's own mesh."""
+        return self.frame is not IDENTITY and bool((self.frame != IDENTITY).any())
 
     @property
     def widest(self) -> float:
         """The longest semi-axis of its curved face."""
-        return self.primitive.ball(self.to_world[:3, :3])[0]
+        return float(self.primitive.ball(self.to_world[:3, :3])[0])
 
     @property
     def narrowest(self) -> float:
@@ -47,7 +55,7 @@ class Solid:
         """A box (2, 3) in its mesh, in its own space; None where no such one is known."""
         if self.primitive.curved is None:
             return self.primitive.core
-        if (self.frame != np.eye(4)).any():
+        if self.framed:
             return None
         scale = np.where(np.arange(3) < self.primitive.axes, self.inradius * self.shrink, 1.0)
         return np.asarray(scale * self.primitive.core)
@@ -66,15 +74,15 @@ class Solid:
     @property
     def own_mesh_key(self) -> Hashable:
         """Equal for solids with the same :meth:`own_mesh`."""
-        return id(self) if (self.frame != np.eye(4)).any() else (self.primitive.name, self.segments)
+        return id(self) if self.framed else (self.primitive.name, self.segments)
 
     def own_mesh(self) -> Mesh:
         """The primitive's mesh in its own space."""
-        if (self.frame != np.eye(4)).any():
+        if self.framed:
             return self.primitive.mesh(self.segments, self.frame)
         return _unit_mesh(self.primitive, self.segments)
 
 
 @lru_cache(maxsize=64)
 def _unit_mesh(primitive: Primitive, segments: int) -> Mesh:
-    return primitive.mesh(segments, np.eye(4))
+    return primitive.mesh(segments, IDENTITY)

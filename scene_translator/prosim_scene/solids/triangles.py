@@ -1,18 +1,21 @@
 """The triangles of the whole scene, with the normals and surface parameters of the primitives that they come from."""
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
+from ..collector import still
 from ..language.document import Document
 from ..model import Leaf, Operator
-from . import csg, media, parts, tree
-from .faces import Faces, Skin, Triangles
+from . import csg, media, parts, tree, whole
+from .faces import NOTHING, Faces, Piece, Skin, Triangles, corner_keys, heights, joined
 from .leaves import Leaves
 from .results import Content, Results
 from .sight import Sight
 from .values import Value
 
+Number = TypeVar("Number", int, np.ndarray)
 CHUNK = 1 << 18  # triangles at a time
 
 
@@ -21,6 +24,7 @@ def anew(_: Hashable, make: Callable[[], Faces]) -> Faces:
     return make()
 
 
+@still()
 def tessellate(
     document: Document,
     camera: Sight,
@@ -94,40 +98,53 @@ def _faces(
                 table.planes,
                 frozenset(surface for surface in surfaces if surface >= 0),
                 solid.key,
-                solid.curved_surface < 0,
+                number if solid.curved_surface < 0 else None,
                 lambda: table.extent(i),
-                Content.of(results, number.to_bytes(8, "little"), *table.mesh_content(i)) if results else None,
+                Content(lambda: [number.to_bytes(8, "little"), *table.mesh_content(i)], results) if results else None,
             )
         }
 
     value = csg.evaluate(nodes, leaf_value)
     count = max(media_of) + 2
-    collected = [
-        [np.empty(0, int), np.empty(0, bool), *(np.empty((0, 3, n)) for n in (3, 3, 2)), np.empty((0, 3), int)]
-    ]
-    vertices = alone = 0  # so far: what keys are made of
     fresnel = {base + number for number, reflecting in enumerate(reflects) if reflecting}
-    for shell in media.batches(media.shells(value, fresnel), CHUNK, table.planes):
-        for start in range(0, len(shell.triangles), CHUNK):
-            part = slice(start, start + CHUNK)
-            leaf, corner = shell.ids[part] - base, shell.triangles[part]
-            positions = shell.vertices[corner]
-            found = table.surface(positions, leaf, shell.facets[part], shell.sign[part])
-            wrapped = (np.floor(found.uv[..., 0]) > 0).astype(int)
-            keys = (((corner + vertices) * len(media_of) + leaf[:, None]) * 8 + found.face[:, None]) * 2 + wrapped
-            keys[found.alone] = -1 - np.arange(alone, alone + found.alone.sum())
-            alone += int(found.alone.sum())
-            kind = (leaf * count + shell.inside[part]) * count + shell.outside[part] + 1
-            high = shell.heights(part) > 2 * table.planes.step
-            collected.append([kind, high, positions + table.origin, found.normals, found.uv, keys])
-        vertices += len(shell.vertices)
+    leaves, value = whole.told_apart(value)
+    kinds = [_kind(leaf, media_of[leaf], media.AIR, count) for leaf in leaves]
+    pieces = [NOTHING, *whole.pieces(table, leaves, kinds)]
+    pieces += [
+        _piece(table, shell, shell.ids - base, count)
+        for shell in media.batches(media.shells(value, fresnel), CHUNK, table.planes)
+    ]
     if results:
         results.end()
-    kind, high, *columns = map(np.concatenate, zip(*collected))
-    codes, kind = np.unique(kind, return_inverse=True)
-    leaf, sides = np.divmod(codes, count**2)
-    kinds = list(zip(leaf.tolist(), (sides // count).tolist(), (sides % count - 1).tolist()))
-    return Faces(Triangles(*columns), kind, kinds, np.bincount(kind[high], minlength=len(kinds)) > 0)
+    return joined(pieces, count)
+
+
+def _piece(table: Leaves, shell: media.Shell, leaf: np.ndarray, count: int) -> Piece:
+    """A shell with the normals and surface parameters of the leaves (n,) that its triangles come from."""
+    kind = _kind(leaf, shell.inside, shell.outside, count)
+    codes, number = np.unique(kind, return_inverse=True)
+    corner = shell.triangles
+    columns = []
+    alone = 0  # so far
+    for start in range(0, len(corner), CHUNK):
+        part = slice(start, start + CHUNK)
+        positions = shell.vertices[corner[part]]
+        found = table.surface(positions, leaf[part], shell.facets[part], shell.sign[part])
+        of = corner[part] * len(codes) + number[part, None]
+        keys = corner_keys(of, found.face, found.uv, found.alone, alone)
+        alone += int(found.alone.sum())
+        columns.append([keys, positions + table.origin, found.normals, found.uv, heights(shell.vertices, corner[part])])
+    keys, positions, normals, uv, height = map(np.concatenate, zip(*columns))
+    _, first, index = np.unique(keys, return_index=True, return_inverse=True)
+    triangle, at = np.divmod(first, 3)
+    triangles = Triangles(positions[triangle, at], normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
+    return Piece(triangles, kind, kind[triangle], height > 2 * table.planes.step)
+
+
+def _kind(leaf: Number, inside: Number, outside: Number, count: int) -> Number:
+    """The code of a kind of triangles, see :func:`.faces.joined`."""
+    result: Number = (leaf * count + inside + 1) * count + outside + 1
+    return result
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:

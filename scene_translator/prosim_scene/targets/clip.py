@@ -5,14 +5,15 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..model import Light
+from ..solids import Triangles
 from ..view import Camera
 
 #: By default, in units of the view plane's distance.
 NEAR, FAR = 1e-3, 1e5
 
 
-def planes(camera: Camera, bodies: Sequence[np.ndarray], lights: Iterable[Light]) -> tuple[float, float]:
-    """Depths of the near and the far plane that cut off no triangle of the ``bodies``, each (n, 3, 3), and no light.
+def planes(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
+    """Depths of the near and the far plane that cut off no triangle of the ``bodies``, and no light.
 
     The near plane is moved to the eye where something lies before it, but never on the eye.
     """
@@ -21,8 +22,8 @@ def planes(camera: Camera, bodies: Sequence[np.ndarray], lights: Iterable[Light]
         far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
     extent = 0.0
     for body in bodies:
-        far = max(far, 2 * float(_depth(camera, body).max()))
-        extent = max(extent, float(np.abs(body - camera.eye).max()))
+        far = max(far, 2 * float(_depth(camera, body.vertices).max()))
+        extent = max(extent, float(np.abs(body.vertices - camera.eye).max()))
     corner = np.linalg.norm(
         [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
     )
@@ -37,10 +38,13 @@ def _depth(camera: Camera, points: np.ndarray) -> np.ndarray:
     return np.asarray((camera.eye - points) @ camera.n)
 
 
-def _distance(point: np.ndarray, triangles: np.ndarray, reach: float) -> float:
+def _distance(point: np.ndarray, body: Triangles, reach: float) -> float:
     """Distance from a point to the nearest triangle; infinite where none comes within ``reach``."""
-    close = np.all((triangles.min(axis=1) < point + reach) & (triangles.max(axis=1) > point - reach), axis=1)
-    corners = triangles[close] - point
+    below, above = body.vertices < point + reach, body.vertices > point - reach
+    if not (below.any(axis=0) & above.any(axis=0)).all():
+        return np.inf
+    close = np.all(below[body.index].any(axis=1) & above[body.index].any(axis=1), axis=1)
+    corners = body.vertices[body.index[close]] - point
     if not len(corners):
         return np.inf
     a, b = corners, np.roll(corners, -1, axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..language.document import Document
 from ..nodes import Default, Node
-from ..solids.transforms import matrix
+from ..solids.transforms import matrices
 
 #: The largest number whose square single precision still holds.
 LARGEST = 1e19
@@ -30,9 +30,9 @@ def check_transforms(document: Document) -> None:
     if not transforms:
         return
     with np.errstate(all="ignore"):
-        matrices = np.array([matrix(transform) for transform in transforms.values()])
-    wrong = ~(np.abs(matrices).max(axis=(1, 2)) <= LARGEST)
-    narrowest = np.linalg.svd(np.where(wrong[:, None, None], 0, matrices)[:, :3, :3], compute_uv=False).min(axis=1)
+        found = matrices(list(transforms.values()))
+    wrong = ~(np.abs(found).max(axis=(1, 2)) <= LARGEST)
+    narrowest = np.linalg.svd(np.where(wrong[:, None, None], 0, found)[:, :3, :3], compute_uv=False).min(axis=1)
     for index, beyond in zip(transforms, (wrong | (narrowest < 1 / LARGEST)).tolist()):
         if beyond:
             raise document.error(

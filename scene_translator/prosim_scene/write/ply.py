@@ -6,22 +6,24 @@ from ..solids import Triangles
 
 
 def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
-    """The bytes of a PLY file; equal corners become one vertex.
+    """The bytes of a PLY file.
 
     Triangles without area in single precision are left out; None where no others are.
     """
-    positions = triangles.positions.astype("<f4")
-    a, b, c = (positions[:, i] for i in range(3))
+    vertices, index = triangles.vertices.astype("<f4"), triangles.index
+    a, b, c = (vertices[index[:, i]] for i in range(3))
     kept = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
     if not kept.any():
         return None
-    _, first, index = np.unique(triangles.keys[kept], return_index=True, return_inverse=True)
-    columns = [positions[kept].reshape(-1, 3)[first], triangles.normals[kept].reshape(-1, 3)[first]]
+    columns = [vertices, triangles.normals]
     names = ["x", "y", "z", "nx", "ny", "nz"]
     if with_uv:
-        columns.append(triangles.uv[kept].reshape(-1, 2)[first])
+        columns.append(triangles.uv)
         names += ["u", "v"]
     vertices = np.concatenate(columns, axis=1).astype("<f4")
+    if not kept.all():
+        used, index = np.unique(index[kept], return_inverse=True)
+        vertices = vertices[used]
     faces = np.empty(int(kept.sum()), dtype=[("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, index.reshape(-1, 3)
     header = [

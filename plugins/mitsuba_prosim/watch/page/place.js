@@ -70,7 +70,6 @@ export class Place {
     }
 
     down(e) {
-        if (e.target.closest("#notes")) return;
         this.stage.focus({preventScroll: true});
         this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
         try { this.stage.setPointerCapture(e.pointerId); } catch { /* it is gone already */ }
@@ -102,7 +101,6 @@ export class Place {
     }
 
     wheel(e) {
-        if (e.target.closest("#notes")) return;
         e.preventDefault();
         const factor = Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015));
         const box = this.stage.getBoundingClientRect();

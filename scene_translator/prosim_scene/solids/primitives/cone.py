@@ -34,10 +34,10 @@ class Cone(Primitive):
     def count(self, segments: int) -> int:
         return 2 * max(segments, MIN_SEGMENTS) - 2
 
-    def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        size = longest_axis(linear[:, :2])
-        center = linear @ [0, 0, 0.5]
-        return size, center, float(np.linalg.norm(center)) + size
+    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        size = longest_axis(linear[..., :2])
+        center = linear[..., 2] / 2
+        return size, center, np.linalg.norm(center, axis=-1) + size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         side = around_an_axis(p, face, p * [1, 1, -1], {1: 1})

@@ -40,10 +40,10 @@ class Cylinder(Primitive):
     def count(self, segments: int) -> int:
         return 4 * max(segments, MIN_SEGMENTS) - 4
 
-    def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        size = longest_axis(linear[:, :2])
-        center = linear @ [0, 0, 0.5]
-        return size, center, float(np.linalg.norm(center)) + size
+    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        size = longest_axis(linear[..., :2])
+        center = linear[..., 2] / 2
+        return size, center, np.linalg.norm(center, axis=-1) + size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         return around_an_axis(p, face, p * [1, 1, 0], {1: 1, 2: -1})

@@ -90,24 +90,27 @@ class Primitive(ABC):
         """The corners (8, 3) of its bounding box."""
         return box_corners(self.box)
 
-    def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
-        """Under a linear map: the curved face's longest semi-axis, and centre and radius of a ball around the solid."""
+    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Under linear maps (..., 3, 3): its curved face's longest semi-axis, centre and radius of a ball around it."""
         raise NotImplementedError(f"a {self.name} with a curved face says how large that is")
 
-    def segments(self, to_world: np.ndarray, camera: Sight, tolerance: float) -> int:
-        """Segments around a circle, so that the chord error stays below ``tolerance`` pixels in the image."""
+    def segments(self, to_world: np.ndarray, camera: Sight, tolerance: float) -> list[int]:
+        """Segments around a circle at each of the places (n, 4, 4), so that the chord error stays below ``tolerance``
+        pixels in the image.
+        """
         if self.curved is None:
-            return 4
-        linear, offset = to_world[:3, :3], to_world[:3, 3]
+            return [4] * len(to_world)
+        linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
         size, center, radius = self.ball(linear)
-        most = MAX_SEGMENTS
-        if not camera.may_see(self.box_corners @ linear.T + offset):
-            most, tolerance = UNSEEN_SEGMENTS, UNSEEN_TOLERANCE * tolerance
-        distance = float(np.linalg.norm(center + offset - camera.eye)) - radius
-        if distance < radius:  # the eye is near the ball around the solid, but maybe not near its surface
-            a, b = (self.lines[:, i] @ linear.T + offset for i in range(2))
-            distance = max(distance, to_segments(a, b, camera.eye) - self.gap * size)
-        return self.segments_for(tolerance * camera.footprint(distance) / size, most)
+        seen = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
+        distance = np.linalg.norm(center + offset - camera.eye, axis=1) - radius
+        for i in np.flatnonzero(distance < radius).tolist():
+            # The eye is near the ball around the solid, but maybe not near its surface.
+            a, b = (self.lines[:, end] @ linear[i].T + offset[i] for end in range(2))
+            distance[i] = max(distance[i], to_segments(a, b, camera.eye) - self.gap * size[i])
+        error = np.where(seen, 1, UNSEEN_TOLERANCE) * tolerance * camera.footprint(distance) / size
+        most = np.where(seen, MAX_SEGMENTS, UNSEEN_SEGMENTS)
+        return [self.segments_for(*of) for of in zip(error.tolist(), most.tolist())]
 
     def segments_for(self, error: float, most: int = MAX_SEGMENTS) -> int:
         """Segments around a circle for a chord error, a share of the curved face's radius; ``most`` of them at most."""
@@ -121,9 +124,9 @@ def box_corners(box: np.ndarray) -> np.ndarray:
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
 
 
-def longest_axis(linear: np.ndarray) -> float:
-    """The longest semi-axis of the unit ball's image under a linear map (m, n)."""
-    return float(np.linalg.svd(linear, compute_uv=False)[0])
+def longest_axis(linear: np.ndarray) -> np.ndarray:
+    """The longest semi-axis of the unit ball's image under linear maps (..., m, n)."""
+    return np.asarray(np.linalg.svd(linear, compute_uv=False)[..., 0])
 
 
 def to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:

@@ -37,9 +37,9 @@ class Sphere(Primitive):
     def count(self, segments: int) -> int:
         return max(segments, MIN_SEGMENTS) ** 2 // 2
 
-    def ball(self, linear: np.ndarray) -> tuple[float, np.ndarray, float]:
+    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         size = longest_axis(linear)
-        return size, np.zeros(3), size
+        return size, np.zeros(linear.shape[:-1]), size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         radius = np.linalg.norm(p, axis=2)

@@ -1,0 +1,39 @@
+"""How far a long work is, in a log: a line now and then, where nobody watches a bar."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+from tqdm.auto import tqdm
+
+
+class Lines:
+    """Says on standard error how far a work is, at intervals that grow with the time that has passed, so that a log
+    stays short.
+    """
+
+    #: Seconds from one line to the next, at least and at most; and the part of the time that has passed.
+    SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self.clock = clock
+        self.begun = self.last = clock()
+        self.doing: str | None = None
+        #: When what is being done was first told of, and the part of it that was done by then.
+        self.first = self.begun, 0.0
+
+    def __call__(self, doing: str, done: float) -> None:
+        """Called as often as one likes. ``doing``: what is being done; ``done``: the part of that, 0 to 1."""
+        now = self.clock()
+        if doing != self.doing:
+            self.doing, self.first = doing, (now, done)
+        if now - self.last < min(max(self.SHORTEST, self.SHARE * (now - self.begun)), self.LONGEST):
+            return
+        self.last = now
+        said = f"{doing}: {100 * done:.0f} %, {tqdm.format_interval(now - self.begun)} passed"
+        then, before = self.first
+        if 1 > done > before + 0.01:  # before, nobody knows
+            said += f", {tqdm.format_interval((now - then) * (1 - done) / (done - before))} left"
+        print(said, file=sys.stderr, flush=True)

@@ -19,7 +19,7 @@ from .gathering import Gathering
 from .merging import Merging
 from .photons import Photons
 from .sources import Sources
-from .targets import Targets
+from .targets import Targets, left_dark
 from .walk import Landed, Walk
 
 #: Most maps of a set: those of a pattern have as many wavelengths as that is wide.
@@ -65,6 +65,8 @@ class Caustics:
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
+        if wholes:
+            left_dark(scene.shapes())
         return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
 
     @property

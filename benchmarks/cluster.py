@@ -2,6 +2,7 @@
 
     python benchmarks/cluster.py [--size 1600] [--samples 8] [--workers 2] [--rounds 2] [--memory 2000]
     python benchmarks/cluster.py --model
+    python benchmarks/cluster.py --photons 500 [--noise 0.0025] [--workers 2]
 
 Both render ``palito`` with ``adaptive = none``, in turn, each after a small image that compiles the kernels; the least
 time of the rounds counts, and beside it the time of the processors, which says more where a machine has other things to
@@ -10,7 +11,8 @@ the time from the beginning of a new worker's process to its first finished port
 As it stands, with 1600 x 1600 pixels and 64 samples, that is about five minutes and a half on two cores.
 ``--memory``: the most memory of the process that gathers an image of that side, and its processor time, for each pixel
 and for each portion.
-``--model`` prints the table alone, of constants that were measured.
+``--model`` prints the table alone, of constants that were measured. ``--photons``: ``copo``, which has caustics, with
+that side: the time of the processors, and what drawing photons takes of it.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
+PALITO, COPO = (Path(__file__).parents[1] / "examples" / name for name in ("palito.scn", "copo.scn"))
 
 
 def opened(size: int, n: int, folder: str) -> Any:
@@ -151,6 +153,44 @@ def memory(size: int, workers: int) -> None:
             )
 
 
+def photons(size: int, noise: float, workers: int) -> None:
+    """An image with caustics, by one process and by workers: who draws how many sets of photons."""
+    import drjit as dr
+    import psutil
+    from mitsuba_prosim.cluster import Remote, local, worker
+    from mitsuba_prosim.cluster.parcel import Parcel
+    from mitsuba_prosim.scene_files import opening, writing
+
+    def used(processes: list[Any]) -> float:
+        return sum(sum(p.cpu_times()[:2]) for p in processes)
+
+    def drawn() -> tuple[int, float]:
+        caustics = [one.estimator.transport.caustics for one in worker.scenes.values() if one.estimator]
+        return sum(one.draws for one in caustics), sum(one.seconds for one in caustics)
+
+    dr.set_thread_count(workers)
+    here = [psutil.Process()]
+    with writing.scratch() as folder, local.workers(workers, workers) as client:
+        size_of_image = size, round(1.2 * size)
+        file = opening.SceneFile(COPO, folder, resolution=size_of_image, integrator={"noise": noise})
+        scene = file.load()
+        before = used(here)
+        for snapshot in scene.integrator().waves(scene, seed=1):
+            caustics = snapshot.state.estimator.transport.caustics
+        print(
+            f"one process: {used(here) - before:.1f} s of the processors; {caustics.draws} sets of photons, in "
+            f"{caustics.seconds:.1f} s by the clock",
+            flush=True,
+        )
+        there = here + [psutil.Process(pid) for pid in client.run(os.getpid).values()]
+        before = used(there)
+        with Remote(client, Parcel.of(file)) as taker:
+            scene.integrator().taker = taker
+            scene.integrator().render(scene, seed=1)
+        sets = ", ".join(f"{number} in {seconds:.1f} s" for number, seconds in client.run(drawn).values())
+        print(f"{workers} workers: {used(there) - before:.1f} s; sets of each: {sets}; {taker.portions} portions")
+
+
 # ------------------------------------------------------------------ more workers than there are here
 
 
@@ -201,8 +241,9 @@ def table() -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, default in (("size", 1600), ("samples", 8), ("workers", 2), ("rounds", 2), ("memory", 0)):
+    for name, default in (("size", 1600), ("samples", 8), ("workers", 2), ("rounds", 2), ("memory", 0), ("photons", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--noise", type=float, default=0.0025)
     parser.add_argument("--model", action="store_true")
     asked = parser.parse_args()
     if not asked.model:
@@ -213,7 +254,10 @@ if __name__ == "__main__":
 
         if asked.memory:
             memory(asked.memory, asked.workers)
+        elif asked.photons:
+            photons(asked.photons, asked.noise, asked.workers)
         else:
             new_worker()
             measure(asked.size, asked.samples, asked.workers, asked.rounds)
-    table()
+    if not asked.photons:
+        table()

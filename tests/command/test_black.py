@@ -1,5 +1,7 @@
 """A picture that is black says why it may be."""
 
+import re
+
 import pytest
 from running import prosim
 
@@ -38,4 +40,6 @@ def test_black_pictures_say_why(tmp_path, light, view, says):
 def test_a_picture_shown_brighter_is_not_black(tmp_path):
     scene = tmp_path / "scene.scn"
     scene.write_text(SCENE.format(light=LAMP + " Intensity 3 3 3", view=VIEW), encoding="utf-8")
-    assert "black" not in prosim("render", scene, "--samples", 1, "--exposure", 14).output
+    said = prosim("render", scene, "--samples", 1, "--exposure", -9).output
+    enough = re.search(r"the picture is black: its brightest value is .*--exposure (-?\d+) makes it bright", said)[1]
+    assert "black" not in prosim("render", scene, "--samples", 1, "--exposure", enough).output

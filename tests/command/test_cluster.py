@@ -206,6 +206,10 @@ def test_a_worker_that_shares_the_process_of_its_client_leaves_it_its_threads(va
         assert worker.greet(variant_rgb, "").threads == dr.thread_count() == threads + more
 
 
+#: Lets a worker forget its scenes.
+FORGET = "from mitsuba_prosim.cluster import worker; worker.scenes.clear()"
+
+
 def kill_one(client):
     """Kills a worker, and waits until everybody who looks has seen that it is there no more."""
     address, process = next(iter(client.run(os.getpid).items()))
@@ -220,8 +224,7 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
     """Another takes the place of the one that was killed, as Dask's nanny begins it anew; and of one whose nanny has
     given up.
     """
-    forget = "from mitsuba_prosim.cluster import worker; worker.scenes.clear()"
-    acts = [lambda: kill_one(client), lambda: client.run(exec, forget)]
+    acts = [lambda: kill_one(client), lambda: client.run(exec, FORGET)]
     told = []
 
     def tell(done):
@@ -238,6 +241,46 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
         client.cluster.sync(gone.close)
         client.wait_for_workers(2, timeout=20)
     assert gone not in client.cluster.workers.values()
+
+
+#: A glass ball on a floor under a lamp; four sets of photons, for four samples of each pixel.
+GLASS = """<scene version="3.0.0">
+    <integrator type="prosim">
+        <integer name="samples" value="2"/> <integer name="max_samples" value="16"/>
+        <string name="adaptive" value="none"/>
+        <boolean name="caustics" value="true"/> <integer name="caustic_photons" value="4096"/>
+    </integrator>
+    <sensor type="perspective">
+        <transform name="to_world"><lookat origin="0, 4, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm">
+            <integer name="width" value="48"/> <integer name="height" value="32"/> <rfilter type="box"/>
+        </film>
+    </sensor>
+    <shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="-90"/><scale value="6"/></transform>
+        <bsdf type="prosim_lambertian"/>
+    </shape>
+    <shape type="sphere"><point name="center" x="0" y="1.2" z="0"/><bsdf type="dielectric"/></shape>
+    <emitter type="prosim_point"><point name="position" x="-3" y="5" z="1"/></emitter>
+</scene>"""
+
+
+@pytest.mark.slow
+def test_each_set_of_photons_is_drawn_by_one_worker(client, scene, variant_rgb, monkeypatch):
+    """The others have it from there; if it is lost on the way, they draw it themselves."""
+    scene.write_text(GLASS)
+    expected = here(scene)
+
+    def drawn():
+        return sum(loaded.estimator.transport.caustics.draws for loaded in worker.scenes.values() if loaded.estimator)
+
+    monkeypatch.setattr(Remote, "bound", lambda *_: 2000)
+    client.run(exec, FORGET)
+    assert np.array_equal(there(client, scene), expected)
+    assert sum(client.run(drawn).values()) == 4
+    client.run(exec, FORGET)
+    acts = [lambda: kill_one(client)]
+    assert np.array_equal(there(client, scene, lambda _: acts and acts.pop()()), expected) and not acts
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mitsuba_prosim.command import compare
+from mitsuba_prosim.command.lines import Lines
 from mitsuba_prosim.command.options import InputError
 from mitsuba_prosim.compare import facts, measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
@@ -58,29 +59,15 @@ def report(tmp_path_factory):
     """(page, facts, folder) of a comparison at tiny size."""
     folder = tmp_path_factory.mktemp("compare")
     (folder / "little.xml").write_text(SCENE)
-    result = CliRunner().invoke(
-        prosim,
-        [
-            "compare",
-            str(folder / "little.xml"),
-            "prosim",
-            "path:multijitter",
-            "--rounds",
-            "2",
-            "--levels",
-            "2,3",
-            "--exposure",
-            "-1",
-            *(["--denoise"] if DENOISES else []),
-            "--reference-seconds",
-            "0",
-            "--cache",
-            str(folder / "cache"),
-            "-m",
-            "llvm_ad_rgb",
-        ],
-    )
+    arguments = ["prosim", "path:multijitter", "--rounds", "2", "--levels", "2,3", "--exposure", "-1"]
+    arguments += ["--reference-seconds", "0", "--cache", str(folder / "cache"), "-m", "llvm_ad_rgb"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Lines, "SHORTEST", 0)
+        patch.setattr(Lines, "SHARE", 0)
+        command = ["compare", str(folder / "little.xml"), *arguments, *(["--denoise"] if DENOISES else [])]
+        result = CliRunner().invoke(prosim, command)
     assert result.exit_code == 0, result.output
+    assert "reference: 100 %, 00:" in result.stderr and "rendering by turns: " in result.stderr
     stem = folder / "little-compare"
     return (
         stem.with_suffix(".html").read_text(encoding="utf-8"),

@@ -50,7 +50,8 @@ def test_log_goes_to_standard_error(variant_rgb, capfd, verbose, expected):
     with log(verbose):
         mi.Log(mi.LogLevel.Debug, "debugging")
         mi.Log(mi.LogLevel.Info, "information")
-        mi.Log(mi.LogLevel.Warn, "warning")
+        for _ in range(2):
+            mi.Log(mi.LogLevel.Warn, "warning")
     print("afterwards")
     printed = capfd.readouterr()
     assert [line.split()[-1] for line in printed.err.splitlines()] == expected

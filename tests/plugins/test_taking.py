@@ -3,12 +3,14 @@
 import gc
 import pickle
 import random
+from types import SimpleNamespace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.cluster import fleet, message, worker
+from mitsuba_prosim.cluster import sets as photon_sets
 from mitsuba_prosim.cluster.desk import Desk, Ticket
 from mitsuba_prosim.cluster.errand import Errand
 from mitsuba_prosim.rendering.camera import ray_sampler
@@ -43,10 +45,10 @@ class Elsewhere:
                 return
             self.chance.shuffle(tickets)
             for ticket in tickets:
-                _, asked = pickle.loads(pickle.dumps(ticket.errand.arguments))
-                yield from desk.give(ticket, ticket.errand.read(self.answer(asked)))
+                _, asked, sets = pickle.loads(pickle.dumps(ticket.errand.arguments))
+                yield from desk.give(ticket, ticket.errand.read(self.answer(asked, sets)))
 
-    def answer(self, asked):
+    def answer(self, asked, sets):
         plan, policy = worker.planned(asked["plan"])
         if self.estimator is None:
             sensor = self.scene.sensors()[0]
@@ -182,3 +184,25 @@ def test_what_is_late_is_done_once_more_by_who_has_nothing_to_do():
     now[0] = 6.0  # two seconds' work that takes six: the worker may be stuck
     assert list(some.repeats()) == [(first, some.workers["b"])]
     assert some.remove("a") == [first] and some.out() == []
+
+
+def test_workers_draw_photons_for_each_other():
+    drawn, released = [], []
+
+    def draw(errand, which, address):
+        drawn.append((which[1], address))
+        return SimpleNamespace(name=which[1], release=lambda: released.append(which[1]))
+
+    def of(*numbers):
+        needed = Errand(None, (), 1, None, sets=[(0, number, 16) for number in numbers])
+        return [future.name for future in some.of(needed, ["a", "b"])]
+
+    some = photon_sets.PhotonSets(draw)
+    assert of(0, 1, 2) == [0, 1, 2] and of(1, 2) == [1, 2]
+    assert drawn == [(0, "a"), (1, "b"), (2, "a")]  # as many each, and each once
+    assert of(3, 4) == [3, 4] and released == [0]  # that used longest ago
+    assert of(*range(photon_sets.KEPT + 1)) == [] and len(drawn) == 5  # who needs so many has no room for them
+    assert some.lose("a") == {(0, number, 16) for number, address in drawn[1:] if address == "a"}
+    assert of(2) == [2] and drawn[-1] == (2, "a") and released.count(2) == 1
+    some.forget()
+    assert sorted(released) == sorted(number for number, _ in drawn)

@@ -158,7 +158,7 @@ def test_what_is_filled_in_is_as_if_it_were_read_word_by_word(seed, count, monke
 
 
 def test_of_very_many_wrong_statements_the_first_are_told_and_nothing_that_follows():
-    found, _ = told("CSG-TREE CUBE 999\n" + "SURFACE 1 kd 2\n" * 200)
+    found, _ = told("CSG-TREE CUBE 999\n" + "".join(f"SURFACE {i} kd 2\n" for i in range(200)))
     assert {reason.split(";")[0] for *_, reason, _ in found} == {"found '2' after kd"} and len(found) == MOST + 1
 
 

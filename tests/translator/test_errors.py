@@ -389,6 +389,10 @@ def test_encodings(tmp_path):
         ),
         ({4: "CSG-TREE + CUBE 1 CUBE 2"}, ["CUBE 1 has no SURFACE 1 and no", "CUBE 2 has no SURFACE 2 and no"]),
         ({3: "VIEW OBS 1 2", 7: "(the end)"}, ["found 2 numbers after OBS", "the file ends here and END is missing"]),
+        (
+            {6: "SURFACE 0 kd = 7\nTRANSFORM 0 SCALE (1 1 1)"},
+            ["SURFACE 0 is given twice; the first is on line 5", "found '7' after kd"],
+        ),
         ({1: "AMBIENT $x 0 0", 3: "VIEW OBS 0 0 $y"}, ["nothing above says what $x", "nothing above says what $y"]),
         ({4: "CSG-TREE CUBE 0 t-x", 5: "SURFACE 0 material composto"}, ["a composto lacks its index"]),
         # what only follows from another error
@@ -420,5 +424,5 @@ def test_errors_are_told_together_but_not_what_follows_from_them(lines, reasons)
 
 def test_of_very_many_errors_some_are_told():
     with pytest.raises(SceneError, match=r"and 5 more errors$") as caught:
-        prosim_scene.parse("".join(f"SURFACE {i} kd = 7\n" for i in range(10)) + MINIMAL)
+        prosim_scene.parse("".join(f"SURFACE {i} kd = 7\n" for i in range(1, 11)) + MINIMAL)
     assert len(caught.value.others) == 9 and str(caught.value).count("found '7'") == 5

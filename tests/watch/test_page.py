@@ -1,6 +1,7 @@
 """The page, driven in a browser."""
 
 import re
+import time
 
 import mitsuba as mi
 import numpy as np
@@ -145,6 +146,24 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
     save(page, scene, LITTLE)
     assert page.is_hidden("#black")
     until(lambda: np.array_equal(shown(page), red))
+
+
+def test_fifty_saves_at_once_and_a_second_page_that_is_closed(page, browser, address, scene):
+    other = browser.new_page()
+    other.goto(address)
+    is_(other, "done")
+    red = shown(page)
+    texts = [LONG, LITTLE, LITTLE.replace("kd", "kkd", 1), LITTLE.replace("64 48", "48 64")]
+    new = scene.with_name("little.scn.new")
+    for k in range(50):
+        new.write_text(texts[k % 4])
+        new.replace(scene)
+        if k == 25:
+            other.close()
+        time.sleep(0.02)
+    save(page, scene, LITTLE)
+    until(lambda: np.array_equal(shown(page), red) and page.get_attribute("body", "data-doing") == "done")
+    assert page.is_hidden("#error")
 
 
 def test_stop_and_go_on(page, scene):

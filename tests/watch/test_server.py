@@ -51,7 +51,7 @@ def test_only_this_machine_and_who_knows_the_token(address):
         "page.js",
         "events",
         f"{token[:-1]}/",
-        f"{token[:-1]}x/page.js",
+        f"{token[:-1]}{'y' if token[-1] == 'x' else 'x'}/page.js",
         f"{token}x/",
         f"x/{token}/",
         "%2e%2e/",

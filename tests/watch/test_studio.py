@@ -15,6 +15,7 @@ from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
 from mitsuba_prosim.watch.named import Files
 from mitsuba_prosim.watch.studio import Studio
+from mitsuba_prosim.watch.takes import Take
 
 pytestmark = pytest.mark.slow
 
@@ -100,6 +101,17 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
 
 
 def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
+    """And never two renders at once."""
+    free, step = threading.Lock(), Take.step
+
+    def alone(take, between):
+        assert free.acquire(blocking=False), "another image is being rendered"
+        try:
+            return step(take, between)
+        finally:
+            free.release()
+
+    monkeypatch.setattr(Take, "step", alone)
     with running(path, monkeypatch, tmp_path) as studio:
         until(is_done(studio))
         red = final(studio)
@@ -109,6 +121,9 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         error = studio.board.state.error
         assert "little.scn:14:25: " in error and error.splitlines()[2].strip().startswith("^")
         assert final(studio) is red
+        (tmp_path.parent / "secret.png").write_bytes(b"secret")
+        save(studio, path, RED.replace("10000 NULL", '10000 "../secret.png"'))
+        until(lambda: "'../secret.png' lies outside the scene's folder" in (studio.board.state.error or ""))
         path.unlink()
         studio.saved()
         until(lambda: studio.board.state.doing == "missing")
@@ -123,7 +138,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
             studio.saved()
-        until(lambda: studio.board.state.saves == 55 and is_done(studio)())
+        until(lambda: studio.board.state.saves == 56 and is_done(studio)())
         assert studio.board.state.error is None and studio.board.state.black is None
         assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
 

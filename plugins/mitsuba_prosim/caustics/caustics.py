@@ -32,6 +32,9 @@ PILOTS, EVEN = 1 << 14, 0.1
 #: for the twin; at least two sets.
 KEPT = 1 << 22
 
+#: What says which set of photons: its seed, its number, and its maps.
+Which = tuple[int, int, int]
+
 
 class Caustics:
     """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, which go by ``walk``.
@@ -41,16 +44,17 @@ class Caustics:
     variants all photons of a map have the same wavelengths, which its samples have too (:meth:`wavelength`).
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk) -> None:
-        self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
-        self.footprint = Footprint.of(scene, sensor)
+    def __init__(
+        self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk, footprint: Footprint
+    ) -> None:
+        self.sensor, self.sources, self.count, self.walk, self.footprint = sensor, sources, count, walk, footprint
         self.gathering = Gathering(scene, self.footprint)
         self.merging: Merging | None = None
         if walk.merges:
-            self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible, walk.careful)
+            self.merging = Merging(footprint, sources, walk.narrow, walk.deepest, walk.indivisible, walk.careful)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         #: The one that was used last at the end.
-        self._sets: OrderedDict[tuple[int, int, int], tuple[Photons, Photons | None]] = OrderedDict()
+        self._sets: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
         self._drawn: Photons | None = None
         #: Sets that were drawn, and the seconds that it took.
         self.draws, self.seconds = 0, 0.0
@@ -67,7 +71,8 @@ class Caustics:
             return None
         if wholes:
             left_dark(scene.shapes())
-        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
+        footprint = Footprint.of(scene, sensor)
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes, footprint), footprint)
 
     @property
     def kept(self) -> int:
@@ -82,18 +87,30 @@ class Caustics:
     @collector.suspended()
     def draw(self, seed: int, number: int, maps: int) -> None:
         """Makes the set ``number`` of ``maps`` maps under ``seed`` what samples gather from."""
-        which = (seed, number, maps)
+        self._drawn, glossy = self.photons((seed, number, maps))
+        if self.merging is not None and glossy is not None:
+            self.merging.draw(glossy, self._places(maps)[0])
+        self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
+
+    @collector.suspended()
+    def photons(self, which: Which) -> tuple[Photons, Photons | None]:
+        """Those of a set, on diffuse surfaces, and on glossy ones where these gather any: kept, or drawn."""
         if which not in self._sets:
-            while len(self._sets) >= self.kept:
-                self._sets.popitem(last=False)
             begun = time.perf_counter()
-            self._sets[which] = self._photons(*which)
+            self.put(which, self._photons(*which))
             self.draws, self.seconds = self.draws + 1, self.seconds + time.perf_counter() - begun
         self._sets.move_to_end(which)
-        self._drawn, glossy = self._sets[which]
-        if self.merging is not None and glossy is not None:
-            self.merging.draw(glossy, self._shares[maps][0])
-        self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
+        return self._sets[which]
+
+    def put(self, which: Which, photons: tuple[Photons, Photons | None]) -> None:
+        """Keeps the photons of a set, which another process may have drawn."""
+        while len(self._sets) >= self.kept:
+            self._sets.popitem(last=False)
+        self._sets[which] = photons
+
+    def has(self, which: Which) -> bool:
+        """Whether the photons of a set are kept."""
+        return which in self._sets
 
     def wavelength(self, t: mi.UInt32) -> mi.Float:
         """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
@@ -108,14 +125,16 @@ class Caustics:
         return self.gathering(self._drawn, number, si, bsdf, active)
 
     def _photons(self, seed: int, number: int, maps: int) -> tuple[Photons, Photons | None]:
-        """Those on diffuse surfaces, and on glossy ones where these gather any."""
-        size = max(self.count // maps, 1)
-        if maps not in self._shares:
-            self._shares[maps] = self._shared(size)
-        landed, map_of, _ = self._landed(seed, number, maps, self._shares[maps])
+        landed, map_of, _ = self._landed(seed, number, maps, self._places(maps))
         diffuse, glossy = (None if one is None else Photons.of(one, map_of, maps, self.footprint) for one in landed)
         assert diffuse is not None
         return diffuse, glossy
+
+    def _places(self, maps: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
+        """How many photons of a map each pair has, as :func:`placed` gives it."""
+        if maps not in self._shares:
+            self._shares[maps] = self._shared(max(self.count // maps, 1))
+        return self._shares[maps]
 
     def _landed(
         self, seed: int, number: int, maps: int, places: tuple[mi.Float, mi.UInt32, mi.UInt32], white: bool = False

@@ -66,7 +66,7 @@ def left_dark(shapes: Sequence[mi.Shape]) -> None:
             mi.LogLevel.Warn,
             f"prosim: in a tree of rays, caustics leave out what {through[0].id()!r} casts on {onto}: their materials "
             "do not tell their lobes apart. Paths (diffuse_bounces) find it. In a tree, give one of the two another "
-            "BSDF: to glass roughdielectric or prosim_dielectric, to a floor diffuse, roughplastic or prosim_composite.",
+            "BSDF: to glass prosim_dielectric or roughdielectric, to floors prosim_composite, roughplastic or diffuse.",
         )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from ..caustics.caustics import Which
 from ..rendering.taking import Portion
 from . import message, worker
 from .parcel import Parcel
@@ -15,7 +16,7 @@ from .parcel import Parcel
 class Errand:
     """``function(variant, *arguments, *files)``, of :mod:`.worker`, and what becomes of its answer. ``work``: samples
     that it takes, about; ``wrong``: what is said where it goes wrong; ``files``: contents that workers have already, or
-    pass on to each other.
+    pass on to each other; ``sets``: of photons that it needs, and that these draw for each other; ``plan``: by which.
     """
 
     function: Callable[..., worker.Done | None]
@@ -24,12 +25,18 @@ class Errand:
     read: Callable[[Any], Any]
     wrong: str = "samples could not be taken"
     files: list[bytes] = field(default_factory=list)
+    sets: list[Which] = field(default_factory=list)
+    plan: tuple[Any, ...] = ()
 
     @classmethod
     def portion(cls, portion: Portion, key: str) -> Errand:
         """Takes the samples of ``portion``, of the scene with this key; reads ``(portion, samples)``."""
         asked = message.request(portion)
-        return cls(worker.take, (key, asked), portion.work, lambda what: (portion, message.answered(*what)))
+        sets, plan = portion.sets(), asked["plan"]
+        arguments = key, asked, sets
+        return cls(
+            worker.take, arguments, portion.work, lambda what: (portion, message.answered(*what)), sets=sets, plan=plan
+        )
 
     @classmethod
     def whole(cls, image: Whole, before: str, there: Callable[[bytes], bool]) -> Errand:

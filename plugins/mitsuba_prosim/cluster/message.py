@@ -35,6 +35,7 @@ def request(portion: Portion) -> dict[str, Any]:
         "plan": planned(plan),
         "stages": [(plan.before is None, packed(np.array(end))) for plan, end in portion.stages],
         "seed": packed(np.array(plan.seed)),
+        "photons": plan.photon_seed,
         "quiet": portion.quiet is not None,
     }
 
@@ -71,7 +72,8 @@ def portion(message: Mapping[str, Any], plan: Plan, policy: Any, estimator: Esti
     seed = message["seed"]
     seed = dr.opaque(mi.UInt32, int(seed)) if np.ndim(seed) == 0 else array(seed)
     first = plan.before or plan
-    plans = {True: replace(first, seed=seed), False: replace(plan, seed=seed)}
+    own = {"seed": seed, "photons": message["photons"]}
+    plans = {True: replace(first, **own), False: replace(plan, **own)}
     stages = [(plans[is_first], array(end)) for is_first, end in message["stages"]]
     start = Estimate.nothing(estimator.values, lanes)
     if message["start"] is not None:

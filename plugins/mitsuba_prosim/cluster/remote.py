@@ -14,6 +14,7 @@ import distributed
 import mitsuba as mi
 from distributed.comm.core import CommClosedError
 
+from ..caustics.caustics import Which
 from ..rendering.estimate import Estimate
 from ..rendering.taking import Portion
 from ..saved import origin
@@ -23,6 +24,7 @@ from .errand import Errand, Whole
 from .fleet import DEPTH, Fleet, Worker
 from .link import Link
 from .parcel import Parcel
+from .sets import PhotonSets
 
 #: Seconds from one look at who is there to the next; after which without any worker it is said that there is none; and
 #: that a worker has to answer directly, else the scheduler passes on what it says.
@@ -53,6 +55,7 @@ class Remote:
         self.before: str | None = None  # key of the scene before this one
         self.variant, self.ours = mi.variant() or "", origin.here()
         self.fleet = Fleet()
+        self.photons = PhotonSets(self._draw)
         #: Why the cluster is there no more; and what is called then.
         self.gone: str | None = None
         self.stop: Callable[[], None] = lambda: None
@@ -76,6 +79,7 @@ class Remote:
         self.parcel, self.fallen, self.since = parcel, 0, time.perf_counter()
         self.refused.clear()  # who could not take part is asked again
         self.link.keep(parcel.contents.values())
+        self.photons.forget()
         for address in list(self.fleet.workers):
             self.fleet.remove(address)
             self._join(address)
@@ -88,6 +92,7 @@ class Remote:
         for future in itertools.chain(*self.joining.values()):
             future.release()
         self.link.keep([])
+        self.photons.forget()
 
     def __enter__(self) -> Remote:
         return self
@@ -146,8 +151,8 @@ class Remote:
 
     def _send(self, ticket: Ticket, to: Worker) -> None:
         errand = ticket.errand
-        files = map(self.link.file, errand.files)
-        future = self.link.submit(to.address, errand.function, self.variant, *errand.arguments, *files)
+        needed = [self.link.file(content) for content in errand.files] + self.photons.of(errand, self.fleet.workers)
+        future = self.link.submit(to.address, errand.function, self.variant, *errand.arguments, *needed)
 
         async def collect() -> None:
             self.events.put((self._answered, ticket, to.address, await self.link.outcome(future)))
@@ -155,6 +160,9 @@ class Remote:
         # What is released ends the gathering as well.
         self.fleet.give(ticket, to, future.release)
         self.link.begin(collect())
+
+    def _draw(self, errand: Errand, which: Which, address: str) -> distributed.Future:
+        return self.link.submit(address, worker.draw, self.variant, self.parcel.key, errand.plan, which)
 
     def _heard(self, desk: Desk) -> Iterator[tuple[Ticket, Any]]:
         """What is heard from the cluster in the next moment: the answers to tickets, each once."""
@@ -184,6 +192,7 @@ class Remote:
             self.fleet.take_back(ticket)
             return ticket, outcome.what
         self.fleet.take_back(ticket, address)
+        self.photons.forget(ticket.errand.sets)
         if outcome is None:  # other scenes have taken the place of this one
             desk.again.extend(self.fleet.remove(address))
             self._join(address)
@@ -202,6 +211,11 @@ class Remote:
         absent = (set(self.fleet.workers) | set(self.joining)) - addresses
         for address in set(self.fleet.workers) - addresses:
             desk.again.extend(self.fleet.remove(address))
+            lost_sets = self.photons.lose(address)
+            for ticket in self.fleet.out():
+                if lost_sets & set(ticket.errand.sets):  # it would wait for what is drawn no more
+                    self.fleet.take_back(ticket)
+                    desk.again.append(ticket)
             if any(ticket.lost >= LOSSES for ticket in desk.again):
                 raise ClusterError(
                     f"{LOSSES} workers were lost that were at the same samples; have they enough memory?"

@@ -10,11 +10,12 @@ import gc
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 import distributed
@@ -22,6 +23,8 @@ import drjit as dr
 import mitsuba as mi
 import prosim_scene
 
+from ..caustics.caustics import Which
+from ..caustics.photons import Photons
 from ..rendering.camera import ray_sampler, uncropped
 from ..rendering.plan import Plan
 from ..rendering.policies import POLICIES
@@ -32,6 +35,9 @@ from .parcel import Parcel
 
 #: Scenes that stay loaded, with their kernels; and plans of each.
 SCENES, PLANS = 4, 8
+
+#: The photons of a set, on diffuse surfaces and on glossy ones, as they travel.
+Packed = tuple[Mapping[str, Any], "Mapping[str, Any] | None"]
 
 
 @dataclass(frozen=True)
@@ -85,18 +91,32 @@ class Loaded:
         self.estimator: Any = None
         self.plans: OrderedDict[Any, tuple[Plan, Any]] = OrderedDict()
 
-    def take(self, asked: Mapping[str, Any]) -> Done:
-        """The samples of a :func:`.message.request`."""
+    def take(self, asked: Mapping[str, Any], photons: Mapping[Which, Packed | None] = MappingProxyType({})) -> Done:
+        """The samples of a :func:`.message.request`. ``photons``: of the sets that others have drawn."""
         begun, drawn, running = time.perf_counter(), self.drawn, Stopwatch()
-        plan, policy = recent(self.plans, asked["plan"], lambda: planned(asked["plan"]), PLANS)
-        if self.estimator is None:
-            self.estimator = self.make(plan)
-            self.estimator.rays = ray_sampler(self.sensor)
+        plan, policy = self.follow(asked["plan"])
+        for which, packed in photons.items():
+            if packed is not None and not self.estimator.transport.caustics.has(which):
+                self.estimator.transport.caustics.put(which, unpacked(packed))
         more = message.portion(asked, plan, policy, self.estimator).take(running)
         with running():
             what = message.answer(more, asked["pixels"])
         drawing = self.drawn - drawn
         return Done(what, time.perf_counter() - begun - drawing - running.seconds, running.seconds, drawing)
+
+    def follow(self, said: tuple[Any, ...]) -> tuple[Plan, Any]:
+        """Makes ready for the plan of which that is said; it, and its policy."""
+        plan, policy = recent(self.plans, said, lambda: planned(said), PLANS)
+        if self.estimator is None:
+            self.estimator = self.make(plan)
+            self.estimator.rays = ray_sampler(self.sensor)
+        return plan, policy
+
+    def draw(self, said: tuple[Any, ...], which: Which) -> Packed:
+        """The photons of a set, for samples by the plan of which that is said."""
+        self.follow(said)
+        diffuse, glossy = self.estimator.transport.caustics.photons(which)
+        return diffuse.packed(), None if glossy is None else glossy.packed()
 
     @property
     def drawn(self) -> float:
@@ -143,17 +163,40 @@ def load(variant: str, parcel: Parcel, before: str | None, names: list[str], *co
     hand().submit(loaded).result()
 
 
-def take(variant: str, key: str, asked: Mapping[str, Any]) -> Done | None:
-    """The samples of a :func:`.message.request`; None where that scene is not loaded any more."""
+def take(
+    variant: str, key: str, asked: Mapping[str, Any], sets: Sequence[Which] = (), *photons: Packed | None
+) -> Done | None:
+    """The samples of a :func:`.message.request`; None where that scene is not loaded any more. ``photons``: what
+    :func:`draw` has returned of ``sets``.
+    """
 
     def taken() -> Done | None:
         choose(variant)
         if (variant, key) not in scenes:
             return None
         scene: Loaded = recent(scenes, (variant, key), lambda: None, SCENES)
-        return scene.take(asked)
+        return scene.take(asked, dict(zip(sets, photons)))
 
     return hand().submit(taken).result()
+
+
+def draw(variant: str, key: str, said: tuple[Any, ...], which: Which) -> Packed | None:
+    """The photons of a set, for all workers; None where that scene is not loaded any more: each draws them then.
+    ``said``: of a plan by which samples are taken that need them.
+    """
+
+    def drawn() -> Packed | None:
+        choose(variant)
+        scene = scenes.get((variant, key))
+        return None if scene is None else scene.draw(said, which)
+
+    return hand().submit(drawn).result()
+
+
+def unpacked(packed: Packed) -> tuple[Photons, Photons | None]:
+    """The photons that :meth:`Loaded.draw` has packed."""
+    diffuse, glossy = packed
+    return Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
 
 
 def make(

@@ -77,7 +77,7 @@ def develop(
         facts = metadata(job, integrator, end is not None, seconds) | dict(picture.facts) | dict(further or {})
         contents = images.encode(picture.bitmap, facts, job.exposure, picture.facts)
         shown = images.colours(picture.bitmap)
-        why = None if shown is None else black.why(scene, sensor, shown * 2.0**job.exposure)
+        why = None if shown is None else black.why(scene, sensor, shown * 2.0**job.exposure, exposure=job.exposure)
     width, height = sensor.film().crop_size()
     at_most = None if picture is None else picture.at_most
     sentence = reached.sentence(integrator, end is not None, end or "", at_most)

@@ -14,6 +14,9 @@ from tqdm.auto import tqdm
 
 LEVELS = (mi.LogLevel.Warn, mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace)
 
+#: How a line of Mitsuba's log begins.
+HEAD = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d (?P<level>[A-Z]+) +")
+
 #: Colours, and the progress bar that some of Mitsuba's integrators draw.
 DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
 
@@ -52,8 +55,9 @@ def log(verbose: int) -> Iterator[None]:
 
 
 def _follow(file: BinaryIO, finished: threading.Event) -> None:
-    """Prints the lines that are added to ``file``, until ``finished``."""
+    """Prints the lines that are added to ``file``, until ``finished``; a warning of the same words once."""
     printed = 0
+    once = Once()
     last = False
     while not last:
         last = finished.wait(0.05)
@@ -62,5 +66,24 @@ def _follow(file: BinaryIO, finished: threading.Event) -> None:
         if not last:
             added = added[: added.rfind(b"\n") + 1]
         printed += len(added)
-        if text := DECORATION.sub("", added.decode("utf-8", "replace")):
+        if text := once(DECORATION.sub("", added.decode("utf-8", "replace"))):
             tqdm.write(text, file=sys.stderr, end="" if text.endswith("\n") else "\n")
+
+
+class Once:
+    """Leaves warnings out that have been said, of each frame of a film for example."""
+
+    def __init__(self) -> None:
+        self.said: set[str] = set()
+        self.silent = False
+
+    def __call__(self, text: str) -> str:
+        """What is left of whole lines; a message may have several."""
+        return "".join(line for line in text.splitlines(keepends=True) if not self._was_said(line))
+
+    def _was_said(self, line: str) -> bool:
+        if head := HEAD.match(line):
+            message = line[head.end() :]
+            self.silent = head["level"] == "WARN" and message in self.said
+            self.said.add(message)
+        return self.silent

@@ -16,7 +16,7 @@ from ..rendering.policies import POLICIES
 from ..rendering.record import Record
 from ..scene_files import session
 from . import output as files
-from .arguments import SCENE, STATE
+from .arguments import SCENE, STATE, pattern
 from .job import Job
 from .making import SUFFIXES, make
 from .options import STOPS, Finite, Helpers, InputError, aims, choose_variant, helped, running
@@ -105,8 +105,12 @@ def resume(
         raise click.UsageError(f"{state} is a part, which one process renders; {helpers} is for whole images.")
     job = replace(job, integrator={**job.integrator, **changes(record, asked)})
     make(job, stem, threads, verbose, record, keep=True, part=record.part, helpers=helpers, sources=[state])
-    if record.finished and not record.part and not any(asked.values()):
-        click.echo("It was finished before. To take it further, say how far, such as --noise 0.005.")
+    if record.finished and not any(asked.values()):
+        click.echo(
+            f"It was finished before. When all parts are: prosim merge {pattern(state)}"
+            if record.part
+            else "It was finished before. To take it further, say how far, such as --noise 0.005."
+        )
 
 
 def opened(

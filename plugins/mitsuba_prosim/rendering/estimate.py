@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -188,20 +188,29 @@ class Estimator:
             with running():
                 dr.eval(start)
             return start
-        # Each set of photons is for so many samples of all pixels.
-        seed, maps = int(self.plan.seed[0]), caustics.maps(self.plan.first.n)
-        lacking = start.count < end
-        least, most = dr.min(dr.select(lacking, start.count, end)), dr.max(end)
-        for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
-            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
-            if not dr.any((start.count < dr.minimum(end, after)) & (end > first)):
-                continue
-            caustics.draw(seed, number, maps)
-            until = dr.minimum(end, after)
+        for which in self.sets(self.plan, start.count, end):
+            caustics.draw(*which)
+            _, number, maps = which
+            until = dr.minimum(end, dr.opaque(mi.UInt32, (number + 1) * maps))
             start = self._take(x, y, start, dr.maximum(start.count, until), quiet)
             with running():
                 dr.eval(start)
         return start
+
+    def sets(self, plan: Plan, count: mi.UInt32, end: mi.UInt32) -> Iterator[tuple[int, int, int]]:
+        """Seed, number and maps of the sets of photons that pixels need which go on by ``plan`` from ``count`` to
+        ``end``: each is for so many samples of all pixels.
+        """
+        caustics = self.transport.caustics
+        if caustics is None:
+            return
+        seed, maps = plan.photon_seed, caustics.maps(plan.first.n)
+        lacking = count < end
+        least, most = dr.min(dr.select(lacking, count, end)), dr.max(end)
+        for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
+            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
+            if dr.any((count < dr.minimum(end, after)) & (end > first)):
+                yield seed, number, maps
 
     def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:
         n = self.plan.permutations.n

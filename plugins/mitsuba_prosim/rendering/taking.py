@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
@@ -35,6 +36,15 @@ class Portion:
     span: tuple[float, float]
     #: What the samples are given to.
     put: Callable[[Estimate], None]
+
+    def sets(self) -> list[tuple[int, int, int]]:
+        """The sets of photons that it needs, see :meth:`.Estimator.sets`."""
+        found: list[tuple[int, int, int]] = []
+        count = self.start.count
+        for plan, end in self.stages:
+            found += self.estimator.sets(plan, count, end)
+            count = dr.maximum(count, end)
+        return found
 
     def take(self, running: Callable[[], AbstractContextManager[Any]] = nullcontext) -> Estimate:
         """Takes the samples, in this process. ``running()`` surrounds the running of kernels; what goes before, as

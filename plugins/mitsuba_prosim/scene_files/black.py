@@ -18,21 +18,26 @@ SIDE = 64
 IN_THE_PNG = "The EXR has it all; --exposure {} makes it bright in the PNG"
 
 
-def why(scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG) -> str | None:
+def why(
+    scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
+) -> str | None:
     """What is said of a picture that is black throughout: why it may be, and what may help; None for any other.
 
-    ``colours``: linear, as bright as they are shown; ``brighter``: as :data:`IN_THE_PNG`.
+    ``colours``: linear, as bright as they are shown, with that ``exposure``; ``brighter``: as :data:`IN_THE_PNG`.
     """
     brightest = float(np.max(np.nan_to_num(colours), initial=0.0))
     if brightest >= BLACK:
         return None
-    return "the picture is black: " + (_too_dark(brightest, brighter) if brightest > 0 else _reason(scene, sensor))
+    return "the picture is black: " + (
+        _too_dark(brightest, brighter, exposure) if brightest > 0 else _reason(scene, sensor)
+    )
 
 
-def _too_dark(brightest: float, brighter: str) -> str:
+def _too_dark(brightest: float, brighter: str, exposure: float) -> str:
+    enough = f"{exposure + math.ceil(-math.log2(brightest)):g}"
     return (
-        f"its brightest value is {brightest:.2g}, white being 1. {brighter.format(math.ceil(-math.log2(brightest)))}, "
-        "and brighter lights do in the scene."
+        f"its brightest value is {brightest:.2g}, white being 1. {brighter.format(enough)}, and brighter lights do in "
+        "the scene."
     )
 
 

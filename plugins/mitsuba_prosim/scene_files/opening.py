@@ -127,10 +127,14 @@ class SceneFile:
 
     def _names_exr(self) -> bool:
         """Whether the scene names an OpenEXR file, whatever that is called."""
-        for _, path in self.named_files():
-            with open(path, "rb") as file:
-                if file.read(len(EXR)) == EXR:
-                    return True
+        resolver, string = self._resolver, mi.Properties.Type.String
+        for props in (node.props for node in self.state.nodes):
+            for name in (props[key] for key in props if props.type(key) == string):
+                path = Path(str(resolver.resolve(name)))
+                if path.is_file():
+                    with open(path, "rb") as file:
+                        if file.read(len(EXR)) == EXR:
+                            return True
         return False
 
     def _change_integrator(self, parameters: Mapping[str, Any]) -> str | None:

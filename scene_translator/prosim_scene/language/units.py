@@ -145,9 +145,11 @@ def _build(source: Source, unit: Unit, parser: Parser, following: Token | None) 
     parentheses.judge(source, unit.tokens, tree)
     builder = Builder(source)
     unit.fields = builder.fields
-    builder.statements(tree)
-    unit.places.update(builder.places)
-    unit.path = next(iter(builder.places), None)
+    try:
+        builder.statements(tree)
+    finally:  # it has its place, right or wrong
+        unit.places.update(builder.places)
+        unit.path = next(iter(builder.places), None)
 
 
 def _fail(source: Source, unit: Unit, error: SceneError) -> Said:

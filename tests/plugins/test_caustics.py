@@ -289,6 +289,17 @@ def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(varia
     assert "'nowhere'" in said[0][1] and "DeltaPosition" in said[0][1]
 
 
+def test_what_whole_materials_cast_on_one_another_is_said_to_be_left_out_of_a_tree(variant_rgb, monkeypatch):
+    glass = {"type": "principled", "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}
+    world = scene(4, thing=ball(glass), lamp=lamp(), floor=floor(0.5, "principled"))
+    said = []
+    monkeypatch.setattr(mi, "Log", lambda level, text: said.append(text) if "caustics" in text else None)
+    sensor = world.sensors()[0]
+    assert Caustics.of(small(4, glass), sensor, 16, 3, wholes=True) is not None and not said
+    assert Caustics.of(world, sensor, 16, 3, wholes=True) is not None
+    assert len(said) == 1 and "'thing'" in said[0] and "'floor'" in said[0] and "diffuse_bounces" in said[0]
+
+
 # ---------------------------------------------------------------- shared with rays
 
 

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..rendering import collector
+from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
@@ -18,11 +19,11 @@ from .gathering import Gathering
 from .merging import Merging
 from .photons import Photons
 from .sources import Sources
-from .targets import Targets
+from .targets import Targets, left_dark
 from .walk import Landed, Walk
 
-#: Most maps of a set.
-MAPS = 64
+#: Most maps of a set: those of a pattern have as many wavelengths as that is wide.
+MAPS = wavelengths.PARTS**2
 
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
@@ -68,6 +69,8 @@ class Caustics:
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
+        if wholes:
+            left_dark(scene.shapes())
         footprint = Footprint.of(scene, sensor)
         return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes, footprint), footprint)
 
@@ -113,7 +116,7 @@ class Caustics:
         """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
         same for all pixels.
         """
-        return random.shared(self._key, t, self._n)
+        return wavelengths.shared(self._key, t, self._n)
 
     def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
@@ -150,8 +153,8 @@ class Caustics:
         # The photons of a pair go on from map to map, so that those of all together are evenly spread too.
         of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
-        wavelengths = self._wavelengths(seed, t, maps)
-        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wavelengths)
+        wanted = self._wavelengths(seed, t, maps)
+        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wanted)
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, pair)
         return landed, map_of, pair
@@ -161,7 +164,7 @@ class Caustics:
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)
         key, n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
-        sample, middle = random.shared(key, t, n), mi.Point2f(0.5)
+        sample, middle = wavelengths.shared(key, t, n), mi.Point2f(0.5)
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:

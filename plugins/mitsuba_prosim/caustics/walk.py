@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
-from ..transport import dispersion, lobes
+from ..transport import asking, dispersion, lobes
 from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
 from ..transport.asking import any_careful
 from ..transport.indivisible import any_indivisible, belongs_to, is_whole
@@ -207,7 +207,9 @@ class Walk:
             bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
         belongs, sent = (bs.sampled_type & self.specular.type_mask) != 0, mi.Bool(False)
         if self.indivisible:
-            of_all, weight_of_all = bsdf.sample(self.everything, si, choice, sample, active & whole)
+            of_all, weight_of_all = asking.sample_all(
+                self.everything, si, bsdf, choice, sample, active & whole, self.careful
+            )
             bs, weight = dr.select(whole, of_all, bs), dr.select(whole, weight_of_all, weight)
             sent = but_not(whole, lobes.has_any(of_all.sampled_type, *lobes.IDEAL))
             belongs = dr.select(whole, belongs_to(self.specular, si.wi, of_all), belongs)

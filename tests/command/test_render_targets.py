@@ -12,7 +12,6 @@ import mitsuba as mi
 import OpenEXR
 import pytest
 from mitsuba_prosim.command import making
-from mitsuba_prosim.scene_files import rendering
 from running import XML, pixels, prosim
 
 #: A lamp over a floor: an image with noise.
@@ -72,10 +71,10 @@ def test_time_alone_says_what_the_noise_is_at_most(scene, variant_rgb):
     integrator = loaded.integrator()
     integrator.noise, integrator.adaptive = 0.001, "graded"
     *_, snapshot = integrator.waves(loaded)
-    assert 0.9 < rendering.noise_at_most(snapshot) / integrator.reached.noise < 10
+    assert 0.9 < snapshot.noise_at_most() / integrator.reached.noise < 10
     integrator.noise, integrator.adaptive = 0, "none"
     *_, snapshot = integrator.waves(loaded, spp=1)
-    assert math.isnan(rendering.noise_at_most(snapshot))
+    assert math.isnan(snapshot.noise_at_most())
 
 
 def test_an_integrator_that_takes_no_samples_from_a_sensor(scene):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .error import in_display_units
 from .plan import index_within, pixels
 from .record import Record
 from .state import State
@@ -55,6 +56,21 @@ class Snapshot:
     def counts(self) -> np.ndarray:
         """Number of samples of each pixel, shape (height, width)."""
         return self._picture(self.state.estimate.count)
+
+    def noise_at_most(self) -> float:
+        """Root mean square of the error of the displayed pixels, white being 1, as the samples within each pixel show
+        it; not a number where some have less than two.
+
+        It is what these samples would come to if they had been drawn without a pattern, or in passes that knew nothing
+        of each other. Their pattern makes the error smaller, by how much only another image can show.
+        """
+        state = self.state
+        x, y, *_ = pixels(state.plan.region)
+        estimate = replace(state.estimate, sums=[]).at(state.index(x, y))
+        error = in_display_units(estimate.error(state.plan.pass_size), estimate.total / mi.Float(estimate.count))
+        values = np.array(error, dtype=np.float64)
+        result = float(np.sqrt(np.mean(values**2))) * state.estimator.smoothing
+        return result if int(dr.min(estimate.count)[0]) > 1 and np.isfinite(result) else float("nan")
 
     def record(self) -> Record:
         """What a process that goes on with it has to know."""

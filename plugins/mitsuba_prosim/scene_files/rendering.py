@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from ..rendering.error import in_display_units
 from ..rendering.part import Part
-from ..rendering.plan import pixels
 from ..rendering.record import Record
-
-if TYPE_CHECKING:
-    from ..rendering.snapshot import Snapshot
 
 
 def tells_progress(integrator: mi.Integrator) -> bool:
@@ -73,23 +66,7 @@ def render(
             # Mitsuba's own integrators in Python insist on developing the film, so all do; writing it is another step.
             integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True)
         dr.sync_thread()
-        return noise_at_most(snapshot) if snapshot is not None and unmeasured else None
+        return snapshot.noise_at_most() if snapshot is not None and unmeasured else None
     finally:
         if told:
             integrator.progress = integrator.keep = None
-
-
-def noise_at_most(snapshot: Snapshot) -> float:
-    """Root mean square of the error of the displayed pixels, white being 1, as the samples within each pixel show it;
-    not a number where some have less than two.
-
-    It is what these samples would come to if they had been drawn without a pattern, or in passes that knew nothing of
-    each other. Their pattern makes the error smaller, by how much only another image can show.
-    """
-    state = snapshot.state
-    x, y, *_ = pixels(state.plan.region)
-    estimate = replace(state.estimate, sums=[]).at(state.index(x, y))
-    error = in_display_units(estimate.error(state.plan.pass_size), estimate.total / mi.Float(estimate.count))
-    values = np.array(error, dtype=np.float64)
-    result = float(np.sqrt(np.mean(values**2))) * state.estimator.smoothing
-    return result if int(dr.min(estimate.count)[0]) > 1 and np.isfinite(result) else float("nan")

@@ -75,11 +75,6 @@ class Unit:
         return self.places.get(path)
 
     @property
-    def keyword(self) -> Token | None:
-        """The word that begins it."""
-        return next((token for token in self.tokens if token.type in STATEMENTS), None)
-
-    @property
     def wrong(self) -> bool:
         """Whether there is an error in it."""
         return any(said.error for said in self.said)

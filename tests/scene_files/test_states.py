@@ -85,7 +85,7 @@ def test_what_is_no_whole_state_is_refused(variant_rgb, tmp_path, capfd):
     with pytest.raises(saved.StateError, match="is damaged: what it says of itself"):
         saved.load(path)
     OpenEXR.File({}, {"R": np.zeros((2, 2), np.float32)}).write(str(path))
-    with pytest.raises(saved.StateError, match="no state of a render"):
+    with pytest.raises(saved.NoStateError, match="no state of a render"):
         saved.load(path)
     with pytest.raises(FileNotFoundError):
         saved.load(tmp_path / "nothing")

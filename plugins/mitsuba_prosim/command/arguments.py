@@ -12,11 +12,13 @@ from typing import Any
 
 import click
 
+from ..scene_files import opening
+
 EXR = "an EXR image"
 
 #: What a file begins with that is no scene, and what it is.
 BEGINNINGS = {
-    b"\x76\x2f\x31\x01": EXR,
+    opening.EXR: EXR,
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"GIF8": "a GIF image",
@@ -185,9 +187,9 @@ def state_of(path: Path) -> bool | None:
 
     try:
         return saved.about(path)["facts"]["part"] is not None
-    except saved.StateError as error:
-        return None if "no state of a render" in str(error) else False
-    except OSError:
+    except saved.NoStateError:
+        return None
+    except (saved.StateError, OSError):
         return False
 
 

@@ -29,6 +29,10 @@ class StateError(ValueError):
     """A file that can't be gone on with."""
 
 
+class NoStateError(StateError):
+    """A file that is of another kind altogether."""
+
+
 def save(record: Record, path: str | Path) -> None:
     """Writes ``record``, which takes the place of what was there when it is complete.
 
@@ -81,7 +85,8 @@ def attributes(text: Mapping[str, Any]) -> dict[str, str]:
 def about(path: str | Path) -> dict[str, Any]:
     """What is known of a state beside its pixels: ``about``, ``origin`` and ``facts``.
 
-    Raises StateError where that is no state, or one of another version of this program; OSError.
+    Raises NoStateError where that is no state, StateError for one of another version of this program, or one that is
+    damaged or not whole; OSError.
     """
     path = Path(path)
     size = path.stat().st_size  # whose error is kinder than OpenEXR's
@@ -91,7 +96,9 @@ def about(path: str | Path) -> dict[str, Any]:
         text: dict[str, Any] = json.loads(said)
         number = text["format"]
     except (RuntimeError, ValueError, KeyError, TypeError):
-        raise StateError(f"{path} is no state of a render, or a part of one; what --keep and --part write is") from None
+        raise NoStateError(
+            f"{path} is no state of a render, or a part of one; what --keep and --part write is"
+        ) from None
     if number != FORMAT:
         raise StateError(f"{path} was written in another way ({number}) than this version's ({FORMAT})")
     if header.get(SUM) != str(zlib.crc32(said.encode())):

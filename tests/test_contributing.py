@@ -1,5 +1,6 @@
 """The worked examples of CONTRIBUTING.md work."""
 
+import ast
 import re
 import types
 from pathlib import Path
@@ -16,7 +17,8 @@ from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.rendering.policies import POLICIES
 
 ROOT = Path(__file__).parents[1]
-BLOCKS = re.findall(r"^```python\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
 
 
 def module(package, first):
@@ -26,6 +28,24 @@ def module(package, first):
     made.__package__ = package
     exec(compile(text, made.__name__, "exec", dont_inherit=True), made.__dict__)
     return made
+
+
+def test_rooms():
+    """All rooms are in the list, and imports point downwards there, or to the right: none go in circles."""
+    (said,) = re.findall(r"^```\n(prosim_start .*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+    listed = [room for line in said.splitlines() for room in line.split("   ")[0].split()]
+    package = Path(registry.__file__).parent
+    found = {path.relative_to(package).with_suffix("").parts[0] for path in package.rglob("*.py")} - {"__init__"}
+    assert found == set(listed[1:])
+    upwards = []
+    for path in package.rglob("*.py"):
+        here = path.relative_to(package).with_suffix("").parts
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if here != ("__init__",) and isinstance(node, ast.ImportFrom) and node.level == len(here):
+                names = [node.module] if node.module else [alias.name for alias in node.names]
+                others = {name.partition(".")[0] for name in names} & found - {here[0]}
+                upwards += [(here, room) for room in others if listed.index(room) < listed.index(here[0])]
+    assert not upwards
 
 
 def test_bsdf(variant_rgb, monkeypatch):

@@ -22,7 +22,9 @@ FPS = 24.0
 
 
 class UndefinedError(SceneError):
-    """A name has no value."""
+    """A name has no value; ``name``: which."""
+
+    name = ""
 
 
 class Definitions:
@@ -61,7 +63,9 @@ class Definitions:
             f"nothing above says what ${name} stands for; expected DEFAULT ${name} = 1 before its use, or a value from "
             f"without: -D {name}=1, define={{{name!r}: 1}} in Python{nearest('$' + name, known)}",
         )
-        raise UndefinedError(str(error), error.filename, error.line, error.column, error.reason, place)
+        undefined = UndefinedError(str(error), error.filename, error.line, error.column, error.reason, place)
+        undefined.name = name
+        raise undefined
 
     def now(self, name: str) -> str | None:
         """The text that a name stands for, if it has one."""

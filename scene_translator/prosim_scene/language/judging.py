@@ -19,7 +19,7 @@ from .words import STATEMENTS, canonical, fold, is_statement, of_role
 
 BEGINNINGS = [spelling for role in STATEMENTS for row in of_role(role) for spelling in row.spellings]
 ENDS = [fold(spelling) for row in of_role("END") for spelling in row.spellings]
-UNDEFINED, VARIABLE = re.compile(r"nothing above says what \$(\w+)"), re.compile(r"\$(\w+)")
+VARIABLE = re.compile(r"\$(\w+)")
 WORD, INDEX = re.compile(r"[^\s()#\":=]+"), re.compile(r"(?<![\w.])\d{1,9}(?![\w.])")
 LAST = re.compile(r"(?<!\S)(\S+)\s*\Z")
 
@@ -101,14 +101,14 @@ def errors(reading: Reading, found: list[Said]) -> list[SceneError]:
     # Names that have no value because of an error above, or of which that is told already.
     said, hidden = set[str](), False
     for one in found:
-        name = UNDEFINED.match(one.reason)
+        name = one.undefined
         if len(result) > MOST:
             break
-        if not one.error or (name and (hidden or name[1] in said)):
+        if not one.error or (name and (hidden or name in said)):
             continue
         result.append(reading.source.error(Place(one.start, one.end), one.reason, names=False))
         if name:
-            said.add(name[1])
+            said.add(name)
         elif (number := reading.unit(one.start)) is not None:
             base, unit = reading.bases[number], reading.units[number]
             said |= set(VARIABLE.findall(reading.source.text, base, base + unit.end - unit.base))

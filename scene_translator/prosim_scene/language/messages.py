@@ -69,12 +69,15 @@ def together(first: SceneError, others: Sequence[SceneError]) -> SceneError:
 
 @dataclass(frozen=True)
 class Said:
-    """What an error or a warning says, and where; ``start`` and ``end`` are offsets."""
+    """What an error or a warning says, and where; ``start`` and ``end`` are offsets; ``undefined``: the ``$name`` that
+    has no value, where that is the error.
+    """
 
     start: int
     end: int
     reason: str
     error: bool
+    undefined: str | None = None
 
 
 def what_is_said(message: SceneError | SceneWarning, otherwise: int = 0) -> Said:

@@ -6,7 +6,7 @@ what ``$names`` stand for; and an error in one does not hide the others.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from lark import Token, UnexpectedToken
@@ -14,7 +14,7 @@ from lark import Token, UnexpectedToken
 from . import lexer, parentheses
 from .automaton import Parser
 from .builder import Builder
-from .definitions import Definitions
+from .definitions import Definitions, UndefinedError
 from .document import Path
 from .messages import Place, Said, SceneError, Source, what_is_said
 from .parser import syntax_error
@@ -150,6 +150,8 @@ def _build(source: Source, unit: Unit, parser: Parser, following: Token | None) 
 def _fail(source: Source, unit: Unit, error: SceneError) -> Said:
     """What is said of an error; what follows is read from the next line on that begins a statement."""
     said = what_is_said(error, unit.base)
+    if isinstance(error, UndefinedError):
+        said = replace(said, undefined=error.name)
     if unit.end == len(source.text):
         after = STATEMENT_LINE.search(source.text, max(said.start + 1, unit.base + 1))
         unit.end = after.end() - len(after[0].lstrip()) if after else len(source.text)

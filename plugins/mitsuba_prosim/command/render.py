@@ -15,7 +15,7 @@ from .frames import Frames
 from .job import Job
 from .making import SUFFIXES, make, refuse_waves
 from .options import STOPS, Crop, Finite, Helpers, Share, Whole, choose_variant, defines, helped, running, translation
-from .sampled import parameters, sampled, sampling
+from .sampled import one_of, parameters, sampled, sampling
 
 
 @click.command()
@@ -132,8 +132,7 @@ def render(
     Writes a linear EXR (with how it was made as metadata) and a tone-mapped PNG. Existing files are replaced when the
     new ones are complete. Ctrl-C ends the render and keeps the image so far.
     """
-    if spp and samples:
-        raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
+    one_of(spp, samples)
     stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES)
     ends = {"noise": noise, "noise_99": noise_99, "time": time}
     if part and any(ends.values()):

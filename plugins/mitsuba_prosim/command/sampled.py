@@ -70,6 +70,12 @@ def sampled(command: Callable) -> Callable:
     return command
 
 
+def one_of(spp: int | None, samples: int | None) -> None:
+    """Raises UsageError where both are given."""
+    if spp and samples:
+        raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
+
+
 def parameters(paths: bool, max_level: int | None, caustics: bool | None = None) -> dict[str, Any]:
     """Parameters of the ``prosim`` integrator that the options ask for; None takes one away."""
     result: dict[str, Any] = {"diffuse_bounces": -1, "max_level": -1, "ambient": None} if paths else {}

@@ -20,7 +20,7 @@ from .job import Job
 from .log import log
 from .making import refuse_waves
 from .options import Whole, choose_variant, defines, running, translation
-from .sampled import parameters, sampled, sampling
+from .sampled import one_of, parameters, sampled, sampling
 
 
 @click.command()
@@ -75,8 +75,7 @@ def watch(
     The page is for this machine alone; its address, which has a secret in it, is printed. Nothing is written but what
     is saved there. Ctrl-C ends it.
     """
-    if spp and samples:
-        raise click.UsageError("--spp and --samples both say how many samples a pixel gets; give one of them.")
+    one_of(spp, samples)
     try:
         from ..watch import changes, server, studio
     except ImportError as error:

@@ -13,8 +13,10 @@ from mitsuba_prosim.cluster import fleet, message, worker
 from mitsuba_prosim.cluster import sets as photon_sets
 from mitsuba_prosim.cluster.desk import Desk, Ticket
 from mitsuba_prosim.cluster.errand import Errand
+from mitsuba_prosim.rendering import collector
 from mitsuba_prosim.rendering.camera import ray_sampler
 from mitsuba_prosim.rendering.estimate import Estimator
+from prosim_scene.collector import still
 from scenes import penumbra
 from test_record import CROP, loaded
 
@@ -78,14 +80,28 @@ def taken_alike(settings, **how):
     assert np.array_equal(found, expected) and as_far == reached
 
 
+def collecting():
+    return gc.isenabled() and gc.get_threshold()[0] > 0
+
+
 def test_samples_that_were_taken_elsewhere(variant_rgb, monkeypatch):
     """With noise, larger patterns, a second image, and a filter that reaches other pixels; nor does Python's garbage
     collector run meanwhile, which would free scenes that the kernels know.
     """
     take, collects = Estimator.take, set()
-    monkeypatch.setattr(Estimator, "take", lambda *rest, **more: collects.add(gc.isenabled()) or take(*rest, **more))
+    monkeypatch.setattr(Estimator, "take", lambda *rest, **more: collects.add(collecting()) or take(*rest, **more))
     taken_alike({"size": 24, "noise": 0.004, "max_samples": 200}, most=20000)
-    assert collects == {False} and gc.isenabled()
+    assert collects == {False} and collecting()
+
+
+def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
+    """Another thread that reads one keeps the collector still for its own reasons, and lets it go in between."""
+    reading = still()
+    reading.__enter__()
+    with collector.suspended():
+        reading.__exit__(None, None, None)
+        assert not collecting()
+    assert collecting()
 
 
 @pytest.mark.slow

@@ -1,5 +1,10 @@
 """One image by several machines: whoever takes its samples, they are the same.
 
+``remote``: who takes them; of each ``errand`` there is a ticket at the ``desk``, which somebody of the ``fleet`` is
+given. ``joining``: how workers come to take part, ``sets``: which of them draws which photons, ``link``: how they are
+reached, and ``faults``: what may go wrong. ``worker``: what they do, and ``message`` and ``parcel``: what travels.
+``local``: a cluster of this machine; ``notebook``: an image in Python.
+
 What needs Dask, the extra ``cluster``, is imported when it is asked for.
 """
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from . import dispersion, lobes
 from .indivisible import is_indivisible
 from .shapes import all_shapes
+
+if TYPE_CHECKING:
+    import numpy as np
 
 #: A lobe is narrow if the density per solid angle that nine in ten of its rays exceed is more than so many times that
 #: of the roughest one, and more than so much: a metal's of m = 0.11, or that of glass of 0.25, which narrows it.
@@ -37,6 +40,8 @@ class Narrow:
     @classmethod
     def of(cls, scene: mi.Scene) -> Narrow:
         """Those of ``scene``, instances included."""
+        import numpy as np  # slow to import, and not needed before the first image
+
         bsdfs = dict.fromkeys(shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None)
         glossy = [b for b in bsdfs if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_indivisible(b)]
         if len(glossy) < 2:
@@ -68,6 +73,8 @@ def density_of_rays(identities: list[int]) -> np.ndarray:
     """How narrow BSDFs are: the density per solid angle that nine in ten of the rays exceed that each draws from its
     glossy lobes, lit at 45°, anywhere on its texture; 0 where it draws none.
     """
+    import numpy as np
+
     count = len(identities)
     i = dr.arange(mi.UInt32, RAYS * count)
     bsdf = dr.gather(mi.BSDFPtr, dr.reinterpret_array(mi.BSDFPtr, mi.UInt32(identities)), i // RAYS)

@@ -48,6 +48,27 @@ def test_rooms():
     assert not upwards
 
 
+def test_arguments_are_left_as_they_are():
+    """``a &= b`` changes an array of Dr.Jit in place, the caller's as well where ``a`` is an argument as it came."""
+    changed = []
+    for path in Path(registry.__file__).parent.rglob("*.py"):
+        for function in (n for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.FunctionDef)):
+            given = {a.arg: a.annotation for a in (*function.args.args, *function.args.kwonlyargs)}
+            own = {
+                t.id: n.lineno
+                for n in function.body
+                if isinstance(n, ast.Assign)
+                for t in n.targets
+                if hasattr(t, "id")
+            }
+            for node in (n for n in ast.walk(function) if isinstance(n, ast.AugAssign)):
+                name = getattr(node.target, "id", None)
+                number = name in given and ast.unparse(given[name] or node) in ("int", "float")
+                if name in given and not number and own.get(name, node.lineno) >= node.lineno:
+                    changed.append(f"{path.name}:{node.lineno}: {ast.unparse(node)}")
+    assert not changed
+
+
 def test_bsdf(variant_rgb, monkeypatch):
     monkeypatch.setattr(registry, "PLUGINS", {})
     module("mitsuba_prosim.bsdfs", "Dusty")

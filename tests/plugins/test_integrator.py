@@ -169,6 +169,13 @@ def test_ambient_background_and_hidden_sources(variant_rgb):
     assert np.allclose(image[1, 1], [0.1, 0.2, 0.3], atol=1e-6)  # background
 
 
+def test_hidden_sources_light_as_they_do_in_sight(variant_rgb):
+    """Where no source is in view it makes no difference, for paths of any length."""
+    paths = {"type": "prosim", "samples": 2, "adaptive": "none", "max_level": -1, "diffuse_bounces": -1}
+    seen, hidden = (render(penumbra(size=16, hide_emitters=hide, **paths)) for hide in (False, True))
+    assert np.allclose(seen, hidden, rtol=1e-4, atol=1e-6)
+
+
 def test_background_is_seen_in_mirrors_but_lights_nothing(variant_rgb):
     scene = penumbra({"type": "conductor", "material": "none"}, type="prosim", background=rgb(0.1, 0.2, 0.3))
     del scene["light"]

@@ -128,7 +128,7 @@ class Conductor(mi.BSDF):
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
-        active &= si.wi.z > GRAZING
+        active = active & (si.wi.z > GRAZING)
         if active is False or not ctx.is_enabled(self.specular_type, 0):
             return bs, mi.Spectrum(0)
         bs.eta = 1
@@ -144,7 +144,7 @@ class Conductor(mi.BSDF):
         bs.wo = mi.reflect(si.wi, m)
         g1 = attenuation.g1(si.wi.z, m.z, i_m)
         pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
-        active &= (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
+        active = active & (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         if active is False:
             return bs, mi.Spectrum(0)
@@ -164,7 +164,7 @@ class Conductor(mi.BSDF):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        active &= (si.wi.z > GRAZING) & (wo.z > 0)
+        active = active & (si.wi.z > GRAZING) & (wo.z > 0)
         if active is False or self.roughness is None or not ctx.is_enabled(self.specular_type, 0):
             return mi.Spectrum(0), mi.Float(0)
         width = self.roughness.eval_1(si, active)

@@ -186,7 +186,7 @@ class Dielectric(mi.BSDF):
             return dispersive.sample(self, ctx, si, sample1, sample2, active)
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
-        active &= dr.abs(si.wi.z) > GRAZING
+        active = active & (dr.abs(si.wi.z) > GRAZING)
         if active is False or not (reflection or transmission):
             return bs, mi.Spectrum(0)
         m, width = self.facet(si, sample2, active)
@@ -205,9 +205,9 @@ class Dielectric(mi.BSDF):
             o_m = dr.select(reflected, i_m, cos_t)
             lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width, self.eta)
             pdf = density * share
-            active &= (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
+            active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
             value *= lit / dr.select(density > 0, density, 1)
-        active &= pdf > 0
+        active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, share, 1)) & active
 
@@ -280,12 +280,12 @@ class Dielectric(mi.BSDF):
             return dispersive.eval_pdf(self, ctx, si, wo, active)
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)
-        active &= (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
+        active = active & (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
         if active is False or self.roughness is None or not (reflection or transmission):
             return mi.Spectrum(0), mi.Float(0)
         m, i_m, o_m = half_vectors.between(si.wi, wo, self.eta)
         # A facet's front is seen from the front of the surface, its back from the back.
-        active &= (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
+        active = active & (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
         if active is False:
             return mi.Spectrum(0), mi.Float(0)
         lit, density = self.facets(si, wo, m, i_m, o_m, reflected, self.roughness.eval_1(si, active), self.eta)

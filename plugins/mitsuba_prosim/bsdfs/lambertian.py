@@ -76,7 +76,7 @@ class Lambertian(mi.BSDF):
         bs.eta = 1
         bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
         bs.sampled_component = 0
-        active &= (si.wi.z > 0) & (pdf > 0)
+        active = active & (si.wi.z > 0) & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active
 
@@ -90,7 +90,7 @@ class Lambertian(mi.BSDF):
     ) -> mi.Float:
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return mi.Float(0)
-        active &= (si.wi.z > 0) & (wo.z > 0)
+        active = active & (si.wi.z > 0) & (wo.z > 0)
         return dr.select(active, mi.warp.square_to_cosine_hemisphere_pdf(wo), 0)
 
     def eval_pdf(
@@ -98,7 +98,7 @@ class Lambertian(mi.BSDF):
     ) -> tuple[mi.Spectrum, mi.Float]:
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return mi.Spectrum(0), mi.Float(0)
-        active &= (si.wi.z > 0) & (wo.z > 0)
+        active = active & (si.wi.z > 0) & (wo.z > 0)
         pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
         value = self.reflectance.eval(si, active) * pdf
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)

@@ -54,9 +54,9 @@ class Gathering:
             flux = dr.gather(mi.Spectrum, photons.flux, i, near)
             cos = dr.dot(si.sh_frame.n, wo)
             if self.lambertian:
-                near &= cos * si.wi.z > 0
+                near = near & (cos * si.wi.z > 0)
                 return dr.select(near, flux * kernel, 0)
-            near &= dr.abs(cos) > 1e-6
+            near = near & (dr.abs(cos) > 1e-6)
             f = bsdf.eval(lobes.diffuse(), si, si.to_local(wo), near)
             if self.indivisible:
                 f = dr.select(whole, bsdf.eval(lobes.everything(), si, si.to_local(wo), near & whole), f)

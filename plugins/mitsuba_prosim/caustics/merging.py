@@ -105,7 +105,7 @@ class Merging:
             d = -dr.gather(mi.Vector3f, photons.directions, i, near)
             wo = si.to_local(d)
             cos = dr.abs(mi.Frame3f.cos_theta(wo))
-            near &= cos > 1e-6
+            near = near & (cos > 1e-6)
             dense, f = dr.gather(mi.Float, density, i, near), mi.Spectrum(0)
             for lobe in drawn:
                 f_lobe, pdf = asking.eval_pdf(lobe, si, bsdf, wo, near, self.careful)

@@ -219,7 +219,7 @@ class Walk:
         d = si.to_world(bs.wo)
         cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(bs.wo))
         true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
-        active &= (true_i > 0) & (cos_o > 0)
+        active = active & (true_i > 0) & (cos_o > 0)
         weight = mi.unpolarized_spectrum(weight)
         passed = dr.select(whole, 0, onward(bs, weight, bsdf.flags()) * dr.square(bs.eta))
         return si.spawn_ray(d), weight * bounded(cos_i * true_o, cos_o * true_i), bs, passed, active, sent

@@ -130,7 +130,7 @@ class Area(mi.Emitter):
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
 
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
-        active &= (si.wi.z > 0) & si.is_valid()
+        active = active & (si.wi.z > 0) & si.is_valid()
         d = si.to_world(si.wi)
         return self.emitted(si, d, si.p + d * dr.select(active, si.t, 0), active)
 
@@ -154,7 +154,7 @@ class Area(mi.Emitter):
         else:
             ds = self.get_shape().sample_direction(it, sample, active)
             ds.pdf = self.pdf_shape(it, ds, ds.pdf)
-        active &= (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
+        active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
         ds.pdf = dr.select(active, ds.pdf, 0)
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
@@ -163,7 +163,7 @@ class Area(mi.Emitter):
         if self.get_shape() is None:
             return mi.Float(0)
         cos = -dr.dot(ds.d, ds.n)
-        active &= cos > 0
+        active = active & (cos > 0)
         if self.textured:
             pdf = self.pdf_texture(ds.uv, active) * dr.square(ds.dist) / dr.maximum(cos, 1e-30)
         else:

@@ -35,7 +35,7 @@ def sample(
     """
     bs = dr.zeros(mi.BSDFSample3f)
     reflection, transmission = bsdf.enabled(ctx)
-    active &= dr.abs(si.wi.z) > half_vectors.GRAZING
+    active = active & (dr.abs(si.wi.z) > half_vectors.GRAZING)
     if active is False or not (reflection or transmission):
         return bs, mi.Spectrum(0)
     both = reflection and transmission
@@ -66,10 +66,10 @@ def sample(
         pdf = dr.select(reflected, mean, chosen * (1 - f)) if both else dr.select(reflected, 1, chosen)
         pdf = dr.detach(mi.Float(pdf))
     else:
-        active &= (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
-        active &= reflected | (cos_t != 0)  # where this wavelength is wholly reflected, others may not be
+        active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
+        active = active & (reflected | (cos_t != 0))  # where this wavelength is wholly reflected, others may not be
         value, pdf = eval_pdf(bsdf, ctx, si, bs.wo, active)
-    active &= pdf > 0
+    active = active & (pdf > 0)
     bs.pdf = dr.select(active, pdf, 0)
     return bs, value / dr.select(active, dr.detach(pdf), 1) & active
 
@@ -80,7 +80,9 @@ def eval_pdf(
     """What its ``eval_pdf`` returns for a rough interface: a value for each wavelength, and one density."""
     reflected = (si.wi.z > 0) == (wo.z > 0)
     reflection, transmission = bsdf.enabled(ctx)
-    active &= (dr.abs(si.wi.z) > half_vectors.GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
+    active = (
+        active & (dr.abs(si.wi.z) > half_vectors.GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
+    )
     if active is False or bsdf.roughness is None or not (reflection or transmission):
         return mi.Spectrum(0), mi.Float(0)
     width = bsdf.roughness.eval_1(si, active)

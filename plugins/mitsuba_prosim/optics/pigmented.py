@@ -65,7 +65,7 @@ class Pigmented(mi.BSDF):
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
-        active &= si.wi.z > GRAZING
+        active = active & (si.wi.z > GRAZING)
         specular, diffuse = self.enabled(ctx)
         if active is False or not (specular or diffuse):
             return bs, mi.Spectrum(0)
@@ -85,7 +85,7 @@ class Pigmented(mi.BSDF):
         if mirror and specular:
             value = dr.select(chosen, mi.depolarizer(self.specular_weight(si, active)), value)
             pdf = dr.select(chosen, p, pdf)
-        active &= (pdf > 0) & (wo.z > 0)
+        active = active & (pdf > 0) & (wo.z > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, value / dr.select(active, pdf, 1) & active
 
@@ -93,7 +93,7 @@ class Pigmented(mi.BSDF):
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
         specular, diffuse = self.enabled(ctx)
-        active &= (si.wi.z > GRAZING) & (wo.z > 0)
+        active = active & (si.wi.z > GRAZING) & (wo.z > 0)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
         if active is False or not (specular or diffuse):
             return mi.Spectrum(0), pdf

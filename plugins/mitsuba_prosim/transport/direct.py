@@ -79,9 +79,9 @@ def unless_in_shadow(
 ) -> mi.Spectrum:
     """``L``, less what is absorbed, where nothing is between ``si``, met by ``ray``, and the point ``p``; else 0."""
     if stage.settings.shadows:
-        active &= dr.max(dr.abs(L)) > 0
+        active = active & (dr.max(dr.abs(L)) > 0)
         active = but_not(active, stage.scene.ray_test(si.spawn_ray_to(p), active))
     if stage.facts.absorbs:
         d = p - si.p
-        L *= transmittance(beyond(si, ray.medium, d, active), si.wavelengths, dr.norm(d), active)
+        L = L * transmittance(beyond(si, ray.medium, d, active), si.wavelengths, dr.norm(d), active)
     return dr.select(active, L, 0)

@@ -69,7 +69,7 @@ def follow(
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > settings.cutoff)
     if settings.max_level >= 0 and lights.can_foresee:
         # The rays below the deepest level can only end in a source.
-        active &= (ray.level < settings.max_level) | lights.may_meet(dr.detach(o), dr.detach(d))
+        active = active & ((ray.level < settings.max_level) | lights.may_meet(dr.detach(o), dr.detach(d)))
     following = replace(
         ray,
         o=o,

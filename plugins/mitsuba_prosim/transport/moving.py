@@ -43,7 +43,7 @@ def carried_sample(
     if lamp.strategy.follows_shape:
         to_point = si.spawn_ray_to(sample.p)  # ends just before the point
         met = meet_and_stay(scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active)
-        active &= met.is_valid() & (met.shape.emitter() == emitter)
+        active = active & met.is_valid() & (met.shape.emitter() == emitter)
     ds, jacobian = lamp.strategy.carried(lamp.number, si, n, dr.detach(sample.d), met, active)
     ds.emitter = emitter
     radiance = emitter.eval_direction(si, ds, active)

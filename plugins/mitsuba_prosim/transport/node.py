@@ -102,7 +102,7 @@ def past_emitters(stage: Stage, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, acti
         blocked = blocked & pi.is_valid()
         if idle(blocked):
             return o, blocked
-        blocked &= pi.shape.is_emitter()
+        blocked = blocked & pi.shape.is_emitter()
         front = pi.compute_surface_interaction(beyond(o), mi.RayFlags.Minimal, blocked)
         return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
 
@@ -128,7 +128,7 @@ def emission(stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Boo
     if ray.counts is not None:
         active = active & ray.counts
     if stage.settings.hide_emitters:
-        active &= ray.level > 0
+        active = active & (ray.level > 0)
     if idle(active) or emitter is None:
         return mi.Spectrum(0)
     L = emitter.eval(si, active)

@@ -131,3 +131,22 @@ def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other
     assert dr.all(~mirrored | (dr.norm(bs.wo - mi.Vector3f(-0.6, 0, z)) < 1e-5))
     dr.backward(brought)
     assert dr.grad(params[key])[0] == pytest.approx(0.5 * (1 - through), rel=5e-3)
+
+
+def test_a_map_around_a_blend_that_dims_is_told_of(variant_rgb, monkeypatch):
+    """And two maps within a blend, as the warning says, leave the mirror its share."""
+    said = []
+    monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
+    flat = {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))}
+
+    def bumped(bsdf):
+        return {"type": "bumpmap", "texture": flat, "b": bsdf}
+
+    good = blended(bumped(WHOLE), bumped(MIRROR), 0.4)
+    for bsdf in (good, bumped(blended(BLACK, MIRROR)), two_sided(bumped(blended(WHOLE, MIRROR)))):
+        asking.left_dim(mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}}))
+    assert [level for level, _ in said] == [mi.LogLevel.Warn]
+    assert "'card'" in said[0][1] and "Put the blendbsdf outside" in said[0][1]
+    mean, _ = quarters((good, WHOLE, MIRROR, MIRROR), -1, {"type": "constant", "radiance": 1.0}, samples=8)
+    assert mean[0] == pytest.approx(0.6 * mean[1] + 0.4, abs=0.02)
+    assert len(said) == 1

@@ -23,6 +23,14 @@ def blended(a, b, weight=0.5):
     return {"type": "blendbsdf", "weight": weight, "a": a, "b": b}
 
 
+def two_sided(bsdf):
+    return {"type": "twosided", "b": bsdf}
+
+
+def behind_black(bsdf):
+    return {"type": "twosided", "a": BLACK, "b": bsdf}
+
+
 def quarters(bsdfs, bounces, light, samples=16, size=16):
     """Four cards in one plane, alike as seen from the camera, which is above their common corner: the pixels of each,
     an array (4, size² / 4), and the standard errors of their means.
@@ -88,7 +96,8 @@ def test_rough_lobes_share_the_light_of_a_source(variant_rgb, bounces):
 @pytest.mark.parametrize("bounces", [0, -1], ids=["tree", "paths"])
 def test_a_mirror_is_as_bright_in_a_blend_with_what_is_taken_whole(variant_rgb, bounces):
     """Under an even sky each adds its share (six differences within 4 standard errors: p < 1e-3 together)."""
-    bsdfs = WHOLE, blended(WHOLE, MIRROR, 0.4), blended(MIRROR, WHOLE, 0.6), masked(blended(WHOLE, MIRROR, 0.6), 0.5)
+    mixed = blended(MIRROR, WHOLE, 0.6)
+    bsdfs = WHOLE, blended(WHOLE, MIRROR, 0.4), two_sided(mixed), masked(blended(WHOLE, MIRROR, 0.6), 0.5)
     mean, error = quarters(bsdfs, bounces, {"type": "constant", "radiance": 1.0})
     expected = mean[0] * np.array([1, 0.6, 0.6, 0.2]) + [0, 0.4, 0.4, 0.8]
     assert (error < 0.01).all()
@@ -96,20 +105,48 @@ def test_a_mirror_is_as_bright_in_a_blend_with_what_is_taken_whole(variant_rgb, 
 
 
 @pytest.mark.parametrize("other", [BLACK, WHOLE], ids=["apart", "whole"])
-def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other):
-    """A mirror has a share of 0.3 w in a masked blend of the weight w, and what passes straight through none of it."""
-    bsdf = mi.load_dict(masked(blended(other, MIRROR | {"specular_reflectance": 0.5}, 0.4), 0.3))
+@pytest.mark.parametrize(
+    "wrap, z, through",
+    [(lambda b: masked(b, 0.3), 0.8, 0.7), (two_sided, 0.8, 0), (two_sided, -0.8, 0), (behind_black, -0.8, 0)],
+    ids=["mask", "front", "back", "back alone"],
+)
+def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other, wrap, z, through):
+    """A mirror has a share w in a blend of the weight w, from either side, and what passes straight through none of
+    it.
+    """
+    bsdf = mi.load_dict(wrap(blended(other, MIRROR | {"specular_reflectance": 0.5}, 0.4)))
     params = mi.traverse(bsdf)
-    (key,) = (key for key, _ in params if key.endswith(".weight.value"))
+    (key,) = (key for key, _ in params if key.endswith("weight.value"))
     dr.enable_grad(params[key])
     params.update()
     n = 10_000
     si = dr.zeros(mi.SurfaceInteraction3f, n)
-    si.wi = mi.Vector3f(0.6, 0, 0.8)
+    si.wi = mi.Vector3f(0.6, 0, z)
     choice = (dr.arange(mi.Float, n) + 0.5) / n
     bs, weight = asking.sample(lobes.everything(), si, bsdf, choice, mi.Point2f(0.3, 0.6), mi.Bool(True))
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (bs.pdf > 0)
     brought = dr.mean(dr.select(ideal, weight.x, 0))
-    assert brought[0] == pytest.approx(0.7 + 0.5 * 0.3 * 0.4, abs=2e-3)
+    assert brought[0] == pytest.approx(through + 0.5 * (1 - through) * 0.4, abs=2e-3)
+    mirrored = lobes.has_any(bs.sampled_type, "DeltaReflection") & (bs.pdf > 0)
+    assert dr.all(~mirrored | (dr.norm(bs.wo - mi.Vector3f(-0.6, 0, z)) < 1e-5))
     dr.backward(brought)
-    assert dr.grad(params[key])[0] == pytest.approx(0.5 * 0.3, rel=5e-3)
+    assert dr.grad(params[key])[0] == pytest.approx(0.5 * (1 - through), rel=5e-3)
+
+
+def test_a_map_around_a_blend_that_dims_is_told_of(variant_rgb, monkeypatch):
+    """And two maps within a blend, as the warning says, leave the mirror its share."""
+    said = []
+    monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
+    flat = {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))}
+
+    def bumped(bsdf):
+        return {"type": "bumpmap", "texture": flat, "b": bsdf}
+
+    good = blended(bumped(WHOLE), bumped(MIRROR), 0.4)
+    for bsdf in (good, bumped(blended(BLACK, MIRROR)), two_sided(bumped(blended(WHOLE, MIRROR)))):
+        asking.left_dim(mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}}))
+    assert [level for level, _ in said] == [mi.LogLevel.Warn]
+    assert "'card'" in said[0][1] and "Put the blendbsdf outside" in said[0][1]
+    mean, _ = quarters((good, WHOLE, MIRROR, MIRROR), -1, {"type": "constant", "radiance": 1.0}, samples=8)
+    assert mean[0] == pytest.approx(0.6 * mean[1] + 0.4, abs=0.02)
+    assert len(said) == 1

@@ -169,7 +169,8 @@ class Prosim(WaveIntegrator):
     separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
     others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
     they are smooth. A :monosp:`mask` and a :monosp:`blendbsdf` are asked for their lobes with care: the mirror in a
-    blend with what is dark is as bright as its share, which Mitsuba's own integrators make darker.
+    blend with what is dark is as bright as its share, which Mitsuba's own integrators make darker. (Not so where a
+    :monosp:`bumpmap` or :monosp:`normalmap` holds a blend with what is taken whole: a warning says what to do.)
 
     What lies inside a shape absorbs light by Beer's law along a ray's way through it (Hall), if the shape's
     :monosp:`interior` is a :monosp:`homogeneous` medium whose :monosp:`albedo` is 0; shapes within it say so by their

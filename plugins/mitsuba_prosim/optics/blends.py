@@ -1,4 +1,4 @@
-"""What Mitsuba's ``blendbsdf`` and ``mask`` consist of: BSDFs with shares.
+"""What Mitsuba's ``blendbsdf`` and ``mask`` consist of, also within ``twosided``: BSDFs with shares.
 
 Its blend takes the probability of an ideal lobe for a density, and mixes it with those of the other BSDF (as of Mitsuba
 3.9); and what it draws from an ideal lobe knows nothing of the derivative by its share.
@@ -6,26 +6,65 @@ Its blend takes the probability of an ideal lobe for a density, and mixes it wit
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import drjit as dr
 import mitsuba as mi
 
 from .nested import parts
 
 #: Class names.
-MASK, BLEND = "MaskBSDF", "BlendBSDF"
+MASK, BLEND, TWO_SIDED = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF"
 
 
-def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[tuple[mi.Float, mi.BSDF | None]]:
-    """The BSDFs that ``bsdf`` mixes at ``si``, with shares that sum up to 1; None for what passes straight through."""
+class Leaf(NamedTuple):
+    """A BSDF that others mix; None for what passes straight through."""
+
+    share: mi.Float
+    bsdf: mi.BSDF | None
+    #: Whether it is asked as if it were seen from the front, wherever it is seen from.
+    turns: bool = False
+
+    def of(self, part: mi.Float) -> Leaf:
+        """The leaf with a ``part`` of its share."""
+        return self._replace(share=part * self.share)
+
+
+def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
+    """The BSDFs that ``bsdf`` mixes at ``si``, with shares that sum up to 1."""
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
         weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
         halves = (1 - weight, inner["bsdf_0"]), (weight, inner["bsdf_1"])
-        return [(share * s, leaf) for share, half in halves for s, leaf in leaves(half, si, active)]
+        return [leaf.of(part) for part, half in halves for leaf in leaves(half, si, active)]
     if kind == MASK:
         opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
-        return [(opacity * s, leaf) for s, leaf in leaves(inner["nested_bsdf"], si, active)] + [(1 - opacity, None)]
-    return [(mi.Float(1), bsdf)]
+        nested = [leaf.of(opacity) for leaf in leaves(inner["nested_bsdf"], si, active)]
+        return [*nested, Leaf(1 - opacity, None)]
+    if kind == TWO_SIDED:
+        return [
+            leaf._replace(turns=True).of(part)
+            for part, side in sides(bsdf, si)
+            for leaf in leaves(side, turned(si), active)
+        ]
+    return [Leaf(mi.Float(1), bsdf)]
+
+
+def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
+    """What a ``twosided`` consists of: each with 1 where ``si`` is seen from its side, else 0."""
+    inner = parts(bsdf)
+    front, back = inner["brdf_0"], inner["brdf_1"]
+    if front is back:
+        return [(mi.Float(1), front)]
+    in_front = mi.Frame3f.cos_theta(si.wi) > 0
+    return [(dr.select(in_front, mi.Float(1), 0), front), (dr.select(in_front, mi.Float(0), 1), back)]
+
+
+def turned(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
+    """``si`` as if it were seen from the front."""
+    other = mi.SurfaceInteraction3f(si)
+    other.wi.z = dr.abs(si.wi.z)
+    return other
 
 
 def share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
@@ -41,6 +80,8 @@ def share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: 
         a = dr.clip(dr.detach(inner["opacity"].eval_1(si, active)), 0, 1)
         nested = share(inner["nested_bsdf"], si, choice / dr.maximum(a, 1e-8), active)
         return dr.select(choice < a, nested, 1)
+    if kind == TWO_SIDED:
+        return sum((part * share(side, turned(si), choice, active) for part, side in sides(bsdf, si)), mi.Float(0))
     return mi.Float(1)
 
 
@@ -58,23 +99,26 @@ def sample(
     bs, weight, below = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi
     mixed = leaves(bsdf, si, active)
-    for part, leaf in mixed:
-        known, part = part, dr.detach(part)
+    for known, leaf, turns in mixed:
+        part = dr.detach(known)
         chosen = active & (choice >= below) & (part > 0)
         if leaf is None:
             one, value = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, mi.Float(1), mi.Float(1), mi.UInt32(+mi.BSDFFlags.Null)
         else:
             rest = dr.clip((choice - below) / dr.select(part > 0, part, 1), 0, 1)
-            one, value = leaf.sample(ctx, si, rest, point, chosen)
+            one, value = leaf.sample(ctx, turned(si) if turns else si, rest, point, chosen)
+            if turns:
+                one.wo.z = dr.mulsign(one.wo.z, si.wi.z)
         one.pdf *= part
         bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(known), weight)
         below += part
     smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
     f, pdf = mi.Spectrum(0), mi.Float(0)
-    for part, leaf in mixed:
+    for part, leaf, turns in mixed:
         if leaf is not None:
-            f_leaf, pdf_leaf = leaf.eval_pdf(ctx, si, bs.wo, smooth)
+            wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if turns else bs.wo
+            f_leaf, pdf_leaf = leaf.eval_pdf(ctx, turned(si) if turns else si, wo, smooth)
             f, pdf = f + part * f_leaf, pdf + part * pdf_leaf
     bs.pdf = dr.select(smooth, pdf, bs.pdf)
     return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)

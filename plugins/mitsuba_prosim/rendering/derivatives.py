@@ -83,13 +83,17 @@ class Derivatives:
         """The derivative of the film's values, by those that the scene's parameters have."""
         total = dr.zeros(mi.Float, len(self.storage.array))
         channels = self.storage.shape[2]
-        for values, spread in self.samples():
-            values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
-            if values:
-                # What the passes share, behind the scene's parameters, is gone through once: it keeps its derivatives.
-                dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
-            for c, value in values:
-                for w, p in spread:
-                    dr.scatter_add(total, w * dr.grad(value), p * channels + c)
-            dr.eval(total)  # so that the size of a kernel does not grow with the number of passes
+        # Not by symbolic calls: Dr.Jit 1.5 goes forward from what one of them reads (a blend's weight) through all that
+        # hangs on it, what other calls have left behind included, where it must not.
+        with dr.scoped_set_flag(dr.JitFlag.SymbolicCalls, False):
+            for values, spread in self.samples():
+                values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
+                if values:
+                    # What the passes share, behind the scene's parameters, is gone through once: it keeps its
+                    # derivatives.
+                    dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
+                for c, value in values:
+                    for w, p in spread:
+                        dr.scatter_add(total, w * dr.grad(value), p * channels + c)
+                dr.eval(total)  # so that the size of a kernel does not grow with the number of passes
         return mi.TensorXf(total, self.storage.shape)

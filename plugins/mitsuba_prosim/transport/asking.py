@@ -21,11 +21,35 @@ from . import lobes
 from .indivisible import is_indivisible
 from .shapes import all_shapes
 
+#: Class names of what turns the surface by a texture.
+MAPS = ("BumpMap", "NormalMap")
+
 
 def any_careful(scene: mi.Scene) -> bool:
     """Whether any surface of ``scene``, those of instances included, is a ``mask`` or a ``blendbsdf``, or holds one."""
     bsdfs = (shape.bsdf() for shape in all_shapes(scene))
     return any(any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND)) for bsdf in bsdfs if bsdf is not None)
+
+
+def left_dim(scene: mi.Scene) -> None:
+    """Warns of ideal lobes that are darker than their share: a ``bumpmap`` or ``normalmap`` does not say which way it
+    turns a surface, so that what is mixed within cannot be sampled one by one.
+    """
+    everything = lobes.everything()
+    dim = [
+        shape.id()
+        for shape in all_shapes(scene)
+        if shape.bsdf() is not None
+        and _of_leaves(everything, shape.bsdf())
+        and any(_mixes(everything, one) for name in MAPS for one in _within(shape.bsdf(), name))
+    ]
+    if dim:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: the ideal lobes of {', '.join(map(repr, dim))} come out too dark: a bumpmap or normalmap holds a "
+            "blendbsdf that mixes them with what does not tell its lobes apart (principled and the like). Put the "
+            "blendbsdf outside, of two BSDFs with a bumpmap or normalmap each.",
+        )
 
 
 def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:

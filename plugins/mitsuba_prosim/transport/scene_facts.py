@@ -9,7 +9,7 @@ import mitsuba as mi
 from ..light.table import Lights
 from . import lobes
 from .absorption import absorbs_any
-from .asking import any_careful
+from .asking import any_careful, left_dim
 from .dispersion import disperses
 from .indivisible import any_indivisible
 from .settings import Settings
@@ -46,6 +46,7 @@ class SceneFacts:
     @classmethod
     def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
         """The facts of ``scene`` that matter under ``settings``; ``around``: the medium that the camera is in."""
+        left_dim(scene)
         lights, flags = Lights(scene), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)

@@ -1,12 +1,13 @@
 """The page, driven in a browser."""
 
 import re
+import signal
 import time
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import BROWSER, LITTLE, until
+from little import BROWSER, LITTLE, until, watching
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")]
 
@@ -227,3 +228,19 @@ def test_a_narrow_screen_and_contrast(page):
         )
         assert len(ratios) > 10 and min(ratios) >= 4.5
     page.set_viewport_size({"width": 1400, "height": 900})
+
+
+def test_when_it_has_ended_nothing_can_be_pressed_in_vain(browser, tmp_path):
+    scene = tmp_path / "little.scn"
+    scene.write_text(LITTLE)
+    with watching(scene) as (process, address):
+        page = browser.new_page()
+        page.goto(address)
+        is_(page, "done")
+        picture = shown(page)
+        process.send_signal(signal.SIGINT)
+        is_(page, "gone")
+    assert "has ended" in page.inner_text("#state") and np.array_equal(shown(page), picture)
+    assert all(page.is_disabled(f"#{name}") for name in ("stop", "camera", "compare", "home"))
+    assert all(page.get_attribute(f"#{name}", "href") is None for name in ("exr", "png"))
+    page.close()

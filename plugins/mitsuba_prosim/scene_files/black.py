@@ -71,14 +71,15 @@ def _where(scene: mi.Scene, sensor: mi.Sensor, ray: mi.Ray3f) -> str:
     if not box.valid():
         return text + "; the scene has no surfaces."
     middle = np.array(box.center()).ravel()
-    distance = float(np.linalg.norm(middle - eye))
+    corners = rays[[0, SIDE - 1, -1, -SIDE]]
+    beside = np.cross(corners, np.roll(corners, -1, axis=0)) @ (middle - eye)
     if np.dot(middle - eye, ahead) < 0:
         side = "behind it"
-    elif np.max(rays @ (middle - eye)) < distance * np.dot(rays[0], rays[SIDE + 1]):
-        side = "beside what it sees"
-    else:
-        size = float(max(box.extents()))
+    elif np.all(beside > 0) or np.all(beside < 0):
+        size, distance = float(max(box.extents())), np.linalg.norm(middle - eye)
         side = f"in what it sees, but all of it is {size:.3g} large and {distance:.3g} away"
+    else:
+        side = "beside what it sees"
     return text + f"; the middle of all that there is lies {side}, at {_point(middle)}."
 
 

@@ -101,6 +101,8 @@ function told(news) {
     find("splitting").hidden = !state.compared;
     find("rivals").textContent = `${state.integrator} | path`;
     find("view").hidden = state.view === null;
+    find("home").disabled = false;
+    savable(state.pictures.own !== undefined);
     find("text").textContent = state.view ?? "";
     if (state.pictures.path === undefined) shown.path = null;
     if (state.size[0]) place.size(...state.size);
@@ -122,8 +124,16 @@ function listen() {
     events.onerror = () => {
         find("state").textContent = "prosim watch has ended, or can't be reached";
         document.body.dataset.doing = "gone";
-        find("stop").disabled = true;
+        for (const id of ["stop", "camera", "compare", "home"]) find(id).disabled = true;
+        savable(false);
     };
+}
+
+function savable(on) {
+    for (const kind of ["exr", "png"]) {
+        if (on) find(kind).href = `save/${kind}?exposure=${stops()}`;
+        else find(kind).removeAttribute("href");
+    }
 }
 
 // ---- what is wished
@@ -188,6 +198,7 @@ find("layers").addEventListener("change", () => refresh());
 find("exposure").addEventListener("input", () => {
     find("stops").textContent = stops() > 0 ? `+${stops()}` : String(stops());
     TAKES.forEach(draw);
+    savable(find("png").hasAttribute("href"));
 });
 find("split").addEventListener("input", splitting);
 find("stop").addEventListener("click", () => post(state.doing === "stopped" ? "do/go" : "do/stop"));
@@ -206,8 +217,4 @@ find("copy").addEventListener("click", async () => {
     }
     setTimeout(() => { find("copy").textContent = "Copy the view"; }, 1500);
 });
-for (const kind of ["exr", "png"]) {
-    find(kind).href = `save/${kind}`;
-    find(kind).addEventListener("click", () => { find(kind).href = `save/${kind}?exposure=${stops()}`; });
-}
 listen();

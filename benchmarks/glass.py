@@ -5,9 +5,10 @@
     python benchmarks/glass.py dull
 
 ``tumbler``: the scene ``copo`` with caustics, 456 x 548 pixels, as many as 500²; the 99th percentile of the tone-mapped
-error. ``ball``: the bright spot of figure 5.18 (``caustica``, 120 x 90), its noise by the tree and by every path beside
-that of ``path``, and how the variance of every path divides. ``dull``: time with caustics over that without, in a scene
-that has nothing specular.
+error. ``ball``: figure 5.18 (``caustica``, 120 x 90), the noise of its bright spot, of the ball's shadow around it,
+of what is diffuse, and of the ball, by the tree and by every path beside that of ``path``; then the same with a black
+ball, which leaves the light from wall to wall, and with fewer photons. ``dull``: time with caustics over that without,
+in a scene that has nothing specular.
 
 Seconds are processor seconds of all threads together, medians of warm runs.
 """
@@ -27,10 +28,11 @@ from suite import EXAMPLES, arguments, begin
 
 TUMBLER, BALL = (456, 548), (120, 90)
 
-#: The bright spot of figure 5.18, of an image 120 pixels wide: rows, columns.
-SPOT = (slice(52, 61), slice(59, 69))
+#: The bright spot of figure 5.18 and the ball's shadow, of an image 120 pixels wide: rows, columns.
+SPOT, SHADOW = (slice(52, 61), slice(59, 69)), (slice(40, 73), slice(57, 79))
 
 EVERY = {"diffuse_bounces": -1, "max_level": -1}
+FEWER = {"caustic_photons": 1 << 18}
 
 
 def load(name, resolution):
@@ -85,50 +87,62 @@ def ball(options):
     photons = {"caustics": True, "adaptive": "none"}
     # The light of the tree alone, and every path; path follows the same with the scene's lamp alone.
     every = {"type": "prosim", "hide_emitters": True} | EVERY | photons
-    cases = {
-        "the tree": (settings | photons, ({"samples": 3}, {"samples": 8})),
-        "every path": (every, ({"samples": 4}, {"samples": 12})),
-    }
-    path = mi.load_dict({"type": "path", "max_depth": -1, "hide_emitters": True})
-    print("| | CPU s | noise of the spot, % | CPU s for 1 %, by a slope of -1/2 |\n|---|---:|---:|---:|")
+    path = [(mi.load_dict({"type": "path", "max_depth": -1, "hide_emitters": True}), spp) for spp in (64, 256)]
+    parts = parts_of(scene)
+    titles = " | ".join(f"{part}, % | CPU s for 1 %" for part in parts)
+    print(f"| | CPU s | {titles} |\n|---|---:|" + "---:|---:|" * len(parts))
+    whole = mi.load_dict(every | {"samples": 8})
 
-    def show(name, row):
-        for seconds, error in row:
-            print(f"| {name} | {seconds:.2f} | {100 * error:.2f} | {seconds * (100 * error) ** 2:.2f} |", flush=True)
+    def show(name, scene, runs, means):
+        for integrator, spp in runs:
+            made = [render(scene, integrator, seed, spp) for seed in range(2 * options.rounds + 1)][1:]
+            seconds, images = statistics.median(s for s, _ in made), np.stack([image for _, image in made])
+            cells = []
+            for part, mean in means.items():
+                noise = 100 * np.sqrt(images[:, parts[part]].var(axis=0, ddof=1).mean()) / mean
+                cells.append(f"{noise:.2f} | {seconds * noise**2:.2f}")
+            print(f"| {name} | {seconds:.2f} | {' | '.join(cells)} |", flush=True)
 
-    for name, (common, variants) in cases.items():
-        show(name, measured(scene, [(mi.load_dict(common | v), 0) for v in variants], options))
+    def means(integrator):
+        image = render(scene, integrator, 1)[1]
+        return {part: image[where].mean() for part, where in parts.items()}
+
+    tree = [(mi.load_dict(settings | photons | {"samples": n}), 0) for n in (3, 8)]
+    show("the tree", scene, tree, means(tree[-1][0]))
+    ours, of_all = [(mi.load_dict(every | {"samples": n}), 0) for n in (4, 8, 16)], means(whole)
+    show("every path", scene, ours, of_all)
+    show("every path, a quarter of the photons", scene, [(mi.load_dict(every | FEWER | {"samples": 8}), 0)], of_all)
     for sampler in ("independent", "multijitter"):
-        runs = [(path, 64), (path, 400)]
-        show(f"path, {sampler}", measured(with_sampler("caustica", sampler), runs, options))
-    # What the noise of every path is made of: by its photons alone, as the same paths are followed without them.
-    stacks = {}
-    for name, given in {"all": {}, "fewer photons": {"caustic_photons": 1 << 18}}.items():
-        integrator = mi.load_dict(every | {"samples": 8} | given)
-        stacks[name] = np.stack([render(scene, integrator, seed)[1][SPOT] for seed in range(4 * options.rounds)])
-    variance = {name: stack.var(axis=0, ddof=1).mean() for name, stack in stacks.items()}
-    by_photons = (variance["fewer photons"] - variance["all"]) / 3
-    print(f"\nEvery path, N = 8: of its variance, photons make {by_photons / variance['all']:.1%}")
+        show(f"`path`, {sampler}", with_sampler("caustica", sampler), path, of_all)
+    black = with_sampler("caustica", "multijitter", dark=True)
+    show("every path, black ball", black, ours[1:], of_all)
+    show("`path`, multijitter, black ball", black, path, of_all)
 
 
-def measured(scene, runs, options):
-    """For each (integrator, spp): seconds, and standard deviation over the mean of the spot."""
-    result = []
-    for integrator, spp in runs:
-        made = [render(scene, integrator, seed, spp) for seed in range(2 * options.rounds + 1)][1:]
-        spots = np.stack([image[SPOT] for _, image in made])
-        deviation = np.sqrt(spots.var(axis=0, ddof=1).mean()) / spots.mean()
-        result.append((statistics.median(s for s, _ in made), deviation))
-    return result
+def parts_of(scene, fine=8):
+    """The pixels of the parts of figure 5.18, as masks: those that see something diffuse alone, and the others."""
+    width, height = BALL
+    x, y = np.meshgrid(
+        (np.arange(width * fine) + 0.5) / (width * fine), (np.arange(height * fine) + 0.5) / (height * fine)
+    )
+    ray, _ = scene.sensors()[0].sample_ray(0, 0.5, mi.Point2f(x.ravel(), y.ravel()), mi.Point2f(0.5))
+    flags = scene.ray_intersect(ray).bsdf().flags()
+    ideal = np.array(mi.has_flag(flags, mi.BSDFFlags.Delta)).reshape(height, fine, width, fine).any(axis=(1, 3))
+    result = {"spot": np.zeros_like(ideal), "shadow": np.zeros_like(ideal)}
+    result["spot"][SPOT] = result["shadow"][SHADOW] = True
+    return {name: mask & ~ideal for name, mask in result.items()} | {"diffuse": ~ideal, "ball": ideal}
 
 
-def with_sampler(name, sampler):
-    """The scene of an example for ``path``, with one of Mitsuba's samplers."""
+def with_sampler(name, sampler, dark=False):
+    """The scene of an example for ``path``, with one of Mitsuba's samplers; ``dark``: what is glass is black."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene = prosim_scene.load(EXAMPLES / f"{name}.scn", resolution=BALL)
     scene.pop("integrator")
     scene["view"]["sampler"] = {"type": sampler, "sample_count": 64}
+    for part in scene.values():
+        if dark and isinstance(part, dict) and part.get("bsdf", {}).get("type") == "prosim_dielectric":
+            part["bsdf"] = {"type": "diffuse", "reflectance": 0.0}
     return mi.load_dict(scene)
 
 

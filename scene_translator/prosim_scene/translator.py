@@ -1,205 +1,26 @@
-"""Scene -> Mitsuba scene: XML and meshes on disk, or a dictionary."""
+"""Scene file -> Mitsuba scene: XML and meshes on disk, or a dictionary."""
 
 import atexit
-import math
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from . import view
+from .assembling import assemble
 from .kept import Kept
 from .language import document_of
 from .language.document import Document
 from .language.files import read
 from .language.messages import SceneError
-from .language.quantities import Numbers
-from .language.words import PIXELS, numbers
-from .model import Leaf, Scene
-from .nodes import Comment, Default, Node
-from .solids import TOLERANCE, Skin, Triangles, tessellate
-from .targets import TARGETS, Target, clip, lights, materials, sensor, single
-from .targets.context import Context
-from .targets.materials import Sides
+from .model import Scene
+from .nodes import Comment, Node
+from .options import Options
 from .write import output, xml
 
 AnyPath = str | os.PathLike[str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """The options of a translation, those of :func:`translate`; SceneError for a value that is not allowed."""
-
-    target: str = "prosim"
-    light_units: str = "calibrated"
-    tolerance: float | None = None
-    resolution: tuple[int, int] | None = None
-    samples: int | None = None
-    allow_outside: bool = False
-
-    def __post_init__(self) -> None:
-        """Checks the values."""
-        samples, pixels = numbers("SETTING", "samples"), numbers("VIEW_PARAMETER", "resolution")
-        self._check("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}")
-        self._check("light_units", self.light_units in lights.UNITS, f"one of {', '.join(lights.UNITS)}")
-        self._check("tolerance", self.tolerance is None or 0 < self.tolerance < math.inf, "a number of pixels above 0")
-        self._check("samples", self.samples is None or _whole(self.samples, samples), samples.bounds())
-        size = self.resolution
-        self._check(
-            "resolution",
-            size is None or (len(size) == 2 and all(_whole(x, pixels) for x in size) and math.prod(size) <= PIXELS),
-            f"width and height, each {pixels.bounds()}, and {PIXELS} in all",
-        )
-
-    def _check(self, name: str, allowed: bool, expected: str) -> None:
-        if not allowed:
-            raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
-
-
-def _whole(value: int, takes: Numbers) -> bool:
-    return int(value) == value and takes.low <= value <= takes.high
-
-
-def medium(scene: Scene, leaf: Leaf) -> Hashable:
-    """The medium inside a dielectric, by what it refracts and absorbs; None, the opaque one, inside anything else."""
-    surface = scene.surfaces[leaf.index]
-    if surface.material != "dielectric":
-        return None
-    return surface.eta, surface.glass, surface.abbe, surface.transmittance, surface.thickness
-
-
-def fresnel(scene: Scene, leaf: Leaf) -> bool:
-    """Whether an opaque leaf reflects by Fresnel's equations, other than in air where it lies in a dielectric."""
-    return scene.surfaces[leaf.index].material in ("conductor", "composite")
-
-
-def look(scene: Scene, leaf: Leaf) -> Hashable:
-    """Equal for leaves that look alike, and share a mesh: a solid texture is bound to its leaf's own space."""
-    surface = scene.surfaces[leaf.index]
-    slots = materials.slots(leaf, surface)
-    return surface, slots, leaf.index if slots[1] else None
-
-
-def assemble(
-    document: Document,
-    folder: Path,
-    options: Options,
-    store: Callable[[str, bytes], str],
-    image_path: Callable[[Path], str],
-    kept: Kept | None = None,
-) -> Node:
-    """A scene's dictionary.
-
-    ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
-    earlier translation has left, and this one leaves.
-    """
-    scene, target = document.scene, TARGETS[options.target]
-    results, kept = kept.results if kept else None, kept or Kept()
-    context = Context(
-        document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
-    )
-    camera = view.camera(document, options.resolution)
-    single.check_transforms(document)
-    triangles = tessellate(
-        document,
-        camera,
-        options.tolerance or TOLERANCE,
-        lambda leaf: medium(scene, leaf),
-        lambda leaf: look(scene, leaf),
-        lambda leaf: fresnel(scene, leaf),
-        kept.faces,
-        results,
-    )
-
-    def comment(text: str, *path: str | int) -> Comment:
-        return Comment(f"{text} (line {document.line(*path)})")
-
-    result: Node = {"type": "scene"} | single.check(document, target.settings(context))
-    bodies = list(triangles.values())
-    result["view_comment"] = comment("VIEW", "view")
-    result["view"] = single.check(document, _sensor(context, target, camera, bodies), "view")
-    for i, light in enumerate(scene.lights):
-        lights.warn_of_radius(context, i, light)
-        result[f"light_{i}_comment"] = comment(light.kind.upper(), "lights", i)
-        result[f"light_{i}"] = single.check(document, target.light(context, i, light), "lights", i)
-    skins: dict[Hashable, list[Skin]] = {}
-    for skin in triangles:
-        skins.setdefault(skin.material, []).append(skin)
-    alike = _alike(scene)
-    media: dict[Hashable, int] = {
-        medium(scene, leaf): leaf.index for leaves in reversed(alike) for _, leaf in leaves[:1]
-    }
-    for leaves in alike:
-        number, leaf = leaves[0]
-        for skin in skins.get(look(scene, leaf), []):
-            name = f"surface_{leaf.index}"
-            while name in result:
-                name += "_"
-            if not np.abs(triangles[skin].vertices).max() <= single.LARGEST:
-                raise document.error(
-                    "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
-                )
-            content = kept.file(triangles[skin], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
-            bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + (
-                ", ..." if len(leaves) > 3 else ""
-            )
-            if content is None:
-                document.warn(
-                    f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
-                    "transforms",
-                    leaf.index,
-                )
-                continue
-            sides = Sides(
-                leaf.index if skin.inside == medium(scene, leaf) else media[skin.inside],
-                None if skin.outside is None else media[skin.outside],
-            )
-            met = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
-            result[name + "_comment"] = comment(f"SURFACE {leaf.index} of {bearers}{met}", "surfaces", leaf.index)
-            result[name] = {
-                "type": "ply",
-                "filename": store(name, content),
-                **single.check(document, target.surface(context, number, leaf, sides), "surfaces", leaf.index),
-            }
-    return result
-
-
-def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:
-    """The leaves that look alike, with their numbers in the tree."""
-    alike: dict[Hashable, list[tuple[int, Leaf]]] = {}
-    for number, leaf in enumerate(scene.csg):
-        if isinstance(leaf, Leaf):
-            alike.setdefault(look(scene, leaf), []).append((number, leaf))
-    return list(alike.values())
-
-
-def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[Triangles]) -> Node:
-    camera = target.camera(context, camera)
-    width, height = camera.resolution
-    film = {
-        "type": "hdrfilm",
-        "width": Default("width", width),
-        "height": Default("height", height),
-        "pixel_format": "rgb",
-        "component_format": "float32",
-        "filter": {"type": "box"},
-    }
-    return sensor.sensor(
-        camera,
-        clip.planes(camera, bodies, context.scene.lights),
-        film,
-        {"type": target.SAMPLER, "sample_count": context.samples**2},
-    )
-
-
-# ---- Entry points ----------------------------------------------------------------------------------------------------
 
 
 def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:

@@ -1,13 +1,16 @@
 """Surfaces whose lobes have to be asked for with care: ``mask`` and ``blendbsdf``, in the tree and along paths."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mitsuba_prosim.transport import asking, lobes
 
 MIRROR = {"type": "conductor"}
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 BLACK_ROUGH = {"type": "roughconductor", "alpha": 0.3, "specular_reflectance": 0.0}
 ROUGH = {"type": "roughconductor", "alpha": 0.3}
+WHOLE = {"type": "principled", "base_color": 0.5, "roughness": 0.4}
 
 bounces = pytest.mark.parametrize("bounces", [0, 3, -1], ids=["tree", "paths by two rays", "paths"])
 
@@ -79,3 +82,34 @@ def test_rough_lobes_share_the_light_of_a_source(variant_rgb, bounces):
     difference = mean - mean[0] * shares
     assert (error[0] < 0.02 * mean[0]) and (error < 0.05 * mean).all()
     assert (np.abs(difference[1:]) < 4 * np.hypot(error, error[0] * shares)[1:]).all(), (mean / mean[0], error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bounces", [0, -1], ids=["tree", "paths"])
+def test_a_mirror_is_as_bright_in_a_blend_with_what_is_taken_whole(variant_rgb, bounces):
+    """Under an even sky each adds its share (six differences within 4 standard errors: p < 1e-3 together)."""
+    bsdfs = WHOLE, blended(WHOLE, MIRROR, 0.4), blended(MIRROR, WHOLE, 0.6), masked(blended(WHOLE, MIRROR, 0.6), 0.5)
+    mean, error = quarters(bsdfs, bounces, {"type": "constant", "radiance": 1.0})
+    expected = mean[0] * np.array([1, 0.6, 0.6, 0.2]) + [0, 0.4, 0.4, 0.8]
+    assert (error < 0.01).all()
+    assert (np.abs(mean - expected) < 4 * np.hypot(error, error[0]) + 1e-5).all(), (mean, expected, error)
+
+
+@pytest.mark.parametrize("other", [BLACK, WHOLE], ids=["apart", "whole"])
+def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other):
+    """A mirror has a share of 0.3 w in a masked blend of the weight w, and what passes straight through none of it."""
+    bsdf = mi.load_dict(masked(blended(other, MIRROR | {"specular_reflectance": 0.5}, 0.4), 0.3))
+    params = mi.traverse(bsdf)
+    (key,) = (key for key, _ in params if key.endswith(".weight.value"))
+    dr.enable_grad(params[key])
+    params.update()
+    n = 10_000
+    si = dr.zeros(mi.SurfaceInteraction3f, n)
+    si.wi = mi.Vector3f(0.6, 0, 0.8)
+    choice = (dr.arange(mi.Float, n) + 0.5) / n
+    bs, weight = asking.sample(lobes.everything(), si, bsdf, choice, mi.Point2f(0.3, 0.6), mi.Bool(True))
+    ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (bs.pdf > 0)
+    brought = dr.mean(dr.select(ideal, weight.x, 0))
+    assert brought[0] == pytest.approx(0.7 + 0.5 * 0.3 * 0.4, abs=2e-3)
+    dr.backward(brought)
+    assert dr.grad(params[key])[0] == pytest.approx(0.5 * 0.3, rel=5e-3)

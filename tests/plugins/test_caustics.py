@@ -1,7 +1,7 @@
 """Caustics: photons that specular surfaces gather on diffuse ones, against paths and analytic irradiance."""
 
 import pickle
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import drjit as dr
@@ -9,18 +9,22 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
+from mitsuba_prosim.caustics.caustics import Caustics
 from mitsuba_prosim.caustics.footprint import Footprint
 from mitsuba_prosim.caustics.gathering import Gathering
+from mitsuba_prosim.caustics.merging import expected
 from mitsuba_prosim.caustics.photons import Photons
 from mitsuba_prosim.caustics.random import starts
-from mitsuba_prosim.caustics.sources import Sources, left_out
+from mitsuba_prosim.caustics.sources import Sources, Start, left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import Landed
 from mitsuba_prosim.command.sampled import parameters
+from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.rendering.pursuit import in_full_sets
 from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
-from mitsuba_prosim.transport.merging import onward
+from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
+from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
 from test_taking import Elsewhere, image
 
 
@@ -285,6 +289,17 @@ def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(varia
     assert "'nowhere'" in said[0][1] and "DeltaPosition" in said[0][1]
 
 
+def test_what_whole_materials_cast_on_one_another_is_said_to_be_left_out_of_a_tree(variant_rgb, monkeypatch):
+    glass = {"type": "principled", "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}
+    world = scene(4, thing=ball(glass), lamp=lamp(), floor=floor(0.5, "principled"))
+    said = []
+    monkeypatch.setattr(mi, "Log", lambda level, text: said.append(text) if "caustics" in text else None)
+    sensor = world.sensors()[0]
+    assert Caustics.of(small(4, glass), sensor, 16, 3, wholes=True) is not None and not said
+    assert Caustics.of(world, sensor, 16, 3, wholes=True) is not None
+    assert len(said) == 1 and "'thing'" in said[0] and "'floor'" in said[0] and "diffuse_bounces" in said[0]
+
+
 # ---------------------------------------------------------------- shared with rays
 
 
@@ -370,6 +385,97 @@ BALLS = {
     "ball in a cone": {"distribution": "cone", "angle": 3.0},
     "ball as a spot": {"distribution": "spot", "exponent": 600.0},
 }
+
+
+@pytest.mark.parametrize("tree", (True, pytest.param(False, marks=pytest.mark.slow)))
+def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
+    """From rough metal into nearly smooth glass, out of it and to a lamp: by rays alone, by a point of the lamp that is
+    sampled, and by photons on the inside of the glass and on the metal, reckoned from the lamp.
+    """
+    glass = ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}, (0, 1.2, 0), 0.8)
+    world = scene(128, floor=floor(1.0) | {"bsdf": ROUGH}, ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
+    caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
+    merging, passing = caustics.merging, caustics.walk.passing
+    merging.draw(None, 1000 + 500 * dr.arange(mi.Float, caustics.sources.pairs))
+    stage, n = SimpleNamespace(merging=merging), 128 * 128
+    random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
+    camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
+    ray, met, chain = Ray.first(camera), mi.Bool(True), []
+    ray.begun = ray.reach = mi.Float(0)
+    for k in range(3):
+        si = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met)
+        lobe = lobes.specular() if not tree else lobes.refracted() if k else lobes.reflected()
+        choice, *sample = random[2 + 3 * k : 5 + 3 * k]
+        bs, weight = si.bsdf().sample(lobe, si, choice, mi.Point2f(*sample), met)
+        met &= si.is_valid() & (bs.pdf > 0) & ((si.p.y > 0.01) if k else (si.p.y < 0.01))
+        d = si.to_world(bs.wo)
+        following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, shares=mi.Bool(True), n=viewer_side(si))
+        following = with_reach(stage, ray, Node(ray, si, si.bsdf(), met), following, bs, weight, mi.Bool(False))
+        f, pdf = si.bsdf().eval_pdf(lobe, si, bs.wo, met)
+        chain.append((ray, si, bs.wo, f, pdf))
+        ray = following
+    end, last = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
+    ds = mi.DirectionSample3f(world, end, last[1])
+    met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
+    density, of_lamp = merging.density(last[1], ds, met), lights.pdf(last[1], ray.n, mi.Bool(True), ds, met)
+    other = beside(stage, last[0], last[1], last[1].bsdf(), met)(ds, last[3], last[4], met)
+    shares = [share(straight(ray) * density, 1 + dr.square(of_lamp / ray.pdf)), mis(of_lamp, other)]
+    start = Start(mi.Ray3f(), mi.Spectrum(1), density, mi.PositionSample3f(end), ds.emitter)
+    for level, (ray, si, wo, f, pdf) in enumerate(reversed(chain)):
+        bsdf, area = si.bsdf(), merging.area(si, si.bsdf()) * dr.abs(dr.dot(si.n, si.to_world(wo)))
+        if level:
+            reach = dr.select(merging.narrow(bsdf, met), before(ray), 0)
+            shares.append(1 - share(expected(area, f, pdf, density, reach)))
+        back = mi.SurfaceInteraction3f(si)
+        back.wi = wo
+        density = passing(density, start, mi.UInt32(level), back, bsdf, si.wi, met)
+    dr.eval(shares, met)
+    shares = np.array(shares)[:, np.array(met)]
+    assert shares.shape[1] > 100 and np.all(shares.max(axis=1) > 0.05)
+    assert np.abs(shares.sum(axis=0) - 1).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(variant_rgb):
+    """They all lose as much of their light there: by roulette one in twenty-five would come back, as bright as ever."""
+    enamel = {"type": "prosim_composite", "diffuse_reflectance": 0.0, "int_ior": 1.5}
+    lying = []
+    for bsdf in (enamel, {"type": "conductor", "material": "none"}):
+        world = scene(4, floor=floor(1.0) | {"bsdf": ROUGH}, ball=ball(bsdf), lamp=lamp(0.2))
+        caustics = Caustics.of(world, world.sensors()[0], 1, 7, True)
+        i = dr.arange(mi.UInt32, 4096)
+        pair = i // 4096 + next(k for k in range(2) if abs(caustics.sources.targets.radii[k] - 0.8) < 0.01)
+        start = caustics.sources.start(pair, mi.Float(1, 1), *starts(mi.UInt32(5), i), mi.Color0f())
+        lying.append(dr.count(caustics.walk(start, i)[1].lies)[0])
+    assert lying[0] > 0.9 * lying[1] > 900
+
+
+ROUGHLY = {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.05}
+
+
+@pytest.mark.parametrize("glass", ({"type": "dielectric"}, ROUGHLY), ids=("smooth", "rough"))
+def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(variant_rgb, glass):
+    """Walls of radiance 1 send pi times the surface of a ball into it. Facets that shade one another lose some, as much
+    as the eye misses of an even sky that it sees through the ball.
+    """
+    walls = {"type": "cube", "flip_normals": True, "emitter": {"type": "area", "radiance": 1.0}}
+    thing = ball(glass, (0.2, 0.1, 0), 0.5)
+    world = mi.load_dict({"type": "scene", "sensor": camera(4), "walls": walls, "ball": thing})
+    caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
+    n = 1 << 17
+    i = dr.arange(mi.UInt32, n)
+    start = caustics.sources.start(0 * i, mi.Float(n), *starts(mi.UInt32(7), i), mi.Color0f())
+    landed, _ = caustics.walk(start, i)
+    power = dr.sum(dr.select(landed.lies, landed.flux.x, 0))[0]
+    place = (
+        mi.ScalarTransform4f().look_at(origin=(0.2, 0.1, 2), target=(0.2, 0.1, 0), up=(0, 1, 0)).scale((0.5, 0.5, 1))
+    )
+    eye = {"type": "orthographic", "to_world": place, "film": camera(32)["film"]}
+    world = mi.load_dict({"type": "scene", "sensor": eye, "sky": {"type": "constant"}, "ball": thing})
+    paths = mi.load_dict({"type": "path", "max_depth": 100, "rr_depth": 100})
+    missed = (1 - np.array(mi.render(world, integrator=paths, spp=64, seed=1)).mean()) * 4 / np.pi
+    assert missed < 0.01
+    assert power == pytest.approx(np.pi * 4 * np.pi * 0.5**2 * (1 - missed), rel=2e-3)
 
 
 def mirrored(kind, channel):
@@ -600,14 +706,20 @@ CASES = {
 
 @pytest.mark.slow
 def test_rough_metal_sees_the_highlights_of_smooth_things_without_fireflies(variant_rgb):
-    """Light of a lamp by way of glass, shared by the rays of the metal's lobe and photons: as bright as by paths; and
-    where the lamp is small, the errors of one pixel in a thousand are less than a third of those of the rays alone.
+    """Light of a lamp by way of glass and of nearly smooth metal, shared by the rays of the rough metal's lobe and
+    photons: as bright as by paths; and where the lamp is small, the errors of one pixel in a thousand are less than a
+    third of those of the rays alone.
     """
-    metal, glass = floor(1.0) | {"bsdf": ROUGH}, ball({"type": "dielectric"})
-    world = scene(24, floor=metal, thing=glass, lamp=lamp(1.0, 20.0))
+    silver = {"type": "prosim_conductor", "material": "Ag", "alpha": 0.03}
+    things = {
+        "floor": floor(1.0) | {"bsdf": ROUGH},
+        "glass": ball({"type": "dielectric"}, (0.5, 0.9, 0), 0.6),
+        "metal": ball(silver, (-0.8, 0.8, 0.6), 0.5),
+    }
+    world = scene(24, lamp=lamp(1.0, 20.0), **things)
     seen = floor_alone(world, 24)
     agree(world, seen)
-    world = scene(24, floor=metal, thing=glass, lamp=lamp(0.2, 500.0))
+    world = scene(24, lamp=lamp(0.2, 500.0), **things)
     shared = np.stack([render(world, seed)[seen] for seed in range(12)])
     alone = np.stack([render(world, 100 + seed, caustics=False)[seen] for seed in range(12)])
     worst = [np.percentile(np.abs(images - shared.mean(axis=0)), 99.9) for images in (shared, alone)]

@@ -15,9 +15,10 @@ import atheris
 
 with atheris.instrument_imports():
     import prosim_scene
+    from prosim_scene.assembling import assemble
     from prosim_scene.language import document_of
     from prosim_scene.language.words import WORDS
-    from prosim_scene.translator import Options, assemble
+    from prosim_scene.options import Options
     from prosim_scene.write import xml
 
 warnings.simplefilter("ignore")

@@ -1,7 +1,7 @@
 """Scenes as text, their meshes, and what is measured on them."""
 
 import numpy as np
-from prosim_scene import translator, view
+from prosim_scene import assembling, view
 from prosim_scene.language import document_of
 from prosim_scene.solids import tessellate
 
@@ -25,9 +25,9 @@ def skins(text, tolerance=0.05):
         document,
         view.camera(document),
         tolerance,
-        lambda leaf: translator.medium(scene, leaf),
-        lambda leaf: translator.look(scene, leaf),
-        lambda leaf: translator.fresnel(scene, leaf),
+        lambda leaf: assembling.medium(scene, leaf),
+        lambda leaf: assembling.look(scene, leaf),
+        lambda leaf: assembling.fresnel(scene, leaf),
     )
 
 
@@ -39,8 +39,8 @@ def solids(text, tolerance=0.05):
     scene = document_of(text, "test.scn").scene
     for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
-            looks.setdefault(translator.look(scene, leaf), leaf.index)
-            media.setdefault(translator.medium(scene, leaf), leaf.index)
+            looks.setdefault(assembling.look(scene, leaf), leaf.index)
+            media.setdefault(assembling.medium(scene, leaf), leaf.index)
     return {
         looks[skin.material] if skin.outside is None else (looks[skin.material], media[skin.outside]): triangles
         for skin, triangles in skins(text, tolerance).items()

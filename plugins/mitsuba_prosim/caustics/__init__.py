@@ -9,7 +9,7 @@ form that Jensen gave them (1996):
 - :mod:`.photons`: there they are sorted into cells of a grid, about as large as a pixel is seen there
   (:mod:`.footprint`);
 - :mod:`.gathering`: the diffuse surfaces that a tree or path meets collect those that lie within a pixel's reach;
-- :mod:`.merging`: so do glossy ones, which share that light with the rays that their lobes draw;
+- :mod:`.merging`, :mod:`.passing`: so do glossy ones, which share that light with the rays that their lobes draw;
 - :mod:`.caustics`: every sample of a pixel gathers from a map of its own, so that photons are noise as all else is:
   adaptive sampling sees it, and it falls with the number of samples.
 

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..rendering import collector
+from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
@@ -18,11 +19,11 @@ from .gathering import Gathering
 from .merging import Merging
 from .photons import Photons
 from .sources import Sources
-from .targets import Targets
+from .targets import Targets, left_dark
 from .walk import Landed, Walk
 
-#: Most maps of a set.
-MAPS = 64
+#: Most maps of a set: those of a pattern have as many wavelengths as that is wide.
+MAPS = wavelengths.PARTS**2
 
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
@@ -43,13 +44,14 @@ class Caustics:
     variants all photons of a map have the same wavelengths, which its samples have too (:meth:`wavelength`).
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk) -> None:
-        self.sensor, self.sources, self.count, self.walk = sensor, sources, count, walk
-        self.footprint = Footprint.of(scene, sensor)
+    def __init__(
+        self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk, footprint: Footprint
+    ) -> None:
+        self.sensor, self.sources, self.count, self.walk, self.footprint = sensor, sources, count, walk, footprint
         self.gathering = Gathering(scene, self.footprint)
         self.merging: Merging | None = None
         if walk.merges:
-            self.merging = Merging(self.footprint, sources, walk.deepest, walk.indivisible, walk.careful)
+            self.merging = Merging(footprint, sources, walk.narrow, walk.deepest, walk.indivisible, walk.careful)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         #: The one that was used last at the end.
         self._sets: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
@@ -67,7 +69,10 @@ class Caustics:
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
-        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes))
+        if wholes:
+            left_dark(scene.shapes())
+        footprint = Footprint.of(scene, sensor)
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes, footprint), footprint)
 
     @property
     def kept(self) -> int:
@@ -111,7 +116,7 @@ class Caustics:
         """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
         same for all pixels.
         """
-        return random.shared(self._key, t, self._n)
+        return wavelengths.shared(self._key, t, self._n)
 
     def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
@@ -148,8 +153,8 @@ class Caustics:
         # The photons of a pair go on from map to map, so that those of all together are evenly spread too.
         of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
-        wavelengths = self._wavelengths(seed, t, maps)
-        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wavelengths)
+        wanted = self._wavelengths(seed, t, maps)
+        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wanted)
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, pair)
         return landed, map_of, pair
@@ -159,7 +164,7 @@ class Caustics:
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)
         key, n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
-        sample, middle = random.shared(key, t, n), mi.Point2f(0.5)
+        sample, middle = wavelengths.shared(key, t, n), mi.Point2f(0.5)
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:

@@ -12,6 +12,9 @@ from ..rendering.camera import uncropped
 #: Where a camera has no pixels to speak of (a meter of one ray): that part of the scene's radius.
 LEAST = 1e-5
 
+#: That area over the area of Epanechnikov's kernel.
+EVENLY = 0.75
+
 
 @dataclass(frozen=True)
 class Footprint:
@@ -45,6 +48,10 @@ class Footprint:
     def distance(self, p: mi.Point3f) -> mi.Float:
         """That of ``p`` from the eye."""
         return dr.norm(p - self.eye)
+
+    def evenly(self, p: mi.Point3f) -> mi.Float:
+        """Area on which photons within reach of ``p`` would count alike, with the same noise as by their kernel."""
+        return EVENLY * dr.pi * dr.square(self.at(self.distance(p)))
 
     def at(self, distance: mi.Float) -> mi.Float:
         """Width of a pixel at that distance."""

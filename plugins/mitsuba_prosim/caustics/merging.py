@@ -8,8 +8,12 @@ Photons that lie on G find the same light. Of a path that either could have foun
 Along a chain of ideally smooth surfaces, the number of photons per area at right angles to the ray and per solid angle,
 their density, only falls by what is absorbed and by the choice of a lobe, and is scaled by the square of the index as
 radiance is: neither mirrors nor lenses change the product of area and solid angle of a beam. So R is that density,
-known at the source, times what a ray of the eye has brought along since G, the reach (:meth:`Merging.reach`): the area
+known at the source, times what a ray of the eye has brought along since G, the reach (:meth:`Merging.begun`): the area
 that photons count on, seen from the ray, over the density that the lobe has drawn the ray with.
+
+What is glossy, but nearly smooth (:mod:`..transport.narrow`), is part of such a chain too. There each end multiplies by
+what the lobe scatters over the density of the eye's sample; sources that are sampled there, and photons at several
+glossy surfaces, are further ways to find the light, whose shares add up to 1 (:mod:`.passing`).
 """
 
 from __future__ import annotations
@@ -22,25 +26,31 @@ import mitsuba as mi
 from ..masks import but_not
 from ..transport import asking, lobes
 from ..transport.indivisible import is_whole
+from ..transport.merging import before, share
+from ..transport.narrow import LIES, Narrow
+from ..transport.ray import Ray
 from .footprint import Footprint
 from .gathering import within_reach
 from .photons import Photons
 from .sources import Sources
 
-#: Area on which photons would count alike, with the same noise as by Epanechnikov's kernel, over that of the kernel.
-EVENLY = 0.75
-
 
 class Merging:
-    """Glossy lobes lit by photons that came by way of ideally smooth surfaces alone, at most ``deepest`` with those
-    of the eye's ray; within a pixel's width (``footprint``). ``indivisible``: whether any BSDF is taken whole;
-    ``careful``: whether any has to be asked for its lobes with care.
+    """Glossy lobes lit by photons that came by way of smooth surfaces alone, ideally or nearly (``narrow``), at most
+    ``deepest`` with those of the eye's ray; within a pixel's width (``footprint``). ``indivisible``: whether any BSDF
+    is taken whole; ``careful``: whether any has to be asked for its lobes with care.
     """
 
     def __init__(
-        self, footprint: Footprint, sources: Sources, deepest: mi.UInt32, indivisible: bool, careful: bool
+        self,
+        footprint: Footprint,
+        sources: Sources,
+        narrow: Narrow,
+        deepest: mi.UInt32,
+        indivisible: bool,
+        careful: bool,
     ) -> None:
-        self.footprint, self.sources, self.deepest = footprint, sources, deepest
+        self.footprint, self.sources, self.narrow, self.deepest = footprint, sources, narrow, deepest
         self.indivisible, self.careful = indivisible, careful
         self._drawn: tuple[Photons, mi.Float] | None = None
 
@@ -48,41 +58,47 @@ class Merging:
         """Makes ``photons`` what samples gather from; ``shares``: how many of each pair are in a map."""
         self._drawn = photons, shares
 
-    def alone(self, reach: mi.Float, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Share that a ray of the eye has in the light of the source that it meets with ``reach``: from ``it``, along
-        ``ds``.
-        """
+    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        """How close together photons are on the ray of light that comes to ``it`` along ``ds`` from its source."""
         assert self._drawn is not None, "no photons have been drawn"
-        return share(reach * self.sources.density(it, ds, self._drawn[1], active))
+        return self.sources.density(it, ds, self._drawn[1], active)
 
-    def reach(self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, pdf: mi.Float) -> mi.Float:
+    def begun(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, d: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Area around ``si`` on which photons count, seen along ``d``, over ``pdf``, the density per solid angle with
-        which a lobe draws that direction.
+        which a lobe of ``bsdf`` draws that direction.
         """
-        radius = self.footprint.at(self.footprint.distance(si.p))
-        area = EVENLY * dr.pi * dr.square(radius) * dr.abs(dr.dot(si.n, d))
-        return dr.select(pdf > 0, area / dr.select(pdf > 0, pdf, 1), 0)
+        return over(self.area(si, bsdf) * dr.abs(dr.dot(si.n, d)), pdf)
+
+    def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
+        """That area; of nearly smooth surfaces the part of it that is left to those photons that lie there."""
+        area = self.footprint.evenly(si.p)
+        if self.narrow.table is None:
+            return area
+        return dr.select(self.narrow(bsdf, mi.Bool(True)), area * LIES, area)
 
     def __call__(
         self,
+        ray: Ray,
         si: mi.SurfaceInteraction3f,
         bsdf: mi.BSDFPtr,
         drawn: Sequence[mi.BSDFContext],
         t: mi.UInt32,
-        level: mi.UInt32,
         active: mi.Bool,
     ) -> mi.Spectrum:
-        """Radiance towards the viewer of photons by the glossy lobes of ``bsdf`` at ``si``, for the ``t``-th sample of
-        a pixel, less what its rays find themselves. ``drawn``: the lobes, each with a ray of its own; ``level``: that
-        of the ray that has met ``si``.
+        """Radiance towards the viewer of photons by the glossy lobes of ``bsdf`` at ``si``, which ``ray`` has met, for
+        the ``t``-th sample of a pixel, less what its rays find themselves, and photons at the surfaces before.
+        ``drawn``: the lobes, each with a ray of its own.
         """
         assert self._drawn is not None, "no photons have been drawn"
         photons = self._drawn[0]
         density, levels = photons.density, photons.level
         assert density is not None and levels is not None
+        level = ray.level
         active = active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (level < self.deepest)
         if self.indivisible:
             active = but_not(active, is_whole(bsdf, active))
+        area = self.area(si, bsdf)
+        reach = None if self.narrow.table is None else dr.select(self.narrow(bsdf, active), before(ray), 0)
 
         def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
             near = near & (level + dr.gather(mi.UInt32, levels, i, near) < self.deepest)
@@ -93,7 +109,7 @@ class Merging:
             dense, f = dr.gather(mi.Float, density, i, near), mi.Spectrum(0)
             for lobe in drawn:
                 f_lobe, pdf = asking.eval_pdf(lobe, si, bsdf, wo, near, self.careful)
-                f += f_lobe * (1 - share(self.reach(si, d, pdf) * dense))
+                f += f_lobe * (1 - share(expected(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, dense, reach)))
             flux = dr.gather(mi.Spectrum, photons.flux, i, near)
             return dr.select(near, f * flux * (kernel / dr.select(near, cos, 1)), 0)
 
@@ -102,8 +118,22 @@ class Merging:
         return L * per_area
 
 
-def share(photons: mi.Float) -> mi.Float:
-    """Share that a ray has in the light that it finds, where so many ``photons`` are to be expected for it: power
-    heuristic.
+def expected(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, reach: mi.Float | None) -> mi.Float:
+    """How many photons of this ``density`` are to be expected on ``area``, seen from where they come from, for each ray
+    that is drawn there with the density ``pdf`` and all other ways by which the eye finds the light.
+
+    ``f``: what the lobe scatters. ``reach``: what the ray has brought along that sees the surface, if that is nearly
+    smooth, for photons beyond it; 0 or None if there are none.
     """
-    return dr.rcp(1 + dr.square(photons))
+    begun = over(area, pdf)
+    of_rays = begun * density
+    if reach is None:
+        return of_rays
+    passed = over(dr.max(mi.unpolarized_spectrum(f)) * (1 - LIES), pdf)
+    of_all = over(begun, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(reach * passed)))
+    return dr.select(reach > 0, of_all, of_rays)
+
+
+def over(value: mi.Float, pdf: mi.Float) -> mi.Float:
+    """``value`` over ``pdf``, 0 where that is 0."""
+    return dr.select(pdf > 0, value / dr.select(pdf > 0, pdf, 1), 0)

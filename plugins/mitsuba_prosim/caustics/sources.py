@@ -60,6 +60,10 @@ class Start:
     #: How close together they are: number per area at right angles to the ray and per solid angle; :data:`ENDLESS` from
     #: points and in a single direction.
     density: mi.Float
+    #: Where they start, if that is on a surface ...
+    place: mi.PositionSample3f
+    #: ... and of what.
+    emitter: mi.EmitterPtr
 
 
 #: Kinds of sources, by how their photons start: all go out from one point; from a surface to all sides, or along its
@@ -135,7 +139,7 @@ class Sources:
         emitter = dr.gather(mi.EmitterPtr, self.pointers, number)
         kinds = dr.gather(mi.UInt32, self.kind, number)
         draw = Draw(number, target, shares, position, aimed, wavelengths)
-        start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0))
+        start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0), dr.zeros(mi.PositionSample3f), emitter)
         for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._beam, self._far))):
             if name in self.kinds:
                 active = kinds == k
@@ -152,7 +156,8 @@ class Sources:
         density = self._density(draw.number, draw.shares, self._of_point(x, ray.d), draw.target)
         met, lit = self._met(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
-        return Start(ray, dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0), mi.Float(ENDLESS))
+        flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
+        return Start(ray, flux, mi.Float(ENDLESS), dr.zeros(mi.PositionSample3f), emitter)
 
     def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
@@ -172,7 +177,7 @@ class Sources:
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
         L = emitter.eval_direction(met, ds, lit)
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
-        return Start(ray, flux, density / dr.select(lit, cos, 1))
+        return Start(ray, flux, density / dr.select(lit, cos, 1), ps, emitter)
 
     def _beam(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         """Not aimed: a point of the surface says where the photon goes."""
@@ -181,7 +186,8 @@ class Sources:
         si = mi.SurfaceInteraction3f(ps, draw.wavelengths)
         lit = active & (density > 0)
         L = dr.dispatch(emitter, beam, si, lit)
-        return Start(si.spawn_ray(ps.n), dr.select(lit, L / dr.select(lit, density, 1), 0), mi.Float(ENDLESS))
+        flux = dr.select(lit, L / dr.select(lit, density, 1), 0)
+        return Start(si.spawn_ray(ps.n), flux, mi.Float(ENDLESS), ps, emitter)
 
     def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
@@ -192,7 +198,8 @@ class Sources:
         density = self._density(draw.number, draw.shares, self._from_afar(x, d), draw.target)
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
-        return Start(mi.Ray3f(x - d * back, d), flux, dr.select(ds.delta, ENDLESS, density * ds.pdf))
+        density = dr.select(ds.delta, ENDLESS, density * ds.pdf)
+        return Start(mi.Ray3f(x - d * back, d), flux, density, dr.zeros(mi.PositionSample3f), emitter)
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, shares: mi.Float, active: mi.Bool) -> mi.Float:
         """How close together (:attr:`Start.density`) photons are on the ray of light that comes to ``it`` along ``ds``;

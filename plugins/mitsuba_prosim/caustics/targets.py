@@ -56,6 +56,20 @@ def is_specular(shape: mi.Shape, wholes: bool) -> bool:
     return bool(lobes.has_any(int(bsdf.flags()), *names))
 
 
+def left_dark(shapes: Sequence[mi.Shape]) -> None:
+    """Warns of what is left out of a tree: light that one material taken whole refracts to another one."""
+    wholes = [shape for shape in shapes if shape.bsdf() is not None and is_indivisible(shape.bsdf())]
+    through = [s for s in wholes if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
+    if through and len(wholes) > 1:
+        onto = ", ".join(repr(s.id()) for s in wholes if s is not through[0])
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: in a tree of rays, caustics leave out what {through[0].id()!r} casts on {onto}: their materials "
+            "do not tell their lobes apart. Paths (diffuse_bounces) find it. In a tree, give one of the two another "
+            "BSDF: to glass prosim_dielectric or roughdielectric, to floors prosim_composite, roughplastic or diffuse.",
+        )
+
+
 def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     """``(x, y, z, radius)`` of a sphere around ``shape``."""
     box = shape.bbox()

@@ -8,16 +8,26 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
-from ..transport import dispersion, lobes
+from ..transport import asking, dispersion, lobes
 from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
 from ..transport.asking import any_careful
 from ..transport.indivisible import any_indivisible, belongs_to, is_whole
 from ..transport.merging import onward, possible
+from ..transport.narrow import LIES, Narrow
 from . import random
+from .footprint import Footprint
+from .passing import Passing
 from .sources import Start
 
 #: Numbers that a photon is given for each surface.
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
+
+#: The first of those, one for each surface, that tell whether it lies on one that is nearly smooth.
+LOT = 1 << 16
+
+#: Photons for glossy surfaces that keep less than that of their light at the first one go on as they are, without
+#: roulette: they are all dimmed alike there.
+FAINT = 0.5
 
 #: Facets that are met at grazing incidence, but shaded as if they were not, would make single photons as bright as
 #: hundreds. About a thousandth of the light that a ball of facets gathers is lost by this bound.
@@ -59,20 +69,22 @@ class State:
     landed: Landed
     #: Where something is taken whole: whether a lobe of several directions of that has sent it on.
     sent: mi.Bool | None
-    #: Where light is shared with the eye's rays: how close together photons are, 0 beyond a glossy surface, and where
-    #: they have met that.
+    #: Where light is shared with the eye's rays: how close together photons are, 0 beyond a glossy surface unless that
+    #: is nearly smooth, and where they have met that ...
     density: mi.Float | None
     glossy: Landed | None
+    #: ... and, where any is nearly smooth, for how many photons each of them counts there.
+    times: mi.Float | None = None
 
 
 class Walk:
-    """Light in ``scene``, through up to ``deepest`` specular surfaces.
+    """Light in ``scene``, through up to ``deepest`` specular surfaces, as seen with pixels of that ``footprint``.
 
     ``wholes``: whether what is taken whole sends photons on by all that it does not scatter; else they lie there,
     unless it lets them through or mirrors them in a single direction.
     """
 
-    def __init__(self, scene: mi.Scene, deepest: int, wholes: bool) -> None:
+    def __init__(self, scene: mi.Scene, deepest: int, wholes: bool, footprint: Footprint) -> None:
         self.scene, self.deepest = scene, dr.opaque(mi.UInt32, deepest)
         self.specular = lobes.specular()
         self.everything = lobes.everything()
@@ -80,7 +92,9 @@ class Walk:
         self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), dispersion.disperses(scene)
         self.careful = any_careful(scene)
         self.wholes, self.indivisible = wholes, any_indivisible(scene)
-        self.merges = possible(scene)
+        self.narrow = Narrow.of(scene)
+        self.merges = possible(scene, self.narrow)
+        self.passing = None if self.narrow.table is None else Passing(scene, footprint, wholes)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
         """Where the photons ``start`` come to lie, on diffuse surfaces and, where it matters, glossy ones. ``key``:
@@ -88,7 +102,7 @@ class Walk:
         """
 
         def step(state: State) -> State:
-            return self._step(state, key)
+            return self._step(state, key, start)
 
         medium, sent = mi.MediumPtr(None) if self.absorbs else None, mi.Bool(False) if self.indivisible else None
         density, glossy = None, None
@@ -97,14 +111,16 @@ class Walk:
         state = State(
             start.ray, medium, start.flux, mi.UInt32(0), dr.max(start.flux) > 0, Landed.nowhere(), sent, density, glossy
         )
+        if self.passing is not None:
+            state.times = mi.Float(1)
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
         return state.landed, state.glossy
 
-    def _step(self, state: State, key: mi.UInt32) -> State:
+    def _step(self, state: State, key: mi.UInt32, start: Start) -> State:
         si = self.scene.ray_intersect(state.ray, state.active)
         surface = state.active & si.is_valid()
         bsdf = si.bsdf()
-        arrived, medium, density, glossy = state.flux, state.medium, state.density, state.glossy
+        arrived, medium, density, glossy, times = state.flux, state.medium, state.density, state.glossy, state.times
         if self.absorbs:
             medium = before(si, medium, state.ray.d, surface & (state.level == 0))
             left = transmittance(medium, si.wavelengths, si.t, surface)
@@ -126,18 +142,33 @@ class Walk:
         if density is not None:
             meets = but_not(surface & (state.level > 0) & (density > 0) & (true > 0), whole)
             meets &= lobes.has_any(flags, *lobes.GLOSSY)
-            here = Landed(si.p, state.ray.d, arrived * as_shaded, mi.Bool(True), density, state.level)
+            share = as_shaded
+            if times is not None:
+                later = but_not(surface & self.narrow(bsdf, surface), state.level == 0)
+                times = dr.select(later, times / LIES, times)
+                meets = but_not(meets, later & (random.number(key, LOT + state.level) >= LIES))
+                share = as_shaded * times
+            here = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True), density, state.level)
             glossy = dr.select(meets, here, glossy)
-        ray, weight, passed, goes, sent = self._scatter(si, bsdf, key, first, arrived, goes, whole)
+        ray, weight, bs, passed, goes, sent = self._scatter(si, bsdf, key, first, arrived, goes, whole)
+        if density is not None:
+            if self.passing is not None:
+                drawn = goes & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
+                drawn = but_not(drawn & self.narrow(bsdf, drawn), meets)
+                beyond_it = self.passing(density, start, state.level, si, bsdf, bs.wo, drawn)
+                density = dr.select(drawn, beyond_it, density * passed)
+            else:
+                density = density * passed
         # One photon either lies or goes on, and keeps about the flux that it has.
         flux = arrived * weight
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(state.level < 4, 1, 0.95)))
+        if density is not None:  # Too few would come back from a varnish for what gathers them beside its own rays.
+            p = dr.select((state.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= random.number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
         lands &= true > 0
-        share = as_shaded / dr.maximum(1 - p, 1e-6)
-        landed = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True))
+        landed = Landed(si.p, state.ray.d, arrived * (as_shaded / dr.maximum(1 - p, 1e-6)), mi.Bool(True))
         return State(
             ray,
             beyond(si, medium, ray.d, goes) if self.absorbs else None,
@@ -146,8 +177,9 @@ class Walk:
             goes,
             dr.select(lands, landed, state.landed),
             state.sent | sent if self.indivisible else None,
-            None if density is None else density * passed,
+            density,
             glossy,
+            times,
         )
 
     def _scatter(
@@ -159,9 +191,10 @@ class Walk:
         flux: mi.Spectrum,
         active: mi.Bool,
         whole: mi.Bool,
-    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Float, mi.Bool, mi.Bool]:
-        """The ray of a photon after a surface's specular lobes, what is left of its flux and of the density of photons,
-        and whether there is one; and whether it was sent in one of several directions by what is taken ``whole``.
+    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.BSDFSample3f, mi.Float, mi.Bool, mi.Bool]:
+        """The ray of a photon after a surface's specular lobes, what is left of its flux, the sample of those, what is
+        left of the density of photons after an ideal one, and whether there is a ray; and whether it was sent in one of
+        several directions by what is taken ``whole``.
 
         It is importance that spreads from the sources: it is not divided by the square of an index as radiance is, and
         where a surface is shaded by other normals than its own, cosines of both are exchanged (Veach 1997, 5.3).
@@ -174,7 +207,9 @@ class Walk:
             bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
         belongs, sent = (bs.sampled_type & self.specular.type_mask) != 0, mi.Bool(False)
         if self.indivisible:
-            of_all, weight_of_all = bsdf.sample(self.everything, si, choice, sample, active & whole)
+            of_all, weight_of_all = asking.sample_all(
+                self.everything, si, bsdf, choice, sample, active & whole, self.careful
+            )
             bs, weight = dr.select(whole, of_all, bs), dr.select(whole, weight_of_all, weight)
             sent = but_not(whole, lobes.has_any(of_all.sampled_type, *lobes.IDEAL))
             belongs = dr.select(whole, belongs_to(self.specular, si.wi, of_all), belongs)
@@ -187,7 +222,7 @@ class Walk:
         active &= (true_i > 0) & (cos_o > 0)
         weight = mi.unpolarized_spectrum(weight)
         passed = dr.select(whole, 0, onward(bs, weight, bsdf.flags()) * dr.square(bs.eta))
-        return si.spawn_ray(d), weight * bounded(cos_i * true_o, cos_o * true_i), passed, active, sent
+        return si.spawn_ray(d), weight * bounded(cos_i * true_o, cos_o * true_i), bs, passed, active, sent
 
 
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:

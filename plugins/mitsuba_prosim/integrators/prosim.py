@@ -145,8 +145,9 @@ class Prosim(WaveIntegrator):
 
     With :monosp:`caustics`, photons go from every source towards all that is specular, through it by at most
     :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse surfaces, where they count within a
-    pixel's width. So do those on rough surfaces that came by way of ideally smooth ones alone: they share that light
-    with the rays of the lobe by multiple importance sampling, which ends the bright pixels. Each sample of a pixel has
+    pixel's width. So do those on rough surfaces that came by way of smooth ones alone, ideally or nearly: they share
+    that light with the rays of the lobe by multiple importance sampling, which ends the bright pixels; but for those of
+    point sources in nearly smooth surfaces, and in such that disperse. Each sample of a pixel has
     photons of its own, so that their noise falls with the samples. Paths leave the light on diffuse surfaces to them:
     nothing is counted twice. In spectral variants all pixels then have the same wavelengths,
     those of the photons, other ones with each sample. Sources are all of this package's, and of Mitsuba's

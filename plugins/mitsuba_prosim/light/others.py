@@ -40,7 +40,7 @@ class Others:
     ) -> LightSample:
         """A point of ``emitter``, seen from ``si``; see :meth:`.balls.Balls.sample`."""
         ds, weight = emitter.sample_direction(si, sample, active)
-        return LightSample(ds.d, ds.p, ds.pdf, mi.Bool(ds.delta), weight)
+        return LightSample(ds.d, ds.p, ds.pdf, mi.Bool(ds.delta), weight, ds)
 
     def pdf(
         self,

@@ -22,6 +22,8 @@ class LightSample:
     delta: mi.Bool
     #: ``mi.Spectrum``: radiance over density.
     weight: mi.Spectrum
+    #: The same as a ``mi.DirectionSample3f``.
+    ds: mi.DirectionSample3f
 
 
 def weighed(
@@ -33,7 +35,7 @@ def weighed(
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
     weight = emitter.eval_direction(si, ds, visible) / dr.select(visible, ds.pdf, 1)
-    return LightSample(ds.d, ds.p, dr.select(visible, ds.pdf, 0), mi.Bool(False), dr.select(visible, weight, 0))
+    return LightSample(ds.d, ds.p, dr.select(visible, ds.pdf, 0), mi.Bool(False), dr.select(visible, weight, 0), ds)
 
 
 def direction_sample(si: mi.SurfaceInteraction3f, d: mi.Vector3f) -> mi.DirectionSample3f:

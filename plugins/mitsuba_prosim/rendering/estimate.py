@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import NRook, SamplerPoints
 from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
@@ -132,6 +133,8 @@ class Estimator:
         if mi.is_spectral and self.transport.caustics is not None:
             assert isinstance(points, NRook)
             wavelength = self.transport.caustics.wavelength(points.t)
+        elif mi.is_spectral and self.transport.disperses and isinstance(points, NRook):
+            wavelength = wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), points.t, points.parts)
         time = mi.Float(self.sensor.shutter_open())
         if moving:
             time += other.x * self.sensor.shutter_open_time()

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
+from ..sampling.wavelengths import PARTS
 
 #: left, top, right, bottom, in pixels of the whole film.
 Rectangle = tuple[int, int, int, int]
@@ -137,7 +138,7 @@ class Plan:
             points = NRook.at(self.permutations, key, t, self.jitter)
         else:
             points = NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)
-        points.t = t
+        points.t, points.parts = t, min(self.first.n, PARTS)
         return points
 
     def continued(self, n: int, begin: int) -> Plan:

@@ -114,8 +114,9 @@ class NRook:
         jitter: str = "multi",
     ) -> None:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
-        #: Number of the sample among all of its pixel, where that is known.
+        #: Number of the sample among all of its pixel, where that is known, and the parts of :mod:`.wavelengths`.
         self.t: int | mi.UInt32 = 0
+        self.parts = 1
 
     @classmethod
     def at(

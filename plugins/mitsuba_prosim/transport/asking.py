@@ -3,7 +3,8 @@
 Its ``mask`` samples nothing but what passes straight through when it is asked for all else, so it is always asked for
 that too. Its ``blendbsdf`` takes the probability of an ideal lobe for a density, and mixes it with that of the other
 BSDF's glossy or diffuse lobe, which takes light from the ideal one or adds some; so it is asked for either the ideal
-lobes or the others, each as often. (Both as of Mitsuba 3.9.)
+lobes or the others, each as often. Where that does not help, as one of its BSDFs does not tell lobes apart, what it
+mixes is sampled itself. (All as of Mitsuba 3.9.)
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
+from ..optics import blends
+from ..optics.blends import BLEND, MASK
 from ..optics.nested import all_within
 from . import lobes
+from .indivisible import is_indivisible
 from .shapes import all_shapes
-
-#: Their class names.
-MASK, BLEND = "MaskBSDF", "BlendBSDF"
 
 
 def any_careful(scene: mi.Scene) -> bool:
@@ -37,6 +38,11 @@ def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
 
 
+def _of_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
+    """Whether ``bsdf`` is asked for all that it mixes, of which some does not tell its lobes apart."""
+    return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_indivisible(bsdf)
+
+
 def sample(
     lobe: mi.BSDFContext,
     si: mi.SurfaceInteraction3f,
@@ -46,10 +52,14 @@ def sample(
     active: mi.Bool,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     """A sample of the ``lobe`` of one ``bsdf``, as its own method has it; ``pdf`` is 0 where it is of another lobe."""
+    if _of_leaves(lobe, bsdf):
+        return blends.sample(lobe, si, bsdf, choice, point, active)
     masks = any(_within(bsdf, MASK))
 
     def part(asked: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs, weight = bsdf.sample(lobes.and_through(asked) if masks else asked, si, choice, point, active)
+        ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
+        weight *= dr.select(ideal, dr.relative_grad(blends.share(bsdf, si, choice, active)), 1)
         bs.pdf = dr.select((bs.sampled_type & asked.type_mask) != 0, bs.pdf, 0)
         return bs, weight
 
@@ -60,6 +70,30 @@ def sample(
     bs, weight = (dr.select(choice < 0.5, a, b) for a, b in zip(ideal, smooth))
     bs.pdf *= 0.5
     return bs, weight * 2
+
+
+def sample_all(
+    everything: mi.BSDFContext,
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDF | mi.BSDFPtr,
+    choice: mi.Float,
+    point: mi.Point2f,
+    active: mi.Bool,
+    careful: bool,
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """A sample of all lobes of ``bsdf``. ``careful``: whether anything in the scene has to be asked with care."""
+    if not careful:
+        return bsdf.sample(everything, si, choice, point, active)
+    if not dr.is_jit_v(mi.Float):
+        return sample(everything, si, bsdf, choice, point, active)
+    return dr.dispatch(
+        bsdf,
+        lambda one, si, choice, point, active: sample(everything, si, one, choice, point, active),
+        si,
+        choice,
+        point,
+        active,
+    )
 
 
 def eval_pdf(
@@ -79,6 +113,8 @@ def eval_pdf(
     def evaluated(
         one: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Float]:
+        if _of_leaves(lobe, one):
+            return one.eval_pdf(lobe, si, wo, active)
         mixes = _mixes(lobe, one)
         asked = lobes.only(lobe, *lobes.SMOOTH) if mixes else lobe
         f, pdf = one.eval_pdf(lobes.and_through(asked) if any(_within(one, MASK)) else asked, si, wo, active)

@@ -11,6 +11,7 @@ from ..sampling.nrook import NRook, SamplerPoints
 from . import asking, lobes
 from .absorption import beyond, transmittance
 from .indivisible import is_whole
+from .merging import beside
 from .moving import carried_sample
 from .ray import Ray, mis, viewer_side
 from .stage import NODE_SPACES, Stage
@@ -37,6 +38,8 @@ def direct_light(
     first_space = stage.space(ray.node, NODE_SPACES)
     whole = active & is_whole(bsdf, active) if stage.facts.indivisible else mi.Bool(False)
 
+    other = beside(stage, ray, si, bsdf, but_not(active, scattered))
+
     def light(lamp: Lamp, L: mi.Spectrum) -> mi.Spectrum:
         sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active)
         if stage.attached:
@@ -50,7 +53,8 @@ def direct_light(
             glossy = but_not(lit, scattered)
         for lobe in stage.facts.partners:
             f_lobe, pdf_lobe = asking.eval_pdf(lobe, si, bsdf, wo, glossy, stage.facts.careful)
-            f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
+            pdf_others = other(sample.ds, f_lobe, pdf_lobe, but_not(glossy, sample.delta))
+            f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_others))
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
         return L + unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)

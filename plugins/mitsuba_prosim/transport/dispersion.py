@@ -5,6 +5,9 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from ..sampling import wavelengths
+from ..sampling.hash import combine
+from ..sampling.nrook import NRook, SamplerPoints
 from . import asking
 from .shapes import all_shapes
 
@@ -12,6 +15,15 @@ from .shapes import all_shapes
 def disperses(scene: mi.Scene) -> bool:
     """Whether any surface of ``scene`` refracts each wavelength its own way, as far as it says so itself."""
     return any(getattr(shape.bsdf(), "disperses", False) for shape in all_shapes(scene))
+
+
+def evenly(points: NRook | SamplerPoints, space: mi.UInt32, choice: mi.Float) -> mi.Float:
+    """``choice``, a number in [0, 1) by which glass chooses what a ray keeps, such that the samples of a pixel together
+    divide the spectrum evenly.
+    """
+    if not mi.is_spectral or isinstance(points, SamplerPoints):
+        return choice
+    return wavelengths.kept(combine(points.key, space), points.t, points.parts, choice)
 
 
 def sample(

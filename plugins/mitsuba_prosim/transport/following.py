@@ -34,6 +34,7 @@ def follow(
     # Only whole BSDFs choose among lobes often enough for strata to pay, and glass that disperses.
     stratified = lobes.is_everything(lobe) or stage.facts.disperses
     choice = points(space, active).x if stratified else points.choice(space)
+    choice = dispersion.evenly(points, space, choice) if stage.facts.disperses else choice
     sample = points(stage.space(ray.node, k), active)
     counts, whole = None if ray.counts is None else mi.Bool(True), mi.Bool(False)
     with dr.suspend_grad(when=stage.attached):
@@ -42,7 +43,7 @@ def follow(
         belongs = (bs.sampled_type & lobe.type_mask) != 0
         if stage.facts.indivisible:
             whole = active & is_whole(bsdf, active)
-            bs, weight, belongs = sample_whole(lobe, si, bsdf, choice, sample, whole, (bs, weight, belongs))
+            bs, weight, belongs = sample_whole(stage, lobe, si, bsdf, choice, sample, whole, (bs, weight, belongs))
             counts = but_not(counts, but_not(whole, lobes.has_any(bs.sampled_type, "Delta", "Null")))
         d = si.to_world(bs.wo)
     ideal = lobes.has_any(bs.sampled_type, "Delta", "Null")
@@ -59,7 +60,7 @@ def follow(
             forced, ideal_weight = sample_lobe(stage, lobe, ray, si, bsdf, choice, sample, active & ideal)
             if stage.facts.indivisible:
                 forced, ideal_weight, _ = sample_whole(
-                    lobe, si, bsdf, choice, sample, whole & ideal, (forced, ideal_weight, belongs)
+                    stage, lobe, si, bsdf, choice, sample, whole & ideal, (forced, ideal_weight, belongs)
                 )
             moved = dr.select(ideal, si.to_world(forced.wo), moved)
             weight = dr.select(ideal, ideal_weight, weight)
@@ -112,6 +113,7 @@ def sample_lobe(
 
 
 def sample_whole(
+    stage: Stage,
     lobe: mi.BSDFContext,
     si: mi.SurfaceInteraction3f,
     bsdf: mi.BSDF | mi.BSDFPtr,
@@ -125,5 +127,5 @@ def sample_whole(
     """
     if idle(whole):
         return others
-    bs, weight = bsdf.sample(lobes.everything(), si, choice, sample, whole)
+    bs, weight = asking.sample_all(lobes.everything(), si, bsdf, choice, sample, whole, stage.facts.careful)
     return tuple(dr.select(whole, a, b) for a, b in zip((bs, weight, belongs_to(lobe, si.wi, bs)), others))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import drjit as dr
@@ -9,18 +10,40 @@ import mitsuba as mi
 
 from ..masks import but_not
 from . import lobes
+from .narrow import LIES, Narrow
 from .ray import Node, Ray
 from .shapes import all_shapes
 from .stage import Stage
 
 
-def possible(scene: mi.Scene) -> bool:
-    """Whether ``scene`` has both, glossy surfaces and ideally smooth ones."""
+def possible(scene: mi.Scene, narrow: Narrow) -> bool:
+    """Whether ``scene`` has both, glossy surfaces and ideally or nearly smooth ones."""
     flags = 0
     for shape in all_shapes(scene):
         if shape.bsdf() is not None:
             flags |= int(shape.bsdf().flags())
-    return bool(lobes.has_any(flags, *lobes.GLOSSY) and lobes.has_any(flags, *lobes.IDEAL))
+    return narrow.table is not None or bool(lobes.has_any(flags, *lobes.GLOSSY) and lobes.has_any(flags, *lobes.IDEAL))
+
+
+def share(photons: mi.Float, others: mi.Float | float = 1) -> mi.Float:
+    """Share that a ray has in the light that it finds, where so many ``photons`` are to be expected for it: power
+    heuristic. ``others``: what it adds up to without them.
+    """
+    return dr.rcp(others + dr.square(photons))
+
+
+def before(ray: Ray) -> mi.Float:
+    """The reach that ``ray`` has brought along, by all glossy surfaces before the one that it meets."""
+    assert ray.begun is not None and ray.reach is not None
+    # The square root of a square is not always the same to the bit.
+    both = dr.sqrt(dr.square(ray.begun) + dr.square(ray.reach))
+    return dr.select(ray.reach > 0, both, ray.begun)
+
+
+def straight(ray: Ray) -> mi.Float:
+    """The reach of ``ray`` where it meets a source: none lies where that lights a nearly smooth surface straight."""
+    assert ray.reach is not None
+    return dr.select(ray.shares, ray.reach * (1 / (1 - LIES)), ray.reach)
 
 
 def onward(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
@@ -42,7 +65,31 @@ def with_reach(
     """
     flags = node.bsdf.flags()
     drawn = but_not(following.shares, whole)
-    assert ray.reach is not None and stage.merging is not None
-    begun = stage.merging.reach(node.si, following.d, bs.pdf)
-    reach = dr.select(drawn, begun, ray.reach * onward(bs, weight, flags))
-    return replace(following, reach=dr.select(whole, 0, reach))
+    assert stage.merging is not None
+    narrow, passed = stage.merging.narrow, onward(bs, weight, flags)
+    if narrow.table is not None:
+        goes_on = drawn & narrow(node.bsdf, drawn)
+        passed = dr.select(goes_on, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LIES), passed)
+    begun = dr.select(drawn, stage.merging.begun(node.si, node.bsdf, following.d, bs.pdf), 0)
+    return replace(following, begun=begun, reach=dr.select(whole, 0, before(ray) * passed))
+
+
+def beside(
+    stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, active: mi.Bool
+) -> Callable[[mi.DirectionSample3f, mi.Spectrum, mi.Float, mi.Bool], mi.Float]:
+    """What a point of a source that is sampled at ``si``, where ``ray`` has met a nearly smooth surface, shares its
+    light with: a function of the ``mi.DirectionSample3f``, what a lobe scatters from there, the density ``pdf`` of that
+    lobe and a mask, which is ``pdf`` where no photons are to be expected.
+    """
+    merging = stage.merging
+    if merging is None or merging.narrow.table is None:
+        return lambda ds, f, pdf, active: pdf
+    reach = before(ray)
+    shared = active & (reach > 0) & merging.narrow(bsdf, active)
+
+    def with_photons(ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool) -> mi.Float:
+        active = active & shared
+        photons = reach * dr.max(mi.unpolarized_spectrum(f)) * merging.density(si, ds, active)
+        return dr.select(active, dr.sqrt(dr.square(pdf) + dr.square(photons)), pdf)
+
+    return with_photons

@@ -12,6 +12,7 @@ from ..optics import ambient
 from ..sampling.nrook import NRook, SamplerPoints
 from .absorption import ENDLESS, before, transmittance
 from .direct import direct_light
+from .merging import share, straight
 from .ray import Node, Ray, mis
 from .stage import Stage
 from .surroundings import background_radiance
@@ -56,7 +57,7 @@ def shade(
         L += stage.caustics(si, bsdf, points.t, surface_inside)
         if stage.merging is not None:
             glossy = but_not(surface_inside, scattered)
-            L += stage.merging(si, bsdf, stage.facts.glossy, points.t, ray.level, glossy)
+            L += stage.merging(ray, si, bsdf, stage.facts.glossy, points.t, glossy)
     return ray.throughput * L, Node(ray, si, bsdf, surface)
 
 
@@ -73,8 +74,10 @@ def arriving(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.B
     medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.gap + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last source that was passed by
     left = transmittance(medium, ray3.wavelengths, dr.select(met, t, ENDLESS), active)
-    reach = None if ray.reach is None else ray.reach * dr.max(left)
-    return replace(ray, throughput=ray.throughput * left, medium=medium, reach=reach)
+    ray = replace(ray, throughput=ray.throughput * left, medium=medium)
+    if ray.reach is not None:
+        ray.begun, ray.reach = ray.begun * dr.max(left), ray.reach * dr.max(left)
+    return ray
 
 
 def past_emitters(stage: Stage, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
@@ -140,8 +143,11 @@ def emission(stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Boo
     pdf = lights.pdf(origin, ray.n, ray.both_sides if stage.facts.both_sides else False, ds, shares)
     weight = dr.select(shares, mis(ray.pdf, pdf), 1)
     if stage.merging is not None and ray.reach is not None:
-        late = but_not(active & (ray.reach > 0), ray.shares)
-        weight = dr.select(late, stage.merging.alone(ray.reach, origin, ds, late), weight)
+        # What comes straight from a sky is found by rays alone.
+        late = active & (ray.reach > 0) & (shares | but_not(mi.Bool(True), ray.shares))
+        others = dr.select(shares & late, 1 + dr.square(pdf / ray.pdf), 1)
+        photons = straight(ray) * stage.merging.density(origin, ds, late)
+        weight = dr.select(late, share(photons, others), weight)
     return dr.select(active, L * weight, 0)
 
 

@@ -38,7 +38,9 @@ class Ray:
     #: ... and how far along it ``o`` is from the surface that it leaves.
     gap: mi.Float | None = None
     #: Where glossy surfaces gather photons: how many of these are to be expected for the light of a source that the ray
-    #: meets, over their density there; 0 unless it has met ideally smooth surfaces alone since a glossy one.
+    #: meets, over their density there, by the last glossy surface that it left (see :mod:`.merging`) ...
+    begun: mi.Float | None = None
+    #: ... and by those before, where it has met smooth ones alone since; 0 where there are none.
     reach: mi.Float | None = None
     #: Where photons lie on what is taken whole: whether the ray comes from there, so that what it would find by way of
     #: specular surfaces was gathered.

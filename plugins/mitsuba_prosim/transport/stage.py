@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import drjit as dr
 import mitsuba as mi
 
+from .narrow import Narrow
 from .ray import Ray
 from .scene_facts import SceneFacts
 from .settings import Settings
@@ -18,18 +19,21 @@ Gather = Callable[[Any, Any, Any, Any], Any]
 
 
 class Merging(Protocol):
-    """Light that glossy surfaces get by way of ideally smooth ones, from photons, as far as rays leave it to them."""
+    """Light that glossy surfaces get by way of smooth ones, from photons, as far as rays leave it to them."""
 
-    def __call__(self, si: Any, bsdf: Any, drawn: Any, t: Any, level: Any, active: Any) -> Any:
-        """Radiance at a surface that a ray of ``level`` has met, of the ``t``-th sample, by its glossy lobes, those
-        ``drawn`` by a ray each.
+    #: Which glossy surfaces are nearly smooth.
+    narrow: Narrow
+
+    def __call__(self, ray: Ray, si: Any, bsdf: Any, drawn: Any, t: Any, active: Any) -> Any:
+        """Radiance at a surface that ``ray`` has met, of the ``t``-th sample, by its glossy lobes, those ``drawn`` by a
+        ray each.
         """
 
-    def reach(self, si: Any, d: Any, pdf: Any) -> Any:
-        """What a ray ``d`` of density ``pdf`` begins with, see :attr:`.Ray.reach`."""
+    def begun(self, si: Any, bsdf: Any, d: Any, pdf: Any) -> Any:
+        """What a ray ``d`` of density ``pdf`` begins with, see :attr:`.Ray.begun`."""
 
-    def alone(self, reach: Any, it: Any, ds: Any, active: Any) -> Any:
-        """Share that a ray has in the light of a source that it meets with ``reach``, from ``it`` along ``ds``."""
+    def density(self, it: Any, ds: Any, active: Any) -> Any:
+        """How close together photons are on the ray of light that comes to ``it`` along ``ds`` from its source."""
 
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
@@ -69,7 +73,7 @@ class Stage:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
             ray.gap = mi.Float(0)
         if self.merging is not None:
-            ray.reach = mi.Float(0)
+            ray.begun = ray.reach = mi.Float(0)
         if self.caustics is not None and self.facts.indivisible:
             ray.gathered = mi.Bool(False)
         return ray

@@ -4,9 +4,10 @@ import tempfile
 import warnings
 from pathlib import Path
 
+from ..assembling import assemble
 from ..language.document import Document
 from ..language.messages import Said, SceneError, SceneWarning, what_is_said
-from ..translator import Options, assemble
+from ..options import Options
 
 
 def evaluate(document: Document, folder: Path | None) -> list[Said]:

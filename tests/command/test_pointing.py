@@ -43,3 +43,5 @@ def test_what_can_not_be_shown_is_said_alone(tmp_path):
     said = f"While loading {short} (line {{}}, col 2): wrong\n  - more"
     assert pointed(said.format(9)) == said.format(9)
     assert re.search(r"more\n    <scene/>\n     \^$", pointed(said.format(1)))
+    outer = f"Error while loading {tmp_path}/gone.xml (line 1, col 2): while processing <include>:\n"
+    assert pointed(outer + said.format(1)).endswith("     ^")

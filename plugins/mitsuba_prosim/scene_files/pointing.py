@@ -13,16 +13,22 @@ NAMED = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*
 
 
 def pointed(words: str) -> str:
-    """``words``, and the first line that they speak of with a caret below it, where it can be read."""
-    found = NAMED.search(words)
-    if found is None or not found[1].endswith(".xml"):
-        return words
+    """``words``, and the line that they speak of with a caret below it, where it can be read: of several the last, as
+    that of a file which is included is named after what includes it.
+    """
+    lines = (_line(found[1], int(found[2]), int(found[3])) for found in reversed(list(NAMED.finditer(words))))
+    return "\n".join([words.rstrip(), *[line for line in lines if line][:1]])
+
+
+def _line(name: str, line: int, column: int) -> str:
+    """A line of a file, and the caret below; nothing where that is no XML file which can be read."""
+    if not name.endswith(".xml"):
+        return ""
     try:
-        source = Source(Path(found[1]).read_text(encoding="utf-8"), found[1])
+        source = Source(Path(name).read_text(encoding="utf-8"), name)
     except (OSError, ValueError):
-        return words
-    line, column = int(found[2]), int(found[3])
+        return ""
     if not 0 < line <= len(source.line_starts):
-        return words
+        return ""
     start = source.line_starts[line - 1] + max(column - 1, 0)
-    return f"{words.rstrip()}\n{source.message(Place(start, start + 1), '').partition(chr(10))[2]}"
+    return source.message(Place(start, start + 1), "").partition("\n")[2]

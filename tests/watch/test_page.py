@@ -180,6 +180,19 @@ def test_stop_and_go_on(page, scene):
     save(page, scene, LITTLE)
 
 
+def test_pixels_of_a_coarse_picture(page, scene):
+    scene.write_text(LONG.replace("64 48", "400 300"))
+    until(lambda: page.evaluate("document.getElementById('own').width") > 64)
+    page.click("#stop")
+    is_(page, "stopped")
+    assert shown(page).shape[1] < 400
+    page.mouse.move(500, 400)
+    until(lambda: "SPHERE 0" in page.inner_text("#pixel"))
+    assert re.search(r"\(\d{3}, \d{3}\) · RGB [\d.]+ [\d.]+ [\d.]+ · SPHERE 0", page.inner_text("#pixel"))
+    page.click("#stop")
+    save(page, scene, LITTLE)
+
+
 def test_camera_and_comparison(page):
     home = shown(page)
     page.focus("#camera")

@@ -163,8 +163,9 @@ let details = null, asking = 0;
 function tellPixel() {
     if (!pointed) return;
     const [x, y] = pointed, image = shown.own, lines = [`(${x}, ${y})`];
-    if (image?.channels === 3 && image.width === place.width) {
-        const at = 3 * (y * image.width + x);
+    if (image?.channels === 3) {
+        const [row, column] = [y * image.height / place.height, x * image.width / place.width].map(Math.floor);
+        const at = 3 * (row * image.width + column);
         lines.push(`RGB ${[0, 1, 2].map((c) => digits(details?.own?.final[c] ?? image.values[at + c])).join(" ")}`);
     } else if (details?.own) lines.push(`RGB ${details.own.final.map(digits).join(" ")}`);
     if (details?.path) lines.push(`path ${details.path.final.map(digits).join(" ")}`);
@@ -185,6 +186,7 @@ function ask(pixel) {
     tellPixel();
     clearTimeout(asking);
     asking = setTimeout(async () => {
+        if (pixel[0] >= place.width || pixel[1] >= place.height) return; // of a larger picture
         const answer = await fetch(`pixel/${pixel[0]}/${pixel[1]}`).catch(() => null);
         if (!answer?.ok || pixel !== pointed) return;
         details = await answer.json();

@@ -1,12 +1,13 @@
 """The page, driven in a browser."""
 
 import re
+import signal
 import time
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import BROWSER, LITTLE, until
+from little import BROWSER, LITTLE, until, watching
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")]
 
@@ -179,6 +180,19 @@ def test_stop_and_go_on(page, scene):
     save(page, scene, LITTLE)
 
 
+def test_pixels_of_a_coarse_picture(page, scene):
+    scene.write_text(LONG.replace("64 48", "400 300"))
+    until(lambda: page.evaluate("document.getElementById('own').width") > 64)
+    page.click("#stop")
+    is_(page, "stopped")
+    assert shown(page).shape[1] < 400
+    page.mouse.move(500, 400)
+    until(lambda: "SPHERE 0" in page.inner_text("#pixel"))
+    assert re.search(r"\(\d{3}, \d{3}\) · RGB [\d.]+ [\d.]+ [\d.]+ · SPHERE 0", page.inner_text("#pixel"))
+    page.click("#stop")
+    save(page, scene, LITTLE)
+
+
 def test_camera_and_comparison(page):
     home = shown(page)
     page.focus("#camera")
@@ -227,3 +241,19 @@ def test_a_narrow_screen_and_contrast(page):
         )
         assert len(ratios) > 10 and min(ratios) >= 4.5
     page.set_viewport_size({"width": 1400, "height": 900})
+
+
+def test_when_it_has_ended_nothing_can_be_pressed_in_vain(browser, tmp_path):
+    scene = tmp_path / "little.scn"
+    scene.write_text(LITTLE)
+    with watching(scene) as (process, address):
+        page = browser.new_page()
+        page.goto(address)
+        is_(page, "done")
+        picture = shown(page)
+        process.send_signal(signal.SIGINT)
+        is_(page, "gone")
+    assert "has ended" in page.inner_text("#state") and np.array_equal(shown(page), picture)
+    assert all(page.is_disabled(f"#{name}") for name in ("stop", "camera", "compare", "home"))
+    assert all(page.get_attribute(f"#{name}", "href") is None for name in ("exr", "png"))
+    page.close()

@@ -269,6 +269,11 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             until(lambda studio=studio: studio.board.state.view is not None and is_done(studio)())
             assert "<matrix" in studio.board.state.view
             assert not np.array_equal(final(studio), before)
+    path.write_text(xml)  # there is no sensor of this name
+    with running(path, monkeypatch, tmp_path) as studio:
+        until(lambda: studio.board.state.error)
+        quoted, caret = studio.board.state.error.splitlines()[-2:]
+        assert quoted[caret.index("^") :].startswith('sensor type="SENSOR"')
 
 
 def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch):

@@ -55,28 +55,55 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
         return "nothing is in view. " + _where(scene, sensor, ray)
     if dr.all(~seen | (dr.dot(si.n, ray.d) > 0)):
         return "all that is in view is seen from its inside: the eye is within a solid, or a mesh is turned inside out."
-    return "no light arrives at what is in view: " + _shadow(scene, si, seen)
+    return _unlit(scene, si, seen)
 
 
 def _where(scene: mi.Scene, sensor: mi.Sensor, ray: mi.Ray3f) -> str:
-    """Where the camera looks, and where there is something."""
-    box = scene.bbox()
-    eye, ahead = np.array(sensor.world_transform() @ mi.Point3f(0)).ravel(), np.array(dr.mean(ray.d, axis=1)).ravel()
+    """Where the camera looks, and where there is something: but for lamps, which may be far away."""
+    solids = [shape for shape in scene.shapes() if not shape.is_emitter()]
+    box = mi.ScalarBoundingBox3f()
+    for shape in solids or scene.shapes():
+        box.expand(shape.bbox())
+    rays = np.array(ray.d).T
+    eye, ahead = np.array(sensor.world_transform() @ mi.Point3f(0)).ravel(), np.mean(rays, axis=0)
     ahead /= np.linalg.norm(ahead)
-    middle = np.array(box.center()).ravel()
     text = f"The eye is at {_point(eye)} and looks towards {_point(eye + ahead)}"
     if not box.valid():
         return text + "; the scene has no surfaces."
-    side = "behind it" if np.dot(middle - eye, ahead) < 0 else "beside what it sees"
+    middle = np.array(box.center()).ravel()
+    corners = rays[[0, SIDE - 1, -1, -SIDE]]
+    beside = np.cross(corners, np.roll(corners, -1, axis=0)) @ (middle - eye)
+    if np.dot(middle - eye, ahead) < 0:
+        side = "behind it"
+    elif np.all(beside > 0) or np.all(beside < 0):
+        size, distance = float(max(box.extents())), np.linalg.norm(middle - eye)
+        side = f"in what it sees, but all of it is {size:.3g} large and {distance:.3g} away"
+    else:
+        side = "beside what it sees"
     return text + f"; the middle of all that there is lies {side}, at {_point(middle)}."
 
 
-def _shadow(scene: mi.Scene, si: mi.SurfaceInteraction3f, seen: mi.Bool) -> str:
-    """Whether it is shadow or the lights themselves."""
-    _, unshadowed = scene.sample_emitter_direction(si, mi.Point2f(0.5), False, seen)
-    if not dr.any(seen & (dr.max(mi.unpolarized_spectrum(unshadowed)) > 0)):
-        return "the lights shine elsewhere, or are dark."
-    return "it lies in shadow. Is there something around the lights, or are they behind a wall?"
+def _unlit(scene: mi.Scene, si: mi.SurfaceInteraction3f, seen: mi.Bool) -> str:
+    """Whether it is the lights, shadow, or what the surfaces do with light. Each place asks another point of a light
+    (the additive recurrence of Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences").
+    """
+    k = dr.arange(mi.Float, SIDE * SIDE)
+    at = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
+    at -= dr.floor(at)
+    ds, light = scene.sample_emitter_direction(si, at, False, seen)
+    lit = seen & (dr.max(mi.unpolarized_spectrum(light)) > 0)
+    if not dr.any(lit):
+        return "no light arrives at what is in view: the lights shine elsewhere, or are dark."
+    lit &= dr.dot(si.n, ds.d) > 0
+    if dr.any(lit & ~scene.ray_test(si.spawn_ray_to(ds.p), lit)):
+        return (
+            "light arrives at what is in view, and none is thrown back to the eye. Are the surfaces black, or mirrors, "
+            "or glass, before what is black?"
+        )
+    return (
+        "no light arrives at what is in view: it lies in shadow. Is there something around the lights, or are they "
+        "behind a wall?"
+    )
 
 
 def _point(values: np.ndarray) -> str:

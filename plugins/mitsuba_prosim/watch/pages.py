@@ -114,8 +114,7 @@ class Pages:
             raise HTTPException(404)
         found: dict[str, Any] = {}
         for name, picture in self._board.pictures.items():
-            if picture.size == (width, height):
-                found[name] = picture.at(x, y)
+            found[name] = picture.at(x, y, (width, height))
         seen = self._studio.errand(lambda subject: subject.seen(x, y) if subject is not None else "")
         found["seen"] = await asyncio.wait_for(asyncio.wrap_future(seen), PATIENCE)
         return JSONResponse(found)

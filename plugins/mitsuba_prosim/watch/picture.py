@@ -53,9 +53,12 @@ class Picture:
         }
         return content, {f"X-{name}": str(value) for name, value in facts.items()}
 
-    def at(self, x: int, y: int) -> dict[str, list[float | None] | float | None]:
-        """The values of a pixel, by layer; nothing for what is not finite."""
+    def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
+        """The values by layer, at a pixel of a picture of ``size``; this one may be coarser. Nothing for what is not
+        finite.
+        """
         found: dict[str, list[float | None] | float | None] = {}
+        x, y = x * self.size[0] // size[0], y * self.size[1] // size[1]
         for name, values in self.layers.items():
             value = values[y, x]
             found[name] = [finite(v) for v in value] if np.ndim(value) else finite(value)

@@ -17,6 +17,7 @@ import prosim_scene
 
 from ..denoising import layers
 from ..scene_files import black, session
+from ..scene_files.pointing import pointed
 from . import takes
 from .board import Board, State
 from .camera import Camera
@@ -301,7 +302,7 @@ class Studio:
         missing, words = not self._path.exists(), session.message(error)
         if self._subject is None:
             self.files.failed(words)
-        self.board.say(doing="missing" if missing else "failed", error=None if missing else words)
+        self.board.say(doing="missing" if missing else "failed", error=None if missing else pointed(words))
 
     def _next_number(self) -> int:
         self._number += 1

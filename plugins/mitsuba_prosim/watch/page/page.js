@@ -101,6 +101,8 @@ function told(news) {
     find("splitting").hidden = !state.compared;
     find("rivals").textContent = `${state.integrator} | path`;
     find("view").hidden = state.view === null;
+    find("home").disabled = false;
+    savable(state.pictures.own !== undefined);
     find("text").textContent = state.view ?? "";
     if (state.pictures.path === undefined) shown.path = null;
     if (state.size[0]) place.size(...state.size);
@@ -122,8 +124,16 @@ function listen() {
     events.onerror = () => {
         find("state").textContent = "prosim watch has ended, or can't be reached";
         document.body.dataset.doing = "gone";
-        find("stop").disabled = true;
+        for (const id of ["stop", "camera", "compare", "home"]) find(id).disabled = true;
+        savable(false);
     };
+}
+
+function savable(on) {
+    for (const kind of ["exr", "png"]) {
+        if (on) find(kind).href = `save/${kind}?exposure=${stops()}`;
+        else find(kind).removeAttribute("href");
+    }
 }
 
 // ---- what is wished
@@ -153,8 +163,9 @@ let details = null, asking = 0;
 function tellPixel() {
     if (!pointed) return;
     const [x, y] = pointed, image = shown.own, lines = [`(${x}, ${y})`];
-    if (image?.channels === 3 && image.width === place.width) {
-        const at = 3 * (y * image.width + x);
+    if (image?.channels === 3) {
+        const [row, column] = [y * image.height / place.height, x * image.width / place.width].map(Math.floor);
+        const at = 3 * (row * image.width + column);
         lines.push(`RGB ${[0, 1, 2].map((c) => digits(details?.own?.final[c] ?? image.values[at + c])).join(" ")}`);
     } else if (details?.own) lines.push(`RGB ${details.own.final.map(digits).join(" ")}`);
     if (details?.path) lines.push(`path ${details.path.final.map(digits).join(" ")}`);
@@ -175,6 +186,7 @@ function ask(pixel) {
     tellPixel();
     clearTimeout(asking);
     asking = setTimeout(async () => {
+        if (pixel[0] >= place.width || pixel[1] >= place.height) return; // of a larger picture
         const answer = await fetch(`pixel/${pixel[0]}/${pixel[1]}`).catch(() => null);
         if (!answer?.ok || pixel !== pointed) return;
         details = await answer.json();
@@ -188,6 +200,7 @@ find("layers").addEventListener("change", () => refresh());
 find("exposure").addEventListener("input", () => {
     find("stops").textContent = stops() > 0 ? `+${stops()}` : String(stops());
     TAKES.forEach(draw);
+    savable(find("png").hasAttribute("href"));
 });
 find("split").addEventListener("input", splitting);
 find("stop").addEventListener("click", () => post(state.doing === "stopped" ? "do/go" : "do/stop"));
@@ -206,8 +219,4 @@ find("copy").addEventListener("click", async () => {
     }
     setTimeout(() => { find("copy").textContent = "Copy the view"; }, 1500);
 });
-for (const kind of ["exr", "png"]) {
-    find(kind).href = `save/${kind}`;
-    find(kind).addEventListener("click", () => { find(kind).href = `save/${kind}?exposure=${stops()}`; });
-}
 listen();

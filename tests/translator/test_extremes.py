@@ -122,7 +122,7 @@ def test_names_that_xml_cannot_hold_are_errors(name, tmp_path):
         prosim_scene.translate(path)
     prosim_scene.check(path)
     image = tmp_path / os.fsdecode(name + b".png")
-    image.write_bytes(b"")
+    image.write_bytes(b"\x89PNG\r\n\x1a\n")
     scene = tmp_path / "s.scn"
     scene.write_text(
         f'BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END', errors="surrogateescape"

@@ -51,7 +51,7 @@ def test_files_of_the_users_in_the_folder_of_meshes_are_kept(scene):
     meshes = scene.parent / "s-meshes"
     meshes.mkdir()
     mine = {
-        "madeira.png": b"x",
+        "madeira.png": b"\x89PNG\r\n\x1a\n",
         "surface_0.ply": b"mine",
         "surface_0-0123456789abcdef.ply": b"mine too",
         "notes.txt": b"",

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..language.document import Document
 from ..language.messages import quote
 from ..model import Scene
+from .pictures import BEGINNINGS, is_picture
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,12 @@ class Context:
         if not exists:
             marks = "; a file's name stands in double quotes, or in none" if name[0] == "'" else ""
             raise error(f"the image {quote(name)} does not exist in the scene's folder{marks}", *path)
+        try:
+            picture = is_picture(full)
+        except OSError as reason:
+            raise error(f"the image {quote(name)} cannot be read: {reason.strerror or reason}", *path) from None
+        if not picture:
+            raise error(f"{quote(name)} is no image; expected one of {', '.join(BEGINNINGS)} or TGA", *path)
         try:
             return self.image_path(full)
         except ValueError as reason:

@@ -6,6 +6,7 @@ import difflib
 import os
 import re
 import shlex
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ SCENES = (".scn", ".xml")
 PART_NAME = re.compile(r"^(?P<stem>.+)\.\d+-of-(?P<of>\d+)\.exr$")
 
 
-class Existing(click.Path):
+class Existing(click.Path, ABC):
     """A file that is there. A subclass says what kind it has to be of, and which others may have been meant."""
 
     def __init__(self) -> None:
@@ -57,17 +58,17 @@ class Existing(click.Path):
             self.fail(f"{str(path)!r} is {what}", param, ctx)
         return path
 
+    @abstractmethod
     def wrong(self, path: Path) -> str | None:
         """What a file is that is of another kind, and what to do; None where it may be of the right one."""
-        raise NotImplementedError
 
+    @abstractmethod
     def within(self, folder: Path) -> Iterator[str]:
         """What may be meant in a folder, the likeliest first."""
-        raise NotImplementedError
 
+    @abstractmethod
     def meant(self, stem: Path) -> Iterator[str]:
         """What may be meant by a path without its suffixes, the likeliest first."""
-        raise NotImplementedError
 
     def near(self, path: Path) -> Iterator[str]:
         """What may be meant by a path, the likeliest first."""

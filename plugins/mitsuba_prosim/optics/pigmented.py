@@ -16,6 +16,7 @@ class Pigmented(mi.BSDF):
 
     A subclass sets ``diffuse_reflectance``, a texture, calls `set_components`, and defines the three methods
     ``specular_...``, of which the last two are for lobes that are no Dirac peak.
+    (Classes of Mitsuba's cannot be abstract by ``abc``: their metaclass is another.)
     """
 
     diffuse_reflectance: mi.Texture

@@ -21,7 +21,8 @@ class Mixture(mi.Texture):
     """A texture that is the texture ``BASE`` where its pattern is 0, and ``TOP`` where it is 1.
 
     A subclass sets the three names below, and the attributes that they name, calls `parameters_changed` at the end of
-    its ``__init__``, and defines `value` and `average`.
+    its ``__init__``, and defines `value` and `average`. (Classes of Mitsuba's cannot be abstract
+    by ``abc``: their metaclass is another.)
     """
 
     BASE: str  #: name of the attribute that is the texture where the pattern is 0

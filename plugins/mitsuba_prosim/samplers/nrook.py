@@ -55,7 +55,7 @@ class NRookSampler(mi.Sampler):
         super().__init__(props)
         self.base_seed = whole(props, "seed", 0, 0, 2**32 - 1)
         self.jitter = choice(props, "jitter", JITTERS)
-        self.pixel = self.index = self.dimension = mi.UInt32(0)
+        self.pixel, self.index, self.dimension = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
         self.set_sample_count(whole(props, "sample_count", 4, 1))
 
     def set_sample_count(self, spp: int) -> None:

@@ -47,7 +47,7 @@ def radiance(
         hit = state.hit | (ray.level == 0) & node.surface
         surface, bounces = node.surface, state.bounces
         if settings.max_level >= 0:
-            surface &= ray.level <= settings.max_level
+            surface = surface & (ray.level <= settings.max_level)
         if bounces is None:
             following, going, passed = follow(stage, lobes.everything(), DIFFUSE, ray, node, points, surface)
         else:
@@ -55,7 +55,7 @@ def radiance(
         following.node = ray.node + 1
         if stage.caustics is not None and bounces is not None:
             # What a ray meets after a diffuse reflection was gathered there.
-            following.counts &= bounces == 0
+            following.counts = following.counts & (bounces == 0)
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
         eta = state.eta * passed
         following, going = roulette(stage, following, going, eta, points.choice(stage.space(ray.node, ROULETTE)))

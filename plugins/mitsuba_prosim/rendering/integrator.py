@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 class WaveIntegrator(mi.SamplingIntegrator):
     """Base class of integrators that render in waves.
 
-    A subclass gives the radiance along a ray: :meth:`transport`, and ``sample()``, which Mitsuba's own loop calls in scalar variants and within other integrators.
+    A subclass gives the radiance along a ray: :meth:`transport`, and ``sample()``, which Mitsuba's own loop calls in
+    scalar variants and within other integrators.
 
     Classes of Mitsuba's cannot be abstract by ``abc``: their metaclass is another.
     """

@@ -100,10 +100,40 @@ def test_waves_show_the_image_grow_until_it_is_the_rendered_one(variant_rgb, fil
         assert np.array_equal(state.counts(), np.rint(image[..., -2])) and np.all(state.counts() > 0)
         assert np.allclose(state.error(), image[..., -1], rtol=1e-5)
         assert state.reached.seconds > 0 and state.reached.samples >= 5
+        assert (scene.integrator().so_far() is None) == ("crop_width" in film)
     assert len(seen) == 3 and np.all(np.rint(seen[0][..., -2]) == 5)
     assert np.array_equal(seen[-1], expected)
     assert scene.integrator().reached.samples == state.reached.samples
     assert np.array_equal(np.array(scene.sensors()[0].film().develop()), expected)
+
+
+@pytest.mark.parametrize("kept, film", [(1 << 30, {"sample_border": True}), (0, {})], ids=["kept", "anew"])
+def test_what_is_seen_between_two_portions(variant_rgb, monkeypatch, kept, film):
+    """In the first wave some pixels are as they are at its end; in the others all that there is, if sums are kept."""
+    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    settings = {"rfilter": "gaussian", "adaptive": "graded", "aovs": "samples,error", "film": film}
+    scene, seen = loaded(COPPER, band=200, **settings), []
+    integrator = scene.integrator()
+
+    def look(_):
+        now = integrator.so_far()
+        seen.append(now and (now.known(), np.array(now.image()), now.counts()))
+
+    assert integrator.so_far() is None  # nothing is being rendered
+    integrator.progress = look
+    waves = [np.array(wave.image()) for wave in integrator.waves(scene, seed=5)]
+    assert np.array_equal(waves[-1], render(COPPER, seed=5, **settings))
+    first = [known for known, *_ in filter(None, seen) if not known.all()]
+    assert len(first) >= 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(first))
+    for known, image, _ in seen[: len(first) + 1]:
+        assert np.array_equal(image[known], waves[0][known])
+    later = seen[len(first) + 1 :]
+    if kept:
+        means = [counts.mean() for _, image, counts in later if np.array_equal(counts, np.rint(image[..., -2]))]
+        assert len(set(means)) == len(later) > len(waves) and means == sorted(means)
+    else:
+        ends = [image for _, image, _ in filter(None, later)]
+        assert len(later) > len(ends) and np.array_equal(ends, waves[1:])
 
 
 def test_whoever_stops_has_a_whole_image(variant_rgb):

@@ -112,15 +112,15 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch
     assert view.layers["samples"].max() == 4 and view.layers["error"].shape == (48, 64)
 
     async def stopped(stop):
-        view = mitsuba_prosim.show(path, spp=2**20)
-        while not view.layers:
+        view = mitsuba_prosim.show(path, spp=2**16)
+        while len(np.unique(view.layers.get("samples", 0))) == 1:  # until the second wave has come to some pixels
             await asyncio.sleep(0)
         stop(view)
         return await view
 
     for stop in (lambda view: view.stop(), lambda view: view.task.cancel()):  # as when the kernel is interrupted
         view = asyncio.run(stopped(stop))
-        assert view.layers["samples"].max() < 2**20 and repr(view).startswith("<stopped: ")
+        assert view.layers["samples"].min() < 2**16 and repr(view).startswith("<stopped: ")
 
     async def wrong():
         view = mitsuba_prosim.show(scene)

@@ -1,19 +1,23 @@
 """The studio: what it shows after which wish."""
 
+import itertools
 import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from little import LITTLE
 from mitsuba_prosim import denoising
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+from mitsuba_prosim.watch import due
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
 from mitsuba_prosim.watch.named import Files
+from mitsuba_prosim.watch.portions import Growing
 from mitsuba_prosim.watch.studio import Studio
 from mitsuba_prosim.watch.takes import Take
 
@@ -24,7 +28,9 @@ LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
 
 
 class Seen(Board):
-    """A board that keeps what was said on it."""
+    """A board that keeps what was said on it, and that somebody reads."""
+
+    followed = True
 
     def __init__(self, state):
         super().__init__(state)
@@ -87,15 +93,45 @@ def save(studio, path, text):
     until(lambda: studio.board.state.saves != saves)
 
 
-def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch):
+@pytest.fixture
+def all_portions_seen(monkeypatch):
+    """However small and quick they are."""
+    monkeypatch.setattr(due, "EVERY", 0)
+    monkeypatch.setattr(due, "SHARE", 1e9)
+    return lambda samples: monkeypatch.setattr(Growing, "bound", lambda *_: samples)
+
+
+def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+    """Within a wave each pixel is that of its end, or that of before; nothing is compiled for it."""
+    all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path, monkeypatch, tmp_path) as studio:
         until(is_done(studio))
-        shown = list({p["own"].number: p["own"] for _, p in studio.board.said if "own" in p}.values())
-        assert shown[0].size[0] < 200 and set(shown[0].layers) == {"final"}
-        assert [p.size for p in shown[1:]] == [(200, 150)] * len(shown[1:]) and len(shown) > 2
-        assert shown[1].layers["samples"].mean() < shown[-1].layers["samples"].mean()
+        before = studio.board.pictures["own"]
+        studio.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
+        save(studio, path, path.read_text())
+        until(is_done(studio))
+        kernels = studio.errand(lambda _: dr.kernel_history()).result(20)
+        studio.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, False)).result(20)
+        assert len(kernels) > 20 and all(kernel.get("cache_hit", True) for kernel in kernels)
         image = final(studio)
+        pictures = {p["own"].number: p["own"].layers for _, p in studio.board.said if "own" in p}
+    coarse, *shown = [layers for number, layers in pictures.items() if number > before.number]
+    first = [layers["final"] for layers in shown if set(layers) == {"final"}]
+    begun, *later, last = shown[len(first) :]
+    assert set(coarse) == {"final"} and len(first) > 2 and later
+    old, parts = coarse["final"].repeat(2, axis=0).repeat(2, axis=1), []
+    for colours in first:
+        new = np.all(colours == begun["final"], axis=2)
+        assert np.all(new | np.all(colours == old, axis=2))
+        parts.append(new.mean())
+    assert parts == sorted(set(parts)) and all(0 < part < 1 for part in parts)
+    for layers in later:
+        new = layers["samples"] == last["samples"]
+        assert 0 < new.mean() < 1
+        for name in ("final", "error", "samples"):
+            assert np.array_equal(layers[name][new], last[name][new])
+            assert np.array_equal(layers[name][~new], begun[name][~new])
     scene = SceneFile(path, tmp_path / "again").load()
     assert np.array_equal(np.array(mi.render(scene)), image)
 
@@ -276,13 +312,15 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
         assert quoted[caret.index("^") :].startswith('sensor type="SENSOR"')
 
 
-def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch):
-    """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image."""
+def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+    """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image, of more and more."""
+    all_portions_seen(1500)
     pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
     with running(path, monkeypatch, tmp_path, denoise=True) as studio:
         until(is_done(studio))
-        shown = [p["own"] for _, p in studio.board.said if "own" in p]
-        assert any(set(p.layers) == {"final", "error", "samples"} for p in shown)
+        shown = {p["own"].number: p["own"].layers for _, p in studio.board.said if "own" in p}.values()
+        whole = [layers["samples"] for layers in shown if set(layers) == {"final", "error", "samples"}]
+        assert len(whole) > 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(whole))
         layers = studio.board.pictures["own"].layers
     expected = denoising.render(SceneFile(path, tmp_path / "again").load())
     for name in ("final", "raw", "denoised"):

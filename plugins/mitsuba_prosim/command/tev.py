@@ -7,19 +7,16 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import click
 import mitsuba as mi
 
 from ..scene_files import images
+from ..watch.due import Due
 
 #: Where tev listens, if nothing else was said when it was started.
 HOST, PORT = "127.0.0.1", 14158
-
-#: Seconds from one picture to the next.
-PACE = 1.0
 
 #: Seconds after which a tev that takes nothing counts as gone: it hears when it draws, many times a second.
 PATIENCE = 10.0
@@ -45,7 +42,7 @@ class Place(click.ParamType):
 def beside(
     bar: Bar, place: tuple[str, int] | None, scene: str, film: mi.Film, warn: Callable[[str], None]
 ) -> Iterator[Bar]:
-    """``bar``, and beside it the image in the tev at ``place``, every second or so and in the end; ``bar`` alone where
+    """``bar``, and beside it the image in the tev at ``place``, from time to time and in the end; ``bar`` alone where
     that is None. ``warn``: says that tev has gone. Raises ClickException where there is no tev, or no tevclient.
     """
     if place is None:
@@ -55,17 +52,16 @@ def beside(
 
     @contextmanager
     def both(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
-        shown = perf_counter()
+        due = Due()
         with bar(integrator, variant) as tell:
 
             def told(part: float) -> None:
-                nonlocal shown
                 if tell is not None:
                     tell(part)
-                if perf_counter() - shown > PACE and viewer.whole:
-                    integrator.flush()
-                    viewer.show()
-                    shown = perf_counter()
+                if due and viewer.whole:
+                    with due.drawing():
+                        integrator.flush()
+                        viewer.show()
 
             yield told if hasattr(integrator, "flush") else tell
             viewer.show()

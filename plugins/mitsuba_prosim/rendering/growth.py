@@ -91,6 +91,15 @@ class Growth:
         """What can be seen of it."""
         return Snapshot(self.state, self._film, reached)
 
+    def so_far(self) -> Snapshot | None:
+        """What can be seen of it within a wave. None where that is no more than after the last one: where sums are not
+        kept; and where there is a crop window, which the film has only between two waves.
+        """
+        plan, size = self.state.plan, self._film.size()
+        if plan.window != (0, 0, int(size[0]), int(size[1])) or not self.state.current:
+            return None
+        return self.snapshot(self.reached())
+
     def record(self, finished: bool) -> Record:
         """What a process that goes on with it has to know."""
         return Record.of(self.state, self.target.passed, finished)

@@ -110,6 +110,15 @@ class WaveIntegrator(mi.SamplingIntegrator):
         if self._growing is not None:
             self._growing.put()
 
+    def so_far(self) -> Snapshot | None:
+        """What can be seen of the image that is being made, and ``reached`` by it; for ``progress`` to call. None where
+        none is being made, or where within a wave there is nothing new, see :meth:`.Growth.so_far`.
+        """
+        snapshot = self._growing.so_far() if self._growing is not None else None
+        if snapshot is not None:
+            self.reached = snapshot.reached
+        return snapshot
+
     # ---------------------------------------------------------------- rendering
 
     def render(

@@ -38,7 +38,7 @@ class Reached:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """An image after a wave. Its methods show the state as it is when they are called."""
+    """An image after a wave, or within one. Its methods show the state as it is when they are called."""
 
     state: State
     film: mi.Film
@@ -56,6 +56,19 @@ class Snapshot:
     def counts(self) -> np.ndarray:
         """Number of samples of each pixel, shape (height, width)."""
         return self._picture(self.state.estimate.count)
+
+    def known(self) -> np.ndarray:
+        """Which pixels have samples, and so have all around whose samples reach them, shape (height, width): within the
+        first wave some have not.
+        """
+        plan, side = self.state.plan, 2 * self.state.plan.reach + 1
+        (left, top, right, bottom), window = plan.region, plan.window
+        taken = np.array(self.state.counts()).reshape(bottom - top, right - left) > 0
+        # Beyond the domain there are none to wait for.
+        above, below = plan.reach - (window[1] - top), plan.reach - (bottom - window[3])
+        before, after = plan.reach - (window[0] - left), plan.reach - (right - window[2])
+        taken = np.pad(taken, ((above, below), (before, after)), constant_values=True)
+        return np.asarray(np.lib.stride_tricks.sliding_window_view(taken, (side, side)).all(axis=(2, 3)))
 
     def noise_at_most(self) -> float:
         """Root mean square of the error of the displayed pixels, white being 1, as the samples within each pixel show

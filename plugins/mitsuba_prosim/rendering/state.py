@@ -170,6 +170,12 @@ class State:
 
     # ---------------------------------------------------------------- what it shows
 
+    @property
+    def current(self) -> bool:
+        """Whether :meth:`image` has all samples so far, and not those of the last whole wave alone."""
+        rows = self.decisions.rows
+        return self.keeps or rows is None or rows[0] is self.made
+
     def image(self) -> Image:
         """The image so far; pixels without samples are black."""
         if self.made is not None:

@@ -65,6 +65,11 @@ class Board:
         """The newest, by the name of the take."""
         return self._pictures
 
+    @property
+    def followed(self) -> bool:
+        """Whether anybody reads it."""
+        return bool(self._waiting)
+
     def say(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
         """Changes the state, and the pictures."""
         with self._lock:

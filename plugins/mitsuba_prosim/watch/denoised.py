@@ -26,7 +26,9 @@ class DenoisedTake(Take):
         halves.check(sensor.film())
         self._steps: Iterator[None] | None = None
         self._between: Callable[[float], None] | None = None
-        self._now: dict[str, np.ndarray] = {}
+        self._first: dict[str, np.ndarray] = {}
+        self._final: dict[str, np.ndarray] = {}
+        self._samples = 0.0
         self._noise: float | None = None
 
     def step(self, between: Callable[[float], None]) -> bool:
@@ -36,28 +38,35 @@ class DenoisedTake(Take):
         self.done = next(self._steps, self) is self
         return not self.done
 
-    def layers(self) -> Mapping[str, np.ndarray]:
-        """As for every take; in the end also ``raw`` and ``denoised``, of which the final one is mixed."""
-        return self._now
+    def taken(self) -> dict[str, np.ndarray] | None:
+        """By both halves; in the end also ``raw`` and ``denoised``, of which the final one is mixed."""
+        if self._final:
+            return self._final
+        now = super().taken()
+        if now is not None and self._first:
+            now = both(self._first, now)
+        if now is not None:
+            self._samples = float(now["samples"].mean())
+        return now
 
     def reached(self) -> tuple[float, float | None]:
         """Samples of a pixel in the mean, and about the noise, once it is denoised."""
-        return float(self._now["samples"].mean()), self._noise
+        return self._samples, self._noise
 
     def _work(self) -> Iterator[None]:
         done: list[dict[str, np.ndarray]] = []
         for begin, seed in ((0.0, self.seed), (0.48, combine(hash32(self.seed), 1))):
-            now: dict[str, np.ndarray] = {}
             for snapshot in self._half(seed, begin):
-                now = of_snapshot(snapshot)
-                self._now = both(done[0], now) if done else now
+                self._snapshot = snapshot
                 yield
-            done.append(now)
+                self._snapshot = None
+            done.append(of_snapshot(snapshot))
+            self._first = done[0]
         albedo, normal = halves.features(
             self.scene, self.sensor, self.seed, getattr(self.integrator, "hide_emitters", False)
         )
         result = halves.Halves(["R", "G", "B"], done[0]["final"], done[1]["final"], albedo, normal).denoised()
-        self._now |= {
+        self._final = both(*done) | {
             "final": result.final,
             "error": result.final_error,
             "raw": result.raw,

@@ -18,6 +18,7 @@ from ..scene_files import session
 from ..scene_files.images import png
 from ..scene_files.tone import compress
 from . import cells, takes
+from .due import Due
 from .picture import LAYERS, Picture, coloured
 from .turns import Turns
 
@@ -90,7 +91,7 @@ class View:
         self.task: asyncio.Task[None] | None = None
         self._take, self._factor = take, np.float32(2**exposure)
         self._picture: Picture | None = None
-        self._stopped = False
+        self._stopped, self._due = False, Due()
         self._words_in_the_end: str | None = None
         self._wrong: str | None = None
         self._begun = time.perf_counter()
@@ -112,8 +113,8 @@ class View:
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
-        """The image after the last wave, ``final`` (height, width, 3), linear, and the maps ``error``, the standard
-        error of its luminance, and ``samples`` (height, width); empty before the first one.
+        """The image as it was drawn last, ``final`` (height, width, 3), linear, and the maps ``error``, the standard
+        error of its luminance, and ``samples`` (height, width); empty before the first wave has come to its end.
         """
         return dict(self._picture.layers) if self._picture is not None else {}
 
@@ -175,23 +176,34 @@ class View:
 
         def between(part: float) -> None:
             self._part.value = part
+            if self._due:
+                self._look()
             pause()
             if self._stopped:
+                self._look()
                 raise StoppedError
 
         try:
             while self._take.step(between):
-                self._picture = Picture(0, self._take.layers())
-                self._draw()
+                self._look()
                 pause()
                 if self._stopped:
                     raise StoppedError
         except StoppedError:
             pass
 
-    def _png(self, layer: str) -> bytes:
-        assert self._picture is not None
-        values = self._picture.layers[layer]
+    def _look(self) -> None:
+        """Draws the image so far; within the first wave it is black where there is nothing yet, and only a glimpse."""
+        with self._due.drawing():
+            layers = self._take.layers() or {}
+            if set(LAYERS) <= set(layers):
+                self._picture = Picture(0, layers)
+                self._draw()
+            elif layers:
+                self._shown.value = self._png(layers["final"])
+                self._said.value = f"the first wave, {time.perf_counter() - self._begun:.1f} s"
+
+    def _png(self, values: np.ndarray) -> bytes:
         if values.ndim == 2:
             # As png makes of linear values what a screen shows.
             return png(coloured(values).astype(np.float32) ** np.float32(2.2))
@@ -200,7 +212,7 @@ class View:
     def _draw(self) -> None:
         if self._picture is None:
             return
-        self._shown.value = self._png(self._layer.value)
+        self._shown.value = self._png(self._picture.layers[self._layer.value])
         self._said.value = self._words()
 
     def _words(self) -> str:
@@ -224,5 +236,5 @@ class View:
             return
         still = {"text/plain": self._words_in_the_end}
         if self._picture is not None and self._wrong is None:
-            still["image/png"] = base64.b64encode(self._png("final")).decode()
+            still["image/png"] = base64.b64encode(self._png(self._picture.layers["final"])).decode()
         self._place.update(still, metadata={"image/png": {"alt": self._words_in_the_end}}, raw=True)

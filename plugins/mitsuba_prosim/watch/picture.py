@@ -66,12 +66,25 @@ class Picture:
 
 
 def of_snapshot(snapshot: Snapshot) -> dict[str, np.ndarray]:
-    """The :data:`LAYERS` of an image after a wave."""
-    return {
+    """The :data:`LAYERS` of an image, 0 in all of them where it is not known yet."""
+    known = snapshot.known()
+    layers = {
         "final": colours(np.array(snapshot.image())),
         "error": snapshot.error(),
         "samples": snapshot.counts().astype(np.float32),
     }
+    return layers if known.all() else {name: over(known, values) for name, values in layers.items()}
+
+
+def over(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+    """A layer's ``values`` where they are ``known``, shape (height, width); elsewhere what was seen ``before``, maybe
+    coarser, or 0.
+    """
+    mask = known[..., None] if values.ndim == 3 else known
+    if before is None:
+        return np.where(mask, values, np.float32(0))
+    rows, columns = (np.arange(size) * old // size for size, old in zip(known.shape, before.shape))
+    return np.where(mask, values, before[np.ix_(rows, columns)])
 
 
 #: From nothing to much: dark blue, violet, red, orange, pale yellow, each lighter than the one before.

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,9 @@ from . import takes
 from .board import Board, State
 from .camera import Camera
 from .denoised import DenoisedTake
+from .due import Due
 from .named import Files
-from .picture import Picture, of_snapshot
+from .picture import Picture
 from .subject import Opener, Subject
 from .wish import Wish
 
@@ -57,6 +59,8 @@ class Studio:
         self._takes: dict[str, takes.Take] = {}
         self._integrator: Any = None
         self._view: Camera | None = None  # the scene's own, when it was opened last
+        self._due = Due()
+        self._newest = False  # whether all that was taken is to be seen
 
     # ---------------------------------------------------------------- wishes
 
@@ -229,9 +233,9 @@ class Studio:
         )
         if self._subject.whole:
             with self._subject.coarse():
-                snapshot = take.first()
-                picture = Picture(self._next_number(), {"final": of_snapshot(snapshot)["final"]})
-            self.board.say({"own": picture}, layers=("final",), seconds=time.perf_counter() - self._begun)
+                picture = Picture(self._next_number(), {"final": take.coarse()})
+            with self._due.drawing():
+                self.board.say({"own": picture}, layers=("final",), seconds=time.perf_counter() - self._begun)
 
     def _render(self, wish: Wish) -> None:
         """Another wave of each image that is not done."""
@@ -243,22 +247,29 @@ class Studio:
             self.board.say(doing="stopped")
             return
         for name, take in list(self._takes.items()):
-            if take.done or not take.step(self._between):
+            self._newest = False
+            if take.done or not take.step(partial(self._between, name, take)):
                 continue
-            picture = Picture(self._next_number(), take.layers())
-            said = {"black": self._why_black(picture)} if name == "own" else {}
-            pictures = {n: p for n, p in self.board.pictures.items() if n in self._takes} | {name: picture}
-            self.board.say(
-                pictures,
-                layers=tuple(pictures["own"].layers),
-                seconds=time.perf_counter() - self._begun,
-                **self._reached(),
-                **said,
-            )
+            if not self._newest:
+                self._show(name, take)
+            black = self._why_black(self.board.pictures[name]) if name == "own" else self.board.state.black
+            self.board.say(black=black, **self._reached())
         if self._all_done():
             self.board.say(doing="done", part=1.0, **self._reached())
         else:
             self.board.say(doing="rendering")
+
+    def _show(self, name: str, take: takes.Take) -> None:
+        """A picture of a take as it is now, after a wave or between two portions of one."""
+        with self._due.drawing():
+            layers = take.layers()
+            if layers is None:
+                return
+            pictures = {n: p for n, p in self.board.pictures.items() if n in self._takes}
+            pictures[name] = Picture(self._next_number(), layers)
+            seconds = time.perf_counter() - self._begun
+            self.board.say(pictures, layers=tuple(pictures["own"].layers), seconds=seconds, **self._reached())
+        self._newest = True
 
     def _compare(self, subject: Subject, compared: bool) -> None:
         self._begun = time.perf_counter()
@@ -277,10 +288,12 @@ class Studio:
         samples, noise = self._takes["own"].reached()
         return {"samples": samples, "noise": noise}
 
-    def _between(self, part: float) -> None:
-        """Between two portions of a wave: errands, a stop, or something else to be seen."""
+    def _between(self, name: str, take: takes.Take, part: float) -> None:
+        """Between two portions of a wave: errands, a stop, something else to be seen, or more of the same."""
+        self._newest = False
         self._run_errands()
         if self._halted():
+            self._show(name, take)
             self.board.say(doing="stopped")
             while self._halted():
                 with self._changed:
@@ -293,6 +306,8 @@ class Studio:
         if now - self._reported > REPORT:
             self._reported = now
             self.board.say(part=part, seconds=now - self._begun)
+        if self._due and not self._newest and self.board.followed:
+            self._show(name, take)
 
     def _close(self) -> None:
         self._takes = {}

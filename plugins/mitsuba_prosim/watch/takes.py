@@ -14,7 +14,7 @@ from ..registry import create
 from ..rendering.plan import SAMPLING
 from ..rendering.snapshot import Snapshot
 from ..scene_files import rendering
-from .picture import of_snapshot
+from .picture import of_snapshot, over
 from .portions import Growing
 from .subject import Subject
 
@@ -32,10 +32,11 @@ class Take:
         else:  # it is seeded anew for each portion, so that these have to be the same each time
             per_pixel = spp or integrator.samples**2
             integrator.band = max(2**10, rendering.samples_of_a_step() // STEPS // per_pixel)
-        self.snapshot: Snapshot | None = None
         self.done = False
         self.scene, self.sensor, self.spp, self.seed = scene, sensor, spp, seed
         self._waves: Iterator[Snapshot] | None = None
+        self._snapshot: Snapshot | None = None  # after a wave
+        self._coarse: np.ndarray | None = None
 
     def step(self, between: Callable[[float], None]) -> bool:
         """Another wave; returns whether there was one. ``between``: called with the part done, between portions; what
@@ -44,30 +45,42 @@ class Take:
         self.integrator.progress = between
         if self._waves is None:
             self._waves = self.integrator.waves(self.scene, self.sensor, self.seed, self.spp)
+        self._snapshot = None
         try:
-            snapshot = next(self._waves, None)
+            self._snapshot = next(self._waves, None)
         finally:
             self.integrator.progress = None
-        self.done = snapshot is None
-        self.snapshot = snapshot or self.snapshot
+        self.done = self._snapshot is None
         return not self.done
 
-    def layers(self) -> Mapping[str, np.ndarray]:
-        """What there is to see after the last wave, as :class:`.Picture` has it."""
-        assert self.snapshot is not None
-        return of_snapshot(self.snapshot)
+    def layers(self) -> Mapping[str, np.ndarray] | None:
+        """What there is to see after a wave, or between two portions of one, as :class:`.Picture` has it. Within the
+        first wave there is no more than ``final``, which is that of :meth:`coarse`, or black, where it has no samples
+        yet. None where within a wave there is nothing new to see.
+        """
+        now = self.taken()
+        if now is None:
+            return None
+        known = now["samples"] > 0
+        return now if known.all() else {"final": over(known, now["final"], self._coarse)}
+
+    def taken(self) -> dict[str, np.ndarray] | None:
+        """What has been taken, as :func:`.of_snapshot` has it; None where there is nothing new."""
+        snapshot = self._snapshot or self.integrator.so_far()
+        return None if snapshot is None else of_snapshot(snapshot)
 
     def reached(self) -> tuple[float, float | None]:
         """Samples of a pixel in the mean, and the noise where it is measured."""
         reached = self.integrator.reached
         return reached.samples, None if isnan(reached.noise) else reached.noise
 
-    def first(self) -> Snapshot:
-        """The image of one sample of each pixel, to be looked at while the film is as it is."""
+    def coarse(self) -> np.ndarray:
+        """The colours of one sample of each pixel, while the film has few; to be seen before there are others."""
         taker, self.integrator.taker = self.integrator.taker, None  # so few samples say nothing of their speed
         try:
-            waves: Iterator[Snapshot] = self.integrator.waves(self.scene, self.sensor, self.seed, 1)
-            return next(waves)
+            snapshot = next(self.integrator.waves(self.scene, self.sensor, self.seed, 1))
+            self._coarse = of_snapshot(snapshot)["final"]
+            return self._coarse
         finally:
             self.integrator.taker = taker
 

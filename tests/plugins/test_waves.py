@@ -4,6 +4,7 @@ import itertools
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 
 import drjit as dr
@@ -190,6 +191,18 @@ def test_there_are_no_waves_in_a_frozen_function(variant_rgb):
     while causes[-1].__cause__ is not None:
         causes.append(causes[-1].__cause__)
     assert any("dr.freeze" in str(cause) for cause in causes)
+
+
+def test_an_image_that_is_left_is_in_nobodys_way(variant_rgb):
+    """Dr.Jit's frozen functions look through all objects, and raise where another thread has left something pending."""
+    scene = loaded(size=4)
+    waves = scene.integrator().waves(scene)
+    next(waves)
+    other = threading.Thread(target=waves.close)
+    other.start()
+    other.join()
+    frozen = dr.freeze(lambda x: scene.ray_test(mi.Ray3f(mi.Point3f(x, 0, 20), mi.Vector3f(0, 0, -1))))
+    assert np.array_equal(frozen(mi.Float(0, 1e6)), [True, False])
 
 
 # ------------------------------------------------------------------ noise and time

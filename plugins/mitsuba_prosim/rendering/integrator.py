@@ -199,6 +199,8 @@ class WaveIntegrator(mi.SamplingIntegrator):
                 # Once more: where the first wave was good enough, that was seen after it.
                 self.reached = growth.reached()
                 growth.put()
+                film.schedule_storage()
+                dr.eval()  # what is pending in one thread is in the way of a function that another one freezes
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""

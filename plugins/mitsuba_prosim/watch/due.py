@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from time import perf_counter as clock
 
 #: Seconds from one picture to the next, at least; and the part of the time that pictures may take.
-EVERY, SHARE = 0.2, 0.03
+EVERY, SHARE = 0.1, 0.03
 
 
 class Due:

@@ -1,4 +1,6 @@
-"""Portions of an image that somebody looks at: short at first, as something else may be wished between two of them."""
+"""Portions of an image that somebody looks at: short, as it is between two of them that something else may be wished,
+and that more is to be seen.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,17 @@ from ..scene_files import rendering
 
 #: Seconds that the samples of a portion take, at least and at most, and their part of the time since the image was
 #: begun: who has waited for it already can wait a little longer.
-SHORTEST, LONGEST, SHARE = 0.2, 0.5, 0.5
+SHORTEST, LONGEST, SHARE = 0.2, 0.3, 0.5
 
 #: Before them Dr.Jit follows the code, which takes as long for few samples as for many: this part of their time, up to
-#: where that is twice the longest.
-FOLLOWING = 0.2
+#: where that is so many seconds.
+FOLLOWING, LONG = 0.2, 1.0
 
 #: No portion may have more than so many times the samples of the one before: those of the next pixels may be slower.
 GROWTH = 2
+
+#: What is left, up to so many portions, is one.
+LAST = 1.25
 
 
 class Growing(Here):
@@ -34,9 +39,10 @@ class Growing(Here):
         """As many as it takes until somebody is heard again."""
         seconds = min(max(SHORTEST, SHARE * (clock() - self._begun)), LONGEST)
         if self._following:  # the first time kernels may have been compiled
-            seconds = max(seconds, min(min(self._following) / FOLLOWING, 2 * LONGEST))
+            seconds = max(seconds, min(min(self._following) / FOLLOWING, LONG))
         samples = max(1, int(min(seconds * self._samples_a_second, GROWTH * self._bound)))
         self._bound = samples
+        samples = left if left < LAST * samples else samples
         return samples if most is None else min(samples, most)
 
     def __call__(

@@ -90,9 +90,11 @@ class Snapshot:
         return Record.of(self.state, self.reached.seconds)
 
     def _picture(self, values: mi.Float) -> np.ndarray:
-        x, y, width, height = pixels(self.state.plan.window)
-        found = dr.gather(type(values), values, index_within(self.state.outer, x, y))
-        return np.array(found).reshape(int(height[0]), int(width[0]))
+        outer, window = self.state.outer, self.state.plan.window
+        if outer != window:
+            x, y, *_ = pixels(window)
+            values = dr.gather(type(values), values, index_within(outer, x, y))
+        return np.array(values).reshape(window[3] - window[1], window[2] - window[0])
 
 
 def put(state: State, film: mi.Film) -> None:

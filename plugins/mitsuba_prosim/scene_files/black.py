@@ -25,7 +25,7 @@ def why(
 
     ``colours``: linear, as bright as they are shown, with that ``exposure``; ``brighter``: as :data:`IN_THE_PNG`.
     """
-    brightest = float(np.max(np.nan_to_num(colours), initial=0.0))
+    brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # no NaN
     if brightest >= BLACK:
         return None
     return "the picture is black: " + (

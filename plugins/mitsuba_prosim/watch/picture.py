@@ -41,7 +41,8 @@ class Picture:
         light = values
         if values.ndim == 3:
             light = np.maximum(values @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32), 0)
-            content = np.clip(np.nan_to_num(values), -LARGEST, LARGEST).astype("<f2").tobytes()
+            numbers = values if np.isfinite(light).all() else np.nan_to_num(values)
+            content = np.clip(numbers, -LARGEST, LARGEST).astype("<f2").tobytes()
         else:
             content = values.astype("<f4").tobytes()
         white = float(np.percentile(light, 99))

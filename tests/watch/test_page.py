@@ -180,12 +180,16 @@ def test_stop_and_go_on(page, scene):
     save(page, scene, LITTLE)
 
 
-def test_pixels_of_a_coarse_picture(page, scene):
+def test_stopped_within_the_first_wave(page, scene):
+    """The picture has what there is by then, no maps, and pixels that are still coarse."""
     scene.write_text(LONG.replace("64 48", "400 300"))
     until(lambda: page.evaluate("document.getElementById('own').width") > 64)
     page.click("#stop")
     is_(page, "stopped")
-    assert shown(page).shape[1] < 400
+    until(lambda: page.evaluate("document.getElementById('own').width") == 400)
+    assert page.is_disabled("input[name=layer][value=error]")
+    picture = shown(page)
+    assert np.array_equal(picture[-3], picture[-1])
     page.mouse.move(500, 400)
     until(lambda: "SPHERE 0" in page.inner_text("#pixel"))
     assert re.search(r"\(\d{3}, \d{3}\) · RGB [\d.]+ [\d.]+ [\d.]+ · SPHERE 0", page.inner_text("#pixel"))

@@ -74,6 +74,11 @@ def final(studio, take="own"):
     return studio.board.pictures[take].layers["final"]
 
 
+def seen(studio):
+    """The layers of all pictures of the scene's own image, by their numbers."""
+    return {p["own"].number: p["own"].layers for _, p in studio.board.said if "own" in p}
+
+
 @pytest.fixture
 def path(tmp_path):
     path = tmp_path / "little.scn"
@@ -106,7 +111,10 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path, monkeypatch, tmp_path) as studio:
+        studio.board.followed = False  # for whom should it be drawn within a wave?
         until(is_done(studio))
+        assert [len(layers) for layers in seen(studio).values()] == [1, 3, 3]
+        studio.board.followed = True
         before = studio.board.pictures["own"]
         studio.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
         save(studio, path, path.read_text())
@@ -115,7 +123,7 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
         studio.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, False)).result(20)
         assert len(kernels) > 20 and all(kernel.get("cache_hit", True) for kernel in kernels)
         image = final(studio)
-        pictures = {p["own"].number: p["own"].layers for _, p in studio.board.said if "own" in p}
+        pictures = seen(studio)
     coarse, *shown = [layers for number, layers in pictures.items() if number > before.number]
     first = [layers["final"] for layers in shown if set(layers) == {"final"}]
     begun, *later, last = shown[len(first) :]
@@ -318,8 +326,7 @@ def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch, all_porti
     pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
     with running(path, monkeypatch, tmp_path, denoise=True) as studio:
         until(is_done(studio))
-        shown = {p["own"].number: p["own"].layers for _, p in studio.board.said if "own" in p}.values()
-        whole = [layers["samples"] for layers in shown if set(layers) == {"final", "error", "samples"}]
+        whole = [layers["samples"] for layers in seen(studio).values() if set(layers) == {"final", "error", "samples"}]
         assert len(whole) > 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(whole))
         layers = studio.board.pictures["own"].layers
     expected = denoising.render(SceneFile(path, tmp_path / "again").load())

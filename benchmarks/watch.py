@@ -1,7 +1,8 @@
 """``prosim watch`` beside ``prosim render``: from a save to the first picture and to the final one.
 
 A scene is saved again and again, while no page looks at it and while one does; and by turns the same scene, open and
-warm, is rendered as ``prosim render`` does. Seconds by the clock, and of the processor, all threads together.
+warm, is rendered as ``prosim render`` does. Seconds by the clock, and of the processor, all threads together; how many
+pictures there are, and the longest time that one stands still.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import mitsuba as mi
 import numpy as np
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
-STATES = ("opened", "first picture", "first wave", "final")
+STATES = ("opened", "first picture", "first wave", "final", "longest still")
 
 
 def page(address):
@@ -60,15 +61,17 @@ class Watched:
             return file, loaded, pick_sensor(loaded, 0)
 
         self.studio = studio.Studio(scene, opened)
-        self.times, self._say = {}, self.studio.board.say
+        self.times, self.shown, self._say = {}, [], self.studio.board.say
         self.studio.board.say = self.noted
 
     def noted(self, pictures=None, **changes):
         """In the place of the board's own."""
         if changes.get("doing") == "opening":
-            self.times = {"saved": now()}
+            self.times, self.shown = {"saved": now()}, []
         elif pictures:
-            self.times.setdefault("first wave" if "first picture" in self.times else "first picture", now())
+            self.shown.append(now())
+            whole = "error" in pictures["own"].layers
+            self.times.setdefault("first wave" if whole else "first picture", self.shown[-1])
         elif changes.get("doing") in ("rendering", "done"):
             self.times.setdefault("opened" if changes["doing"] == "rendering" else "final", now())
         self._say(pictures, **changes)
@@ -79,7 +82,8 @@ class Watched:
         self.studio.saved()
         while board.state.saves == before or board.state.doing != "done":
             time.sleep(0.02)
-        return {state: self.times[state] - self.times["saved"] for state in STATES}
+        found = {state: time - self.times["saved"] for state, time in self.times.items()}
+        return found | {"longest still": np.diff(self.shown, axis=0).max(axis=0), "pictures": len(self.shown)}
 
     def render(self):
         """The seconds of the command's render."""
@@ -109,14 +113,15 @@ def turns(watched, address, rounds):
             looking.kill()
         for values, value in zip(found.values(), (alone, seen, watched.render()), strict=True):
             values += [value] if turn >= 0 else []
-    print("| seconds |", " | ".join([*STATES, *(f"CPU: {state}" for state in STATES)]), "|")
+    print("| seconds |", " | ".join([*STATES, *(f"CPU: {state}" for state in STATES), "pictures"]), "|")
     for name, values in found.items():
         cells = [
             f"{statistics.median(v[state][k] for v in values):.3f}" if state in values[0] else ""
             for k in (0, 1)
             for state in STATES
         ]
-        print("|", name, "|", " | ".join(cells), "|")
+        pictures = [v["pictures"] for v in values if "pictures" in v]
+        print("|", name, "|", " | ".join([*cells, f"{statistics.median(pictures):g}" if pictures else ""]), "|")
 
 
 def main():
@@ -135,10 +140,10 @@ def main():
         return
     mi.set_variant(arguments.variant)
     from mitsuba_prosim.scene_files import session
-    from mitsuba_prosim.watch import portions, server
+    from mitsuba_prosim.watch import due, portions, server
 
     if arguments.busy:
-        portions.clock = lambda: time.process_time() / arguments.threads
+        portions.clock = due.clock = lambda: time.process_time() / arguments.threads
     with tempfile.TemporaryDirectory() as folder, session.threads(arguments.threads):
         scene = Path(folder) / arguments.scene.name
         shutil.copy(arguments.scene, scene)

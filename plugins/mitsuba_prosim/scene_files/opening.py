@@ -80,7 +80,8 @@ class SceneFile:
             "integrator": dict(integrator or {}),
         }
         with session.search_paths(first=[self.xml.parent, self.path.parent]):
-            self.state = parse(self.xml, self.definitions if self.xml is self.path else {})
+            self._begin = mi.FileResolver(mi.file_resolver())
+            self.state = parse(self.xml, self.changes["definitions"])
             self._resolver = mi.file_resolver()  # knows the scene's own <path> as well
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
@@ -97,12 +98,12 @@ class SceneFile:
     def digest(self) -> str:
         """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
         with self._search_paths():
-            return digest(self.state, self.changes["definitions"])
+            return digest(self.state, self.changes["definitions"], self._begin)
 
     def named_files(self) -> list[tuple[str, Path]]:
         """The files that the scene names, each as it is named; see :func:`.digest.named_files`."""
         with self._search_paths():
-            return list(named_files(self.state, self.changes["definitions"]))
+            return list(named_files(self.state, self.changes["definitions"], self._begin))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mitsuba as mi
 
-from .xml_reading import named
+from .xml_reading import named, place_of
 
 #: What a file of each kind is called that Mitsuba finds by a parameter of this name.
 TABLES = {"material": ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")}
@@ -70,7 +70,7 @@ class Confinement:
                 for said in _file_names(name, props[name]):
                     path = str(resolver.resolve(said))
                     if self._leads_outside(said, path):
-                        place = mi.parser.file_location(state, node)
+                        place = place_of(name, mi.parser.file_location(state, node))
                         raise _refused(place, f"the {name} of this {plugin}", said, path)
 
     def _leads_outside(self, name: str, path: str) -> bool:

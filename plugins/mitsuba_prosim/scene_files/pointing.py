@@ -29,6 +29,11 @@ def pointed(words: str, scene: Path | None = None) -> str:
     return "\n".join([words.rstrip(), *[line for line in lines if line][:1]])
 
 
+def files(words: str) -> list[str]:
+    """Names of the files in which ``words`` name a place."""
+    return [found[1] for found in NAMED.finditer(words)]
+
+
 def _line(name: str, line: int, column: int) -> str:
     """A line of a file, and the caret below; nothing where that is no XML file which can be read."""
     if not name.endswith(".xml"):

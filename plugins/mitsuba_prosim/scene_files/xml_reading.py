@@ -112,6 +112,17 @@ def elements(file: str | Path) -> list[Element]:
     return found
 
 
+def place_of(parameter: str, place: str) -> str:
+    """Where the string of this name is that the element at ``place`` has; ``place`` where that is not found."""
+    if (said := re.fullmatch(r"(.*) \(line (\d+), col (\d+)\)", place, re.DOTALL)) is None:
+        return place
+    file, begin = said[1], (int(said[2]), int(said[3]))
+    for tag, attributes, line, column in elements(file):
+        if (line, column) > begin and tag == "string" and attributes.get("name") == parameter:
+            return f"{file} (line {line}, col {column})"
+    return place
+
+
 def _substituted(value: str, parameters: list[tuple[str, str]], place: str) -> str:
     """``value`` with the values of parameters, longest name first, as Mitsuba puts them in: a backslash before ``$``
     takes its meaning away.

@@ -4,11 +4,12 @@
 
 The trees: `field` is a union of random primitives, left-deep as in the thesis's listing; `carved` is a block from which
 half of the primitives are taken away, then half are added and taken away in turn; `grid` is a union of primitives that
-do not touch; `plate` one with a hole at each place of a grid, `pegs` one with a peg through it there; in `comb` each box overlaps the next, and in `point` all
-overlap at one point, added and taken away in turn. `--pairwise` also times what is usual elsewhere, one union after the
-other in the order of the tree. `again` is the translation of a scene of which one SURFACE has changed, with what the
-first one has left, and `moved cpu` are processor seconds of that of one in which a primitive in the middle of the
-tree has moved; reading is not counted in these. Each measurement runs in its own process.
+do not touch; `plate` one with a hole at each place of a grid, `pegs` one with a peg through it there; in `comb` each
+box overlaps the next, and in `point` all overlap at one point, added and taken away in turn. `--pairwise` also times
+what is usual elsewhere, one union after the other in the order of the tree. `again` is the translation of a scene of
+which one SURFACE has changed, with what the first one has left, and `moved cpu` are processor seconds of that of one in
+which a primitive in the middle of the tree has moved; reading is not counted in these. Each measurement runs in its own
+process.
 """
 
 import argparse

@@ -123,11 +123,15 @@ def beneath(solid: list[Part], others: list[Part]) -> list[Part]:
     """The parts of a solid that touch others, without these: wherever the two touch, bounded by the others' faces."""
     if not solid or not others:
         return []
-    result = []
-    for part, hits in zip(solid, _hits(solid, others)):
-        if hits:
-            result += _combined("b-a", _composed([others[i] for i in hits]), _divided(part, len(hits)))
-    return result
+    touched = [(part, hits) for part, hits in zip(solid, _hits(solid, others)) if hits]
+    if len(touched) > CROWD:  # each by itself would have a table of all that the others come from
+        together = sorted({i for _, hits in touched for i in hits})
+        touched = [(_composed([part for part, _ in touched]), together)]
+    return [
+        rest
+        for part, hits in touched
+        for rest in _combined("b-a", _composed([others[i] for i in hits]), _divided(part, len(hits)))
+    ]
 
 
 def intersection(first: list[Part], second: list[Part]) -> list[Part]:

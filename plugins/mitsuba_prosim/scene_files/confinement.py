@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 
 import mitsuba as mi
@@ -27,7 +28,7 @@ class OutsideError(ValueError):
 
 class Confinement:
     """Lets a scene name files in ``folders`` and below alone, the first of which is its own, wherever symbolic links
-    lead to; and those of Mitsuba, in the folders that are searched when this is made.
+    lead to; and those that Mitsuba was installed with.
 
     Its methods raise :class:`OutsideError` before Mitsuba reads what is refused. Who can exchange files in these
     folders between that and Mitsuba's reading is not kept out.
@@ -35,7 +36,8 @@ class Confinement:
 
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders = [os.path.realpath(folder) for folder in folders]
-        self._own = [os.path.abspath(str(folder)) for folder in mi.file_resolver()]
+        installed = os.path.dirname(os.path.abspath(mi.__file__))
+        self._own = [installed, os.path.realpath(installed)]
         self._real: dict[str, str] = {}  # folder -> where links lead to
 
     def check_text(self, path: Path, definitions: Mapping[str, str]) -> set[str]:
@@ -64,22 +66,23 @@ class Confinement:
             plugin = props.plugin_name()
             if plugin not in plugins and self._is_foreign(plugin, resolver):
                 place = mi.parser.file_location(state, node)
-                raise OutsideError(f"At {place}: {plugin} is no plugin of Mitsuba's; a scene can't bring its own here")
+                raise OutsideError(
+                    f"At {place}: {plugin} is no plugin of Mitsuba's; a scene brings its own only with --allow-outside"
+                )
             plugins.add(plugin)
             for name in (name for name in props if props.type(name) == mi.Properties.Type.String):
                 for said in _file_names(name, props[name]):
                     path = str(resolver.resolve(said))
+                    if os.path.basename(said) == said not in (".", "..") and os.path.isdir(path):
+                        continue  # a word such as "rgb", and a folder of that name where the command was given
                     if self._leads_outside(said, path):
                         place = place_of(name, mi.parser.file_location(state, node))
                         raise _refused(place, f"the {name} of this {plugin}", said, path)
 
     def _leads_outside(self, name: str, path: str) -> bool:
         """Whether ``name``, which Mitsuba finds at ``path``, is that of a file outside."""
-        if not os.path.isabs(name):
-            if not os.path.exists(path):  # where it would be, beside the scene
-                path = os.path.join(self._folders[0], name)
-            elif os.path.basename(path) == path not in (".", "..") and os.path.isdir(path):
-                return False  # a word such as "rgb", and a folder of that name where the command was given
+        if not os.path.isabs(name) and not os.path.exists(path):  # where it would be, beside the scene
+            path = os.path.join(self._folders[0], name)
         return not self._is_own(path) and not self._is_inside(path)
 
     def _is_inside(self, path: str) -> bool:
@@ -110,13 +113,19 @@ class Confinement:
         for kind in ("plugins", "data"):
             if not any(os.path.exists(os.path.join(folder, kind)) for folder in others):
                 continue
-            for name in (p.relative_to(own).as_posix() for own in self._own for p in Path(own, kind).rglob("*.*")):
+            for name in _files_below(self._own[0], kind):
                 path = str(resolver.resolve(name))
                 if not self._is_own(path) and (kind == "plugins" or not self._is_inside(path)):
                     raise OutsideError(
-                        f"{path} would take the place of Mitsuba's own {name}; expected no such file or link beside a "
-                        "scene, or the option that allows it: --allow-outside"
+                        f"{path} would take the place of Mitsuba's own {name}; expected no such file or link beside "
+                        "the scene or where the command is given, or the option that allows it: --allow-outside"
                     )
+
+
+@cache
+def _files_below(folder: str, part: str) -> list[str]:
+    """Names of the files in a part of a folder, from the latter on."""
+    return [path.relative_to(folder).as_posix() for path in Path(folder, part).rglob("*.*")]
 
 
 def _is_below(path: str, folder: str) -> bool:

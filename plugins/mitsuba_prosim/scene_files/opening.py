@@ -83,8 +83,7 @@ class SceneFile:
             "samples": samples,
             "integrator": dict(integrator or {}),
         }
-        with session.search_paths():
-            confinement = Confinement([self.path.parent, self.xml.parent]) if confined else None
+        confinement = Confinement([self.path.parent, self.xml.parent]) if confined else None
         with session.search_paths(first=[self.xml.parent, self.path.parent]):
             self._begin = mi.FileResolver(mi.file_resolver())
             files = {str(self.xml)}

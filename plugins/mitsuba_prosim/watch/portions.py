@@ -7,6 +7,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from time import perf_counter as clock
 
+import drjit as dr
+import mitsuba as mi
+
 from ..rendering.estimate import Estimate
 from ..rendering.taking import Here, Portion
 from ..scene_files import rendering
@@ -54,7 +57,15 @@ class Growing(Here):
                 return
             begun = clock()
             more = portion.take()
-            followed = clock()
-            yield portion, more  # whoever has it waits for the samples
+            followed = begun if at_once() else clock()
+            dr.sync_thread()  # as whoever has it does, who may then wait for other things as well
             self._following = [*self._following[-1:], followed - begun]
             self._samples_a_second = portion.work / max(clock() - followed, 1e-3)
+            yield portion, more
+
+
+def at_once() -> bool:
+    """Whether kernels have run when they are launched, as where Dr.Jit has one thread. How long the code was followed
+    before is not known then.
+    """
+    return dr.backend_v(mi.Float) == dr.JitBackend.LLVM and dr.thread_count() == 1

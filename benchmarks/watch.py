@@ -54,8 +54,8 @@ class Watched:
 
         kept = Kept()
 
-        def opened():
-            file = SceneFile(scene, folder, kept=kept)
+        def opened(document):
+            file = SceneFile(scene, folder, kept=kept, document=document)
             loaded = file.load()
             return file, loaded, pick_sensor(loaded, 0)
 

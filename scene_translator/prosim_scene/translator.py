@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .assembling import assemble
+from .assembling import assemble, looking
 from .kept import Kept
 from .language import document_of
 from .language.document import Document
@@ -146,6 +146,22 @@ def load(
         tree = assemble(opened, path.parent, checked, store, str, kept)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
+    return _plain(tree, transform)
+
+
+def sensor(
+    source: Document, kept: Kept | None = None, *, transform: Callable[[Any], Any] | None = None, **options: Any
+) -> Node:
+    """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``, to look at what a translation has made of
+    the same solids; the options are those of :func:`load`. No solid is evaluated for it, and none becomes finer.
+
+    ``kept`` is what that translation has left: no face of it is cut off, however near or far it is. Raises
+    :class:`SceneError` for a view that there can't be.
+    """
+    return _plain(looking(source, Options(**options), kept), transform)
+
+
+def _plain(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f

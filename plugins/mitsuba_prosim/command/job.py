@@ -10,6 +10,7 @@ from typing import Any
 
 import mitsuba as mi
 from prosim_scene import Kept
+from prosim_scene.language.document import Document
 
 from ..rendering.record import Record
 from ..scene_files import opening
@@ -50,9 +51,9 @@ class Job:
         """What a record of it has to say, so that another process can go on: ``job`` and ``digest``."""
         return {"job": asdict(replace(self, scene=os.path.abspath(self.scene))), "digest": file.digest()}
 
-    def file(self, folder: Path, kept: Kept | None = None) -> opening.SceneFile:
-        """The scene file. ``folder``: for translations; ``kept``: what they leave to each other. Raises what its maker
-        raises.
+    def file(self, folder: Path, kept: Kept | None = None, document: Document | None = None) -> opening.SceneFile:
+        """The scene file. ``folder``: for translations; ``kept``: what they leave to each other; ``document``: what the
+        text says, where it has been read already. Raises what its maker raises.
         """
         return opening.SceneFile(
             self.scene,
@@ -63,11 +64,14 @@ class Job:
             samples=self.samples,
             integrator=self.integrator,
             kept=kept,
+            document=document,
             **self.language,
         )
 
-    def open(self, folder: Path, kept: Kept | None = None) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
-        """The scene file, its scene and its sensor. Raises what their makers raise."""
-        file = self.file(folder, kept)
+    def open(
+        self, folder: Path, kept: Kept | None = None, document: Document | None = None
+    ) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
+        """The :meth:`file`, its scene and its sensor. Raises what their makers raise."""
+        file = self.file(folder, kept, document)
         scene = file.load()
         return file, scene, opening.pick_sensor(scene, self.sensor)

@@ -113,7 +113,7 @@ def watch(
         ) from None
     with writing.scratch() as folder:
         kept = Kept()
-        shown = studio.Studio(scene, lambda: job.open(folder, kept), job.spp, job.seed, denoise)
+        shown = studio.Studio(scene, lambda document: job.open(folder, kept, document), job.spp, job.seed, denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
             state, bitmap, integrator = shown.result()

@@ -23,13 +23,14 @@ from .write import output, xml
 AnyPath = str | os.PathLike[str]
 
 
-def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
-    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`.
+def document(path: AnyPath, define: Mapping[str, object] | None = None, kept: Kept | None = None) -> Document:
+    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`;
+    ``kept`` is what the text of before has left: of that, only what has changed is read.
 
     :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
     asked for first is read but once. Raises :class:`SceneError`.
     """
-    return document_of(read(path), path, define)
+    return document_of(read(path), path, define, kept.text if kept else None)
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:

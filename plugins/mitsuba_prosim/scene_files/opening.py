@@ -100,7 +100,7 @@ class SceneFile:
 
     def read(self) -> Document:
         """What the text of a scene in the thesis's language says by now. Raises :class:`prosim_scene.SceneError`."""
-        return prosim_scene.document(self.path, self.definitions)
+        return prosim_scene.document(self.path, self.definitions, self._kept)
 
     def sensor(self, document: Document) -> dict[str, Any]:
         """The sensor of the VIEW of ``document``, which says the same scene but for that, as a dictionary."""

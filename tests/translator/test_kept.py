@@ -52,11 +52,13 @@ def test_what_a_text_says_as_before_is_not_read_again(tmp_path):
     path, kept = tmp_path / "s.scn", prosim_scene.Kept()
     path.write_text(SCENE)
     before = prosim_scene.document(path, {"red": 1}, kept)
-    path.write_text(wrong := SCENE.replace("condutor", "condutr"))
-    for last in kept, None:
-        with pytest.raises(prosim_scene.SceneError, match=r"s\.scn:10:"):
-            prosim_scene.document(path, {"red": 1}, last)
-    path.write_text("\n" + wrong.replace("condutr ouro", "condutor prata"))
+    wrong = SCENE.replace("condutor", "condutr")
+    for text, line in ((wrong, 10), (f"\n{wrong}", 11)):
+        path.write_text(text)
+        for last in kept, None:
+            with pytest.raises(prosim_scene.SceneError, match=rf"s\.scn:{line}:"):
+                prosim_scene.document(path, {"red": 1}, last)
+    path.write_text(text.replace("condutr ouro", "condutor prata"))
     after, anew = (prosim_scene.document(path, {"red": 0.5}, last) for last in (kept, None))
     assert after.scene == anew.scene and dict(after.places) == dict(anew.places)
     assert after.line("surfaces", 1) == 10 and before.line("surfaces", 1) == 9

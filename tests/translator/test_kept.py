@@ -48,6 +48,24 @@ def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path,
     assert kept.made == made
 
 
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("options", [{"resolution": (20, 10), "samples": 7}, {"target": "stock"}])
+def test_another_view_needs_no_translation(tmp_path, options):
+    """Also where the eye is so near to a face that it would be cut off."""
+    path, kept = tmp_path / "s.scn", prosim_scene.Kept()
+    path.write_text(cube := SCENE.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "CUBE 0"))
+    prosim_scene.translate(path, kept=kept, **options)
+    path.write_text(cube.replace("WINDOW -4 -4 4 4", "WINDOW -4 -3 4 4").replace("15 *", "1.0001 *"))
+    document = prosim_scene.document(path, {"turn": 90})
+    view = prosim_scene.sensor(document, kept, **options)
+    np.testing.assert_equal(view, prosim_scene.load(document, **options)["view"])
+    assert view["near_clip"] < prosim_scene.sensor(document, **options)["near_clip"]
+    path.write_text(cube.replace("-4 -4 4 4", "-4 4 4 4"))
+    document = prosim_scene.document(path)
+    with pytest.raises(prosim_scene.SceneError, match="the window -4 4 4 4 is empty"):
+        prosim_scene.sensor(document, kept, **options)
+
+
 def test_what_a_text_says_as_before_is_not_read_again(tmp_path):
     path, kept = tmp_path / "s.scn", prosim_scene.Kept()
     path.write_text(SCENE)

@@ -115,7 +115,7 @@ class Subject:
         if any(stamp(path) != stamped for path, stamped in self._stamps.items()):
             return None
         sensor = self.file.sensor(document)
-        size = self.file.resolution or document.scene.view.resolution
+        size = sensor["film"]["width"], sensor["film"]["height"]
         sensor["film"] |= dict(zip(("width", "height"), coarser(size)))
         return mi.load_dict(sensor, parallel=False), size
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 from prosim_scene import Kept
+from prosim_scene.language.document import Document
 
 from ..denoising import oidn
 from ..scene_files import images, session, writing
+from ..scene_files.opening import SceneFile
 from .arguments import SCENE
 from .developed import metadata
 from .interrupts import interruptible
@@ -44,7 +47,7 @@ from .sampled import one_of, parameters, sampled, sampling
     is_flag=True,
     help="Denoise the image in the end, as far as two halves of its samples agree that this makes it better.",
 )
-@translation
+@partial(translation, of_xml=["allow_outside"])
 def watch(
     scene: Path,
     mode: str | None,
@@ -73,7 +76,7 @@ def watch(
     """Show the picture of SCENE on a page in the browser, and render it anew whenever the file is saved.
 
     The page is for this machine alone; its address, which has a secret in it, is printed. Nothing is written but what
-    is saved there. Ctrl-C ends it.
+    is saved there, and a scene of either kind can name files in its folder alone. Ctrl-C ends it.
     """
     one_of(spp, samples)
     try:
@@ -112,8 +115,12 @@ def watch(
             f"port {port}: {error.strerror}. Choose another with --port, or leave it out for any that is free."
         ) from None
     with writing.scratch() as folder:
-        kept = Kept()
-        shown = studio.Studio(scene, lambda document: job.open(folder, kept, document), job.spp, job.seed, denoise)
+        kept, confined = Kept(), not language["allow_outside"]
+
+        def opened(document: Document | None = None) -> tuple[SceneFile, Any, Any]:
+            return job.open(folder, kept, confined, document)
+
+        shown = studio.Studio(scene, opened, job.spp, job.seed, denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
             state, bitmap, integrator = shown.result()

@@ -78,7 +78,8 @@ class Watched:
         if changes.get("doing") == "opening":
             self.times = {"saved": now()}
         elif pictures:
-            self.times.setdefault("first wave" if "first picture" in self.times else "first picture", now())
+            # Before the first wave a picture has no maps.
+            self.times.setdefault("first picture" if changes["layers"] == ("final",) else "first wave", now())
         elif changes.get("doing") in ("rendering", "done"):
             self.times.setdefault("opened" if changes["doing"] == "rendering" else "final", now())
         self._say(pictures, **changes)

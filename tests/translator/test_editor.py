@@ -229,6 +229,21 @@ def test_symbols_are_found_and_renamed():
         assert len(list(places.occurrences(Reading(text)))) == len(list(places.occurrences(reading)))
 
 
+def test_a_symbol_is_found_wherever_it_may_stand():
+    text = """DEFAULT $a = 1 DEFAULT $ab = 2
+CSG-TREE + CUBE: 07 + ESFERA (the (7) one) 7 - CONE # 7
+7 CYLINDER={$a+$ab} t-7 SURFACE(a)7 kd {$a} 7 TRANSFORM 7 SCALE 7 7 7 TRANSFORM = 77
+SURFACE 70 TEXTURE t-7 stripes seed 7 END 7"""
+    for mark in ("\n", "\r\n"):
+        reading = Reading(text.replace("\n", mark))
+        symbols = {one.symbol for one in places.occurrences(reading)}
+        assert len(symbols) == 6
+        for symbol in symbols:
+            everywhere = [one for one in places.occurrences(reading) if one.symbol == symbol]
+            assert list(places.occurrences(reading, symbol)) == everywhere
+        assert len(list(places.occurrences(reading, places.Symbol("index", "7")))) == 5
+
+
 @pytest.mark.parametrize(
     "word, new, says",
     [("0 t-l", "1", "there already"), ("0 t-l", "x", "no index"), ("t-listra", "stripes", "t- and a word"),

@@ -10,6 +10,7 @@ import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
 from prosim_scene.editor import server
+from prosim_scene.editor.opened import Opened
 from test_editor import SCENE, large
 
 URI = "file:///nowhere/scene.scn"
@@ -181,6 +182,22 @@ async def test_an_editor_renames_and_lays_out(editor):
     options = lsp.FormattingOptions(4, True)
     (tidy,) = await editor.text_document_formatting_async(lsp.DocumentFormattingParams(document, options))
     assert tidy.new_text == prosim_scene.format(SCENE)
+
+
+async def test_of_many_keystrokes_in_a_long_scene_the_last_is_told(monkeypatch):
+    """Each of them was, one after the other: of 100,000 lines, 20 seconds after fifty keystrokes."""
+    ls, published = server.SceneServer(), []
+    monkeypatch.setattr(ls, "publish", lambda document, found: published.append((document.version, len(found))))
+    document = Opened(lsp.TextDocumentItem(URI, "scn", 1, SCENE), "utf-16")
+    document.took = 1.0  # as if it were long
+    place = lsp.Range(lsp.Position(3, 0), lsp.Position(3, 0))
+    for key in range(2, 12):
+        change = lsp.TextDocumentContentChangePartial(place, "x")
+        document.change(lsp.DidChangeTextDocumentParams(lsp.VersionedTextDocumentIdentifier(key, URI), [change]))
+        ls.tell_soon(document)
+    assert document.reading.source.text.count("x" * 10) == 1  # questions are answered of the text as it is
+    await asyncio.sleep(4 * server.SOON)
+    assert published == [(11, 1)]
 
 
 async def test_no_garbage_is_looked_for_at_the_end(monkeypatch):

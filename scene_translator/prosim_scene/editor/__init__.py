@@ -2,7 +2,7 @@
 
 ``buffers`` has a text in an editor's lines and columns. ``language.reading`` reads it statement by statement, and again
 only those that have changed; ``language.judging`` and ``evaluating`` say what is wrong with it, the latter in a process
-``apart``. ``completing``, ``meanings`` and ``places`` are functions of what was read. ``server`` tells all of these to an
-editor, by the Language Server Protocol, of each document that is ``opened``; these two need pygls, the others need
+``apart``. ``completing``, ``meanings`` and ``places`` are functions of what was read. ``server`` tells all of these to
+an editor, by the Language Server Protocol, of each document that is ``opened``; these two need pygls, the others
 nothing.
 """

@@ -1,8 +1,9 @@
 """A text as an editor has it: in lines and columns, and changed in parts."""
 
 import re
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from functools import cached_property
+from itertools import takewhile
 
 #: What ends a line by the protocol. For Python's ``splitlines`` others do as well, such as the form feed.
 MARK = re.compile(r"\r\n?|\n")
@@ -53,9 +54,15 @@ class Buffer:
 
     def change(self, start: Position, end: Position, text: str) -> None:
         """Puts ``text`` in the place of what stands from ``start`` to ``end``."""
-        first, last = self.offset(start), self.offset(end)
-        self.text = self.text[:first] + text + self.text[max(first, last) :]
-        del self.lines
+        first = self.offset(start)
+        last = max(first, self.offset(end))
+        behind = first + len(text)
+        # Next to the change a CR and a LF may have come together, or apart.
+        same, after = max(1, bisect_left(self.lines, first)), bisect_left(self.lines, last + 2)
+        self.text = self.text[:first] + text + self.text[last:]
+        starts = (mark.end() for mark in MARK.finditer(self.text, self.lines[same - 1]))
+        between = takewhile(lambda at: at < behind + 2, starts)
+        self.lines[same:] = [*between, *(at - last + behind for at in self.lines[after:])]
 
     def _units(self, text: str) -> int:
         """How many units a text has."""

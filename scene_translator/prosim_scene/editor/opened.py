@@ -20,8 +20,25 @@ class Opened:
         path = to_fs_path(document.uri)
         self.path = Path(path) if path else None
         self.buffer = Buffer(document.text, encoding)
-        self.reading = Reading(self.buffer.scene(), path or document.uri)
+        self._reading = Reading(filename=path or document.uri)
         self.evaluation: asyncio.Task[None] | None = None
+        self.telling: asyncio.TimerHandle | None = None
+        #: Seconds that it took to say what is wrong.
+        self.took = 0.0
+
+    @property
+    def reading(self) -> Reading:
+        """The text, read as it is now."""
+        text = self.buffer.scene()
+        if self._reading.source.text != text:
+            self._reading.change(text)
+        return self._reading
+
+    def rest(self) -> None:
+        """Ends what has been begun because of the text as it was."""
+        for one in (self.evaluation, self.telling):
+            if one is not None:
+                one.cancel()
 
     def change(self, change: lsp.DidChangeTextDocumentParams) -> None:
         """Takes another text in the place of parts, or of the whole."""
@@ -32,7 +49,6 @@ class Opened:
             else:
                 self.buffer = Buffer(one.text, self.buffer.encoding)
         self.version = change.text_document.version
-        self.reading.change(self.buffer.scene())
 
     def offset(self, position: lsp.Position) -> int:
         """A position of the protocol as an offset."""

@@ -3,6 +3,7 @@
 import asyncio
 import gc
 from importlib.metadata import version
+from time import perf_counter
 from urllib.parse import unquote
 
 from lsprotocol import types as lsp
@@ -18,6 +19,9 @@ from .opened import Opened
 
 #: Larger trees are evaluated by ``prosim translate --check`` alone.
 LARGEST = 1000
+
+#: Seconds that at most pass before what is wrong with a long text is looked for, if no more is typed.
+SOON = 0.05
 
 KINDS = {
     "statement": lsp.CompletionItemKind.Keyword,
@@ -47,7 +51,7 @@ class Protocol(LanguageServerProtocol):
         document = self._server.document(params.text_document)
         if document is not None:
             document.change(params)
-            self._server.tell(document, whole=False)
+            self._server.tell_soon(document)
 
     @lsp_method(lsp.TEXT_DOCUMENT_DID_CLOSE)
     def lsp_text_document__did_close(self, params: lsp.DidCloseTextDocumentParams) -> None:
@@ -81,17 +85,24 @@ class SceneServer(LanguageServer):
     def forget(self, uri: str) -> bool:
         """Forgets a document; whether there was one."""
         document = self.documents.pop(unquote(uri), None)
-        if document is not None and document.evaluation is not None:
-            document.evaluation.cancel()
+        if document is not None:
+            document.rest()
         return document is not None
+
+    def tell_soon(self, document: Opened) -> None:
+        """Says what is wrong with a document when all has been taken that has been typed by now."""
+        document.rest()
+        delay = min(document.took, SOON)
+        document.telling = asyncio.get_running_loop().call_later(delay, self.tell, document, False)
 
     def tell(self, document: Opened, whole: bool) -> None:
         """Says what is wrong with a document; ``whole``: and then what its tree shows when evaluated."""
-        if document.evaluation is not None:
-            document.evaluation.cancel()
+        document.rest()
+        begun = perf_counter()
         with still():
             found, scene = judge(document.reading)
         self.publish(document, found)
+        document.took = perf_counter() - begun
         if whole and scene is not None and len(scene.scene.csg) <= LARGEST:
             document.evaluation = asyncio.get_running_loop().create_task(self.evaluate(document, found))
 

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene.editor import colours, meanings, places
+from prosim_scene.editor import colours, meanings, metals, places
 from prosim_scene.editor.completing import completions, hover
 from prosim_scene.editor.evaluating import evaluate
 from prosim_scene.language import trees
 from prosim_scene.language.judging import judge
 from prosim_scene.language.messages import MOST
+from prosim_scene.language.names import METALS
 from prosim_scene.language.reading import Reading
 from prosim_scene.language.shapes import Shapes
 from prosim_scene.language.words import WORDS
@@ -206,6 +207,24 @@ def test_hovering_says_what_is_meant():
     assert "Stripes" in said("t-listra") and "Au" in said("ouro") and "= 30" in said("$turn / 3")
     assert "1.5168" in hover(Reading("SURFACE 0 material dieletrico BK7 END"), 30)[2]
     assert "union" in said("+ CUBE") and hover(reading, SCENE.index("remark")) is None
+
+
+def test_a_metal_says_what_it_is():
+    said = hover(Reading(SCENE), SCENE.index("ouro"))[2]
+    assert said.split("\n\n") == [
+        "**gold**, the table Au",
+        "Yellow: of white light that falls straight on it reflects 1.02 0.78 0.34 (red, green, blue)",
+        "n = 0.239 and k = 2.97 at 589.3 nm; measured from 299 to 886 nm",
+        "From: luxpop.com, which names no source",
+        "Also: gold, au",
+    ]
+    assert set(metals.MEASURED) == set(METALS.values())
+    wrong = SCENE.replace("ouro", "ouros")
+    assert hover(Reading(wrong), wrong.index("ouros"))[2] == "a metal that nobody knows"
+    colours = {name: metals.colour(metals.MEASURED[METALS[name]].rgb) for name in ("cu", "ag", "cr", "ni", "be", "ta")}
+    assert list(colours.values()) == ["red", "white", "bluish light grey", "yellowish grey", "grey", "violet dark grey"]
+    (gold,) = [one for one in completions(Reading(SCENE), SCENE.index("ouro")) if one.label == "ouro"]
+    assert gold.detail == "Au" and gold.documentation == said
 
 
 def test_every_word_has_a_meaning():

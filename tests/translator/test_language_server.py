@@ -119,7 +119,7 @@ async def test_what_is_closed_is_forgotten(editor):
     )
     at = lsp.Position(0, 0)
     assert await editor.text_document_hover_async(lsp.HoverParams(document, at)) is None
-    assert await editor.text_document_completion_async(lsp.CompletionParams(document, at)) == []
+    assert not (await editor.text_document_completion_async(lsp.CompletionParams(document, at))).items
     assert await editor.text_document_definition_async(lsp.DefinitionParams(document, at)) == []
     assert await editor.text_document_rename_async(lsp.RenameParams(document, at, "7")) is None
     options = lsp.FormattingOptions(4, True)
@@ -149,7 +149,7 @@ async def test_an_editor_completes_explains_and_finds(editor):
     await opened(editor, SCENE)
     document = lsp.TextDocumentIdentifier(URI)
     found = await editor.text_document_completion_async(lsp.CompletionParams(document, position(SCENE, "ouro", 2)))
-    (gold,) = [one for one in found if one.label == "ouro"]
+    (gold,) = [one for one in found.items if one.label == "ouro"]
     assert gold.detail == "Au" and gold.text_edit.range.start == position(SCENE, "ouro")
     hover = await editor.text_document_hover_async(lsp.HoverParams(document, position(SCENE, "raio", 1)))
     assert "the radius" in hover.contents.value and hover.range.start == position(SCENE, "raio")
@@ -162,6 +162,16 @@ async def test_an_editor_completes_explains_and_finds(editor):
         lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=True), document, at)
     )
     assert len(everywhere) == 4
+
+
+async def test_of_very_many_indices_those_that_are_meant_are_offered(editor):
+    text = "CSG-TREE CUBE 12\n" + "".join(f"SURFACE {i}\n" for i in range(1200)) + "END\n"
+    await opened(editor, text)
+    asked = lsp.CompletionParams(lsp.TextDocumentIdentifier(URI), lsp.Position(0, 16))
+    found = await editor.text_document_completion_async(asked)
+    assert found.is_incomplete and all("12" in one.label for one in found.items)
+    in_order = [one.label for one in sorted(found.items, key=lambda one: one.sort_text)]
+    assert in_order[:3] == ["12", "112", "120"] and len(in_order) == 32
 
 
 async def test_an_editor_renames_and_lays_out(editor):

@@ -23,6 +23,9 @@ LARGEST = 1000
 #: Seconds that at most pass before what is wrong with a long text is looked for, if no more is typed.
 SOON = 0.05
 
+#: So many words are offered at once.
+WORDS = 500
+
 KINDS = {
     "statement": lsp.CompletionItemKind.Keyword,
     "keyword": lsp.CompletionItemKind.Property,
@@ -138,23 +141,31 @@ def saved(ls: SceneServer, params: lsp.DidSaveTextDocumentParams) -> None:
 
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
-def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
-    """The words that fit."""
+def complete(ls: SceneServer, params: lsp.CompletionParams) -> lsp.CompletionList:
+    """The words that fit; of very many those that have what is typed already, and the editor asks again with more."""
     document = ls.document(params.text_document)
     if document is None:
-        return []
+        return lsp.CompletionList(False, [])
     offset = document.offset(params.position)
-    return [
-        lsp.CompletionItem(
-            label=one.label,
-            kind=KINDS[one.kind],
-            detail=one.detail or None,
-            documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, one.documentation) if one.documentation else None,
-            sort_text=f"{one.rank}{one.label}",
-            text_edit=lsp.TextEdit(document.range(one.start, offset), one.label),
-        )
-        for one in completing.completions(document.reading, offset)
-    ]
+    found = completing.completions(document.reading, offset)
+    incomplete = len(found) > WORDS
+    if incomplete:
+        typed = document.reading.source.text[found[0].start : offset].casefold()
+        found = [one for one in found if typed in one.label.casefold()][:WORDS]
+    place = document.range(found[0].start, offset) if found else None
+    return lsp.CompletionList(incomplete, [_completion(one, place) for one in found if place is not None])
+
+
+def _completion(one: completing.Completion, place: lsp.Range) -> lsp.CompletionItem:
+    """A word as the protocol has it. Indices are in their order as numbers."""
+    return lsp.CompletionItem(
+        label=one.label,
+        kind=KINDS[one.kind],
+        detail=one.detail or None,
+        documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, one.documentation) if one.documentation else None,
+        sort_text=f"{one.rank}{one.label.zfill(9) if one.kind == 'index' else one.label}",
+        text_edit=lsp.TextEdit(place, one.label),
+    )
 
 
 @server.feature(lsp.TEXT_DOCUMENT_HOVER)

@@ -77,12 +77,17 @@ def of_snapshot(snapshot: Snapshot) -> dict[str, np.ndarray]:
 HUES = np.array([(8, 8, 48), (92, 20, 122), (205, 55, 70), (248, 156, 40), (252, 250, 190)], dtype=np.float32) / 255
 
 
+def palest(values: np.ndarray) -> float:
+    """What the palest colour of a map means, and more: what one pixel in a hundred exceeds."""
+    most = float(np.percentile(values, 99))
+    return most if math.isfinite(most) and most > 0 else 1.0
+
+
 def coloured(values: np.ndarray) -> np.ndarray:
     """A map, shape (height, width), in colours as a screen shows them, shape (height, width, 3): by its square root, as
     far as what one pixel in a hundred exceeds.
     """
-    most = float(np.percentile(values, 99)) or 1.0
-    place = np.sqrt(np.clip(np.nan_to_num(values) / most, 0, 1))
+    place = np.sqrt(np.clip(np.nan_to_num(values) / palest(values), 0, 1))
     return np.stack([np.interp(place, np.linspace(0, 1, len(HUES)), hue) for hue in HUES.T], axis=2)
 
 

@@ -77,6 +77,7 @@ async function fetchLayer(take) {
     const values = channels === 3 ? new Uint16Array(buffer) : new Float32Array(buffer);
     shown[take] = {number: fact("Picture"), layer: name, width, height, channels, values, white: fact("White"), unit: fact("Unit")};
     if (fact("Picture") < state.pictures[take]) wanted = "again";
+    if (take === "own") place.size(...state.size); // not before: the picture of before has its own
     TAKES.slice(TAKES.indexOf(take)).forEach(draw); // the other's white is that of the scene's own
     if (pointed) ask(pointed);
 }
@@ -136,7 +137,6 @@ function told(news) {
     savable(state.pictures.own !== undefined);
     write(find("text"), state.view ?? "");
     if (state.pictures.path === undefined) shown.path = null;
-    if (state.size[0]) place.size(...state.size);
     splitting();
     refresh().then(splitting);
 }

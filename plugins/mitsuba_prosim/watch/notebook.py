@@ -196,9 +196,7 @@ class View:
         except StoppedError:
             pass
 
-    def _png(self, layer: str, effort: int = -1) -> bytes:
-        assert self._picture is not None
-        values = self._picture.layers[layer]
+    def _png(self, values: np.ndarray, effort: int = -1) -> bytes:
         if values.ndim == 2:
             # As png makes of linear values what a screen shows.
             return png(coloured(values).astype(np.float32) ** np.float32(2.2), effort=effort)
@@ -208,8 +206,9 @@ class View:
         if self._picture is None:
             return
         layer = self._layer.value
-        self._shown.value = self._png(layer, PASSING)
-        self._scale.value = scale(MAPS[layer], self._picture.layers[layer]) if layer in MAPS else ""
+        values = self._picture.layers[layer]
+        self._shown.value = self._png(values, PASSING)
+        self._scale.value = scale(MAPS[layer], values) if layer in MAPS else ""
         self._said.value = self._words()
 
     def _words(self) -> str:
@@ -233,7 +232,7 @@ class View:
             return
         still = {"text/plain": self._words_in_the_end}
         if self._picture is not None and self._wrong is None:
-            still["image/png"] = base64.b64encode(self._png("final")).decode()
+            still["image/png"] = base64.b64encode(self._png(self._picture.layers["final"])).decode()
         self._place.update(still, metadata={"image/png": {"alt": self._words_in_the_end}}, raw=True)
 
 

@@ -22,8 +22,11 @@ from .sources import Sources
 from .targets import Targets, left_dark
 from .walk import Landed, Walk
 
+#: Most parts that the photons of a pass divide a quarter of the spectrum into.
+PARTS = 8
+
 #: Most maps of a set: those of a pattern have as many wavelengths as that is wide.
-MAPS = wavelengths.PARTS**2
+MAPS = PARTS**2
 
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
@@ -116,7 +119,11 @@ class Caustics:
         """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
         same for all pixels.
         """
-        return wavelengths.shared(self._key, t, self._n)
+        return wavelengths.shared(self._key, *self.division(t))
+
+    def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+        """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
+        return t, self._n
 
     def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""

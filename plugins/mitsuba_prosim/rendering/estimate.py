@@ -130,11 +130,8 @@ class Estimator:
         moving = self.sensor.shutter_open_time() > 0
         other = points(TIME_AND_WAVELENGTH) if moving or mi.is_spectral else mi.Point2f(0.5)
         wavelength = other.y
-        if mi.is_spectral and self.transport.caustics is not None:
-            assert isinstance(points, NRook)
-            wavelength = self.transport.caustics.wavelength(points.t)
-        elif mi.is_spectral and self.transport.disperses and isinstance(points, NRook):
-            wavelength = wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), points.t, points.parts)
+        if mi.is_spectral and isinstance(points, NRook):
+            wavelength = self._wavelength(points)
         time = mi.Float(self.sensor.shutter_open())
         if moving:
             time += other.x * self.sensor.shutter_open_time()
@@ -143,13 +140,29 @@ class Estimator:
         ray, weight = self.rays(time, wavelength, on_film, lens)
         return ray, weight, position
 
+    def _wavelength(self, points: NRook) -> mi.Float:
+        """The number in [0, 1) by which the sensor draws the wavelengths of a sample: those of its photons, or the
+        pixel's own. That they go through the spectrum in the order of the samples does no harm: which strata of a space
+        these have is drawn anew in each pass.
+        """
+        if self.transport.caustics is not None:
+            return self.transport.caustics.wavelength(points.t)
+        return wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), *points.division)
+
+    def _points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook:
+        """The ``t``-th sample of the pixels (x, y), in every space; it divides the spectrum as its photons do."""
+        points = self.plan.points(x, y, t)
+        if self.transport.caustics is not None:
+            points.division = self.transport.caustics.division(t)
+        return points
+
     def sample(
         self, x: mi.Int32, y: mi.Int32, t: mi.UInt32, sampler: mi.Sampler | None = None
     ) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
         """The ``t``-th sample of the pixels (x, y), or one that is drawn from ``sampler``: ``(values, luminance,
         position)``, ``values`` being what the film stores for a sample of weight 1.
         """
-        points = self.plan.points(x, y, t) if sampler is None else SamplerPoints(sampler)
+        points = self._points(x, y, t) if sampler is None else SamplerPoints(sampler)
         ray, weight, position = self.camera_ray(x, y, points)
         L, hit, *others = self.transport(ray, points, True)
         L *= weight

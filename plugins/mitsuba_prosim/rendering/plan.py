@@ -10,7 +10,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
-from ..sampling.wavelengths import PARTS
 
 #: left, top, right, bottom, in pixels of the whole film.
 Rectangle = tuple[int, int, int, int]
@@ -138,7 +137,7 @@ class Plan:
             points = NRook.at(self.permutations, key, t, self.jitter)
         else:
             points = NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)
-        points.t, points.parts = t, min(self.first.n, PARTS)
+        points.t = t
         return points
 
     def continued(self, n: int, begin: int) -> Plan:

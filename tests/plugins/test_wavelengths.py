@@ -1,0 +1,73 @@
+"""The wavelengths of a pixel's samples, where spectra are rendered."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
+from mitsuba_prosim.transport.stage import CAMERA_SPACES
+from scipy import stats
+
+CROP = {"crop_offset_x": 8, "crop_offset_y": 16, "crop_width": 16, "crop_height": 24}
+PATH = {"type": "prosim_adaptive", "nested": {"type": "path"}}
+
+
+def sky(size=48, film=None, seed=0, **integrator):
+    """Nothing but a white sky, of which each sample sees its wavelengths alone: shape (size, size, 3)."""
+    film = {
+        "type": "hdrfilm",
+        "width": size,
+        "height": size,
+        "rfilter": {"type": "box"},
+        "component_format": "float32",
+        **(film or {}),
+    }
+    scene = {
+        "type": "scene",
+        "sensor": {"type": "perspective", "film": film},
+        "sky": {"type": "constant"},
+        "integrator": {"type": "prosim", "adaptive": "none", **integrator},
+    }
+    return np.array(mi.render(mi.load_dict(scene), seed=seed))
+
+
+@pytest.mark.parametrize(
+    "samples, spp, integrator, most",
+    [(5, 5, {}, 0.02), (4, 16, PATH, 0.003), (10, 100, {}, 0.0005)],
+    ids=["one pass", "path", "large passes"],
+)
+def test_samples_divide_the_spectrum_evenly(variant_spectral, samples, spp, integrator, most):
+    """So that white is white. Where they divide all that one number draws, which brings four wavelengths, the noise is
+    0.3, 0.07 and 0.004.
+    """
+    image = sky(samples=samples, max_samples=spp, **integrator)
+    noise = image.std((0, 1))
+    assert noise.min() > 0 and noise.max() < most
+    assert np.allclose(image.mean((0, 1)), 1, atol=1e-3)
+
+
+def test_wavelengths_of_a_pixel_are_its_own(variant_spectral):
+    """With one sample each: no more alike from pixel to pixel, up to two away, than chance has it (Pearson's
+    correlation, significance 0.001 for all twelve); and the same in a crop window, to the bit.
+    """
+    image = sky(samples=1)
+    assert np.array_equal(sky(film=CROP, samples=1), image[16:40, 8:24])
+    blue = stats.rankdata(image[..., 2]).reshape(48, 48)
+    for down, right in [(y, x) for y in range(3) for x in range(-2, 3) if (y, x) > (0, 0)]:
+        a, b = blue[: 48 - down, max(-right, 0) : 48 - max(right, 0)], blue[down:, max(right, 0) : 48 + min(right, 0)]
+        assert stats.pearsonr(a.ravel(), b.ravel()).pvalue > 0.001 / 12
+
+
+def test_which_part_of_the_spectrum_says_nothing_of_other_strata(variant_spectral):
+    """The n-th sample of a pass has the n-th part: in each space its row and its column are any, and so is how far
+    they are from those of the next sample (chi-squared tests over 20,000 pixels, significance 0.001 for all).
+    """
+    n, passes, spaces, pixels = 5, 2, CAMERA_SPACES + 2, 20_000
+    r, space, i, pixel = (v.ravel() for v in np.indices((passes, spaces, n, pixels), dtype=np.uint32))
+    points = NRook(Permutations(n), pixel_key(7, mi.UInt32(pixel)), mi.UInt32(r), mi.UInt32(i))
+    strata = np.floor(np.array(points(mi.UInt32(space))) * n).astype(int).reshape(2 * passes * spaces, n, pixels)
+    pvalues = []
+    for all_samples in strata:
+        for sample, next_one in zip(all_samples, np.roll(all_samples, 1, axis=0)):
+            counts, apart = (np.bincount(v % n, minlength=n) for v in (sample, next_one - sample))
+            pvalues += [stats.chisquare(counts).pvalue, stats.chisquare(apart[1:]).pvalue]
+    assert min(pvalues) > 0.001 / len(pvalues)

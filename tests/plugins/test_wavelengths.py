@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
 from mitsuba_prosim.transport.stage import CAMERA_SPACES
+from scenes import penumbra
 from scipy import stats
+from test_waves import LUMINANCE, begun
 
 CROP = {"crop_offset_x": 8, "crop_offset_y": 16, "crop_width": 16, "crop_height": 24}
 PATH = {"type": "prosim_adaptive", "nested": {"type": "path"}}
@@ -71,3 +73,12 @@ def test_which_part_of_the_spectrum_says_nothing_of_other_strata(variant_spectra
             counts, apart = (np.bincount(v % n, minlength=n) for v in (sample, next_one - sample))
             pvalues += [stats.chisquare(counts).pvalue, stats.chisquare(apart[1:]).pvalue]
     assert min(pvalues) > 0.001 / len(pvalues)
+
+
+def test_luminance_is_that_of_the_image(variant_spectral):
+    """What errors are judged by; Mitsuba's own luminance of spectra is 107 times as much."""
+    state = begun(mi.load_dict(penumbra(size=16, type="prosim", adaptive="none")))
+    mean = np.array(state.estimate.total) / np.array(state.estimate.count)
+    image = np.array(state.image().tensor())
+    image = image[..., :3] @ LUMINANCE / image[..., -1]
+    assert np.allclose(mean.reshape(16, 16), image, rtol=1e-3, atol=1e-6)

@@ -16,7 +16,7 @@ from ..sampling.hash import combine, hash32
 from ..sampling.nrook import NRook, SamplerPoints
 from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
 from .error import error_between_passes, standard_error
-from .film import Channels
+from .film import Channels, luminance
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ class Estimator:
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
         alpha = dr.select(hit, mi.Float(1), 0)
         values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, *others)
-        return values, mi.luminance(L, ray.wavelengths), position
+        return values, luminance(L, ray.wavelengths), position
 
     def spread(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
         """``(weight, value)`` for each pixel within the filter's reach, row by row, and each value."""
@@ -244,10 +244,10 @@ class Estimator:
             estimate: Estimate, active: mi.Bool, sampler: mi.Sampler | None
         ) -> tuple[Estimate, mi.Bool, mi.Sampler | None]:
             t = estimate.count
-            values, luminance, position = self.sample(x, y, t, sampler)
+            values, Y, position = self.sample(x, y, t, sampler)
             sums = [s + w * v for s, (w, v) in zip(estimate.sums, self.spread(values, position))]
-            luminance = dr.clip(dr.select(dr.abs(luminance) > DARKEST, luminance, 0), -BRIGHTEST, BRIGHTEST)
-            in_pass = estimate.in_pass + luminance
+            Y = dr.clip(dr.select(dr.abs(Y) > DARKEST, Y, 0), -BRIGHTEST, BRIGHTEST)
+            in_pass = estimate.in_pass + Y
             if sampler is not None:
                 sampler.advance()
                 if evaluated:
@@ -255,8 +255,8 @@ class Estimator:
             last = (t + 1) % n == 0
             estimate = Estimate(
                 sums,
-                estimate.total + luminance,
-                estimate.squares + dr.square(luminance),
+                estimate.total + Y,
+                estimate.squares + dr.square(Y),
                 estimate.pass_squares + dr.select(last, dr.square(in_pass / n), 0),
                 dr.select(last, 0, in_pass),
                 t + 1,

@@ -203,27 +203,28 @@ class Estimator:
             return start
         for which in self.sets(self.plan, start.count, end):
             caustics.draw(*which)
-            _, number, maps = which
-            until = dr.minimum(end, dr.opaque(mi.UInt32, (number + 1) * maps))
+            _, number, n = which
+            until = dr.minimum(end, dr.opaque(mi.UInt32, (number + 1) * caustics.maps(n)))
             start = self._take(x, y, start, dr.maximum(start.count, until), quiet)
             with running():
                 dr.eval(start)
         return start
 
     def sets(self, plan: Plan, count: mi.UInt32, end: mi.UInt32) -> Iterator[tuple[int, int, int]]:
-        """Seed, number and maps of the sets of photons that pixels need which go on by ``plan`` from ``count`` to
-        ``end``: each is for so many samples of all pixels.
+        """Seed, number and samples of a pass of the sets of photons that pixels need which go on by ``plan`` from
+        ``count`` to ``end``: each is for as many samples of all pixels as it has maps.
         """
         caustics = self.transport.caustics
         if caustics is None:
             return
-        seed, maps = plan.photon_seed, caustics.maps(plan.first.n)
+        n = plan.first.n
+        maps = caustics.maps(n)
         lacking = count < end
         least, most = dr.min(dr.select(lacking, count, end)), dr.max(end)
         for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
             first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
             if dr.any((count < dr.minimum(end, after)) & (end > first)):
-                yield seed, number, maps
+                yield plan.photon_seed, number, n
 
     def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:
         n = self.plan.permutations.n

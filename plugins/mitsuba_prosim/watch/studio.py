@@ -250,6 +250,7 @@ class Studio:
             view=self._subject.view(),
             integrator=takes.name(take.integrator),
             alone=takes.alone(take.integrator),
+            compared=wish.compared and takes.alone(take.integrator) is None,
             part=0.0,
             samples=None,
             noise=None,

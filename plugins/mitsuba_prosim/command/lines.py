@@ -37,3 +37,28 @@ class Lines:
         if 1 > done > before + 0.01:  # before, nobody knows
             said += f", {tqdm.format_interval((now - then) * (1 - done) / (done - before))} left"
         print(said, file=sys.stderr, flush=True)
+
+
+class Steps:
+    """Shows steps one after the other, each with a time of its own, on a bar whose speed is not smoothed; in lines
+    where nobody watches it.
+    """
+
+    FORM = "{l_bar}{bar}| {elapsed}"
+
+    def __init__(self, bar: tqdm) -> None:
+        self.bar, self.lines, self.doing = bar, Lines(), ""
+
+    def __call__(self, doing: str, done: float) -> None:
+        """``doing``: the step; ``done``: the part of it, 0 to 1."""
+        bar = self.bar
+        if bar.disable:
+            self.lines(doing, done)
+        if doing != self.doing:
+            self.doing = doing
+            bar.reset()
+            bar.initial = bar.n = 100 * done  # what was done before has taken none of this time
+        begun = 100 * done > bar.initial + 1  # before, nobody knows
+        bar.bar_format = self.FORM + (", {remaining} left" if begun else "")
+        bar.set_description_str(doing)
+        bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown

@@ -4,11 +4,12 @@
 
 The trees: `field` is a union of random primitives, left-deep as in the thesis's listing; `carved` is a block from which
 half of the primitives are taken away, then half are added and taken away in turn; `grid` is a union of primitives that
-do not touch; `plate` one with a hole at each place of a grid; in `comb` each box overlaps the next, and in `point` all
-overlap at one point, added and taken away in turn. `--pairwise` also times what is usual elsewhere, one union after the
-other in the order of the tree. `again` is the translation of a scene of which one SURFACE has changed, with what the
-first one has left, and `moved cpu` are processor seconds of that of one in which a primitive in the middle of the
-tree has moved; reading is not counted in these. Each measurement runs in its own process.
+do not touch; `plate` one with a hole at each place of a grid, `pegs` one with a peg through it there; in `comb` each
+box overlaps the next, and in `point` all overlap at one point, added and taken away in turn. `--pairwise` also times
+what is usual elsewhere, one union after the other in the order of the tree. `again` is the translation of a scene of
+which one SURFACE has changed, with what the first one has left, and `moved cpu` are processor seconds of that of one in
+which a primitive in the middle of the tree has moved; reading is not counted in these. Each measurement runs in its own
+process.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import tempfile
 import time
 from pathlib import Path
 
-TREES = ["field", "carved", "grid", "plate", "comb", "point"]
+TREES = ["field", "carved", "grid", "plate", "pegs", "comb", "point"]
 
 
 def scene(kind, count, seed=1):
@@ -35,11 +36,11 @@ def scene(kind, count, seed=1):
     if kind == "carved":
         half = (count - 1) // 2
         operators = in_turn[: count - 1 - half] + ["-"] * half
-    elif kind == "plate":
-        shapes, operators = ["CYLINDER"], ["-"] * (count - 1)
+    elif kind in ("plate", "pegs"):
+        shapes, operators = ["CYLINDER"], ["-" if kind == "plate" else "+"] * (count - 1)
     elif kind in ("comb", "point"):
         shapes, operators = ["CUBE"], in_turn
-    if kind in ("grid", "plate"):
+    if kind in ("grid", "plate", "pegs"):
         side = row + 1.0
     elif kind == "comb":
         side = 0.6 * count
@@ -65,7 +66,7 @@ def scene(kind, count, seed=1):
             transform = f"TRANSLATE (-.5 -.5 -.5) SCALE ({size}) {turn}"
         elif i == 0:
             transform = f"SCALE ({side} {side} {side / 2}) TRANSLATE ({-side / 2} {-side / 2} {-side / 2})"
-        elif kind == "plate":
+        elif kind in ("plate", "pegs"):
             transform = f"SCALE (.3 .3 {side}) TRANSLATE ({cell} {-3 * side / 4})"
         lines += [f"SURFACE {i} material lambertiano kd = 0.{1 + i % 8} 0.5 0.5", f"TRANSFORM {i} {transform}"]
     return "\n".join([*lines, "END", ""])

@@ -45,3 +45,20 @@ def test_what_can_not_be_shown_is_said_alone(tmp_path):
     assert re.search(r"more\n    <scene/>\n     \^$", pointed(said.format(1)))
     outer = f"Error while loading {tmp_path}/gone.xml (line 1, col 2): while processing <include>:\n"
     assert pointed(outer + said.format(1)).endswith("     ^")
+
+
+def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
+    from mitsuba_prosim.scene_files.pointing import pointed
+
+    scene, part, secret = tmp_path / "scene" / "scene.xml", tmp_path / "scene" / "part.xml", tmp_path / "secret.xml"
+    scene.parent.mkdir()
+    for path in (secret, part):
+        path.write_text(f"<{path.stem}/>")
+    scene.symlink_to(part)
+    (scene.parent / "link.xml").symlink_to(secret)
+    (tmp_path / "named.xml").symlink_to(part)
+    for path, shown in ((secret, False), (scene.parent / "link.xml", False), (part, True), (scene, True)):
+        words = f'could not parse floating point value "At "{path}" (line 1, col 2)"'
+        assert (pointed(words, scene) != words) == shown
+    words = f"While loading {tmp_path}/named.xml (line 1, col 2): wrong"
+    assert pointed(words, tmp_path / "named.xml").endswith("\n    <part/>\n     ^")

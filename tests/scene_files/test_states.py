@@ -206,3 +206,19 @@ def test_the_digest_is_that_of_the_content(variant_rgb, tmp_path):
     named = {"name": "sky.7.exr", "said": "sky.$x.exr", "x": "7"}
     assert made(tmp_path / "g", **named) == made(tmp_path / "h", **named) != made(tmp_path / "i", **named, colour=0.5)
     assert digest.COMMENT.sub(b"", b"a<!-- b -->c<!---->d") == b"acd"
+
+
+def test_a_spectrum_in_another_folder_is_a_file_of_the_scene(variant_rgb, tmp_path):
+    """What includes a file has Mitsuba look in its own folder first."""
+    part, spectrum, digests = tmp_path / "parts" / "part.xml", tmp_path / "parts" / "grey.spd", set()
+    part.parent.mkdir()
+    said = '<bsdf type="diffuse"><spectrum name="reflectance" filename="$grey.spd"/></bsdf>'
+    part.write_text('<scene version="3.0.0"><include filename="more.xml"/></scene>')
+    (part.parent / "more.xml").write_text(f'<scene version="3.0.0"><default name="grey" value="grey"/>{said}</scene>')
+    (tmp_path / "scene.xml").write_text('<scene version="3.0.0"><include filename="parts/part.xml"/></scene>')
+    for value in (0.5, 0.6):
+        spectrum.write_text(f"400 {value}\n700 {value}")
+        file = opening.SceneFile(tmp_path / "scene.xml", tmp_path)
+        assert file.named_files() == [("grey.spd", spectrum)]
+        digests.add(file.digest())
+    assert len(digests) == 2

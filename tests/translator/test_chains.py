@@ -5,7 +5,8 @@ import random
 import exact_csg
 import numpy as np
 import pytest
-from meshes import assert_closed, scene, solids, volume
+from manifold3d import Manifold
+from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene.solids import chains, parts
 from test_exact_csg import EDGE, wrong_pixels
 
@@ -90,14 +91,27 @@ def test_what_touches_the_surface_of_what_covers_it_stays(monkeypatch, gone, pla
     assert gone[0].tolist() == [covered, False, False] and (0 in meshes) != covered
 
 
-def test_many_holes_are_made_a_few_at_first_and_are_all_there(monkeypatch):
+@pytest.mark.parametrize(
+    "sign, material, result",
+    [("-", "", 64 * 0.75), ("+", "", 64 + 64 * 0.5), ("+", "material dieletrico n-refr = 1.5", None)],
+)
+def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
+    # Holes through a plate, or pegs that stand out on both sides; those of glass give way to the plate, which bears
+    # what they touch.
     transforms = ["SCALE (8 8 1)"] + [
         f"SCALE (.5 .5 3) TRANSLATE ({x + 0.25} {y + 0.25} -1)" for x in range(8) for y in range(8)
     ]
-    text = scene(" ".join(["-"] * 64 + [f"CUBE {i}" for i in range(65)]), transforms)
-    for batch, counts in ((64, [64]), (4, [4, 12, 48])):
-        monkeypatch.setattr(parts, "BATCH", batch)
-        assert [len(some) for some in parts.batches(list(range(64)))] == counts
-        meshes = list(solids(text).values())
-        assert_closed(meshes)
-        assert volume(meshes) == pytest.approx(64 * 0.75, rel=1e-9)
+    surfaces = ["material condutor n-refr = 1.2 k-abs = 3"] + [material or "kd = .5"] * 64
+    text = scene(" ".join([sign] * 64 + [f"CUBE {i}" for i in range(65)]), transforms, surfaces)
+    plain = solids(text)
+    divided = []
+    monkeypatch.setattr(parts, "CROWD", 1)
+    monkeypatch.setattr(parts, "FEW", 1)
+    original = Manifold.refine_to_length
+    monkeypatch.setattr(parts.Manifold, "refine_to_length", lambda *a: divided.append(a[1]) or original(*a))
+    again = solids(text)
+    assert divided
+    assert {key: area(mesh) for key, mesh in again.items()} == pytest.approx({k: area(m) for k, m in plain.items()})
+    if result:
+        assert_closed(again.values())
+        assert volume(list(again.values())) == pytest.approx(result, rel=1e-9)

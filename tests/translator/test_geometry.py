@@ -327,8 +327,7 @@ def test_depth_of_nesting_needs_no_recursion(tree):
     nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
     mesh = SHAPES["cube"].mesh(4, np.eye(4))
     planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
-    cube = parts.solid(
-        mesh.vertices, mesh.triangles, mesh.facets, parts.reserve_ids(1), np.array([[0.0] * 3, [1.0] * 3]), planes
-    )
+    run = parts.Run(mesh.vertices, mesh.triangles, mesh.facets, parts.reserve_ids(1))
+    cube = parts.solid(run, np.array([[0.0] * 3, [1.0] * 3]), planes)
     (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
     assert part.manifold.volume() == pytest.approx(1)

@@ -178,6 +178,7 @@ def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
             SceneFile(scene, tmp_path).load()
         files.failed(str(error.value))
         assert tmp_path / name.replace("$it", "bunny") in files.missing() <= files.known()
+        assert other in files.known()  # that it is included is known by the error alone
 
 
 def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):

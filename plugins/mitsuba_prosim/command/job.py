@@ -50,9 +50,9 @@ class Job:
         """What a record of it has to say, so that another process can go on: ``job`` and ``digest``."""
         return {"job": asdict(replace(self, scene=os.path.abspath(self.scene))), "digest": file.digest()}
 
-    def file(self, folder: Path, kept: Kept | None = None) -> opening.SceneFile:
-        """The scene file. ``folder``: for translations; ``kept``: what they leave to each other. Raises what its maker
-        raises.
+    def file(self, folder: Path, kept: Kept | None = None, confined: bool = False) -> opening.SceneFile:
+        """The scene file. ``folder``: for translations; ``kept``: what they leave to each other; ``confined``: whether
+        it can name no file outside its own folder. Raises what its maker raises.
         """
         return opening.SceneFile(
             self.scene,
@@ -63,11 +63,14 @@ class Job:
             samples=self.samples,
             integrator=self.integrator,
             kept=kept,
+            confined=confined,
             **self.language,
         )
 
-    def open(self, folder: Path, kept: Kept | None = None) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
-        """The scene file, its scene and its sensor. Raises what their makers raise."""
-        file = self.file(folder, kept)
+    def open(
+        self, folder: Path, kept: Kept | None = None, confined: bool = False
+    ) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
+        """The scene file, its scene and its sensor; see :meth:`file`. Raises what their makers raise."""
+        file = self.file(folder, kept, confined)
         scene = file.load()
         return file, scene, opening.pick_sensor(scene, self.sensor)

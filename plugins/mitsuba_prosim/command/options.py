@@ -4,7 +4,7 @@ import functools
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -243,15 +243,17 @@ def aims(*, noise: str, noise_99: str, time: str, max_samples: str) -> Callable[
     return decorate
 
 
-def translation(command: Callable) -> Callable:
-    """Decorator: the options for scenes in the thesis's language, whose warnings are all shown."""
+def translation(command: Callable, of_xml: Collection[str] = ()) -> Callable:
+    """Decorator: the options for scenes in the thesis's language, whose warnings are all shown; ``of_xml``: those that
+    are for XML as well.
+    """
 
     @functools.wraps(command)
     def warning(scene: Path, **options: Any) -> Any:
         warnings.simplefilter("always", prosim_scene.SceneWarning)
         if scene.suffix.lower() == ".xml":
             context = click.get_current_context()
-            for name in ("light_units", "tolerance", "allow_outside"):
+            for name in (name for name in ("light_units", "tolerance", "allow_outside") if name not in of_xml):
                 if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
                     option = "--" + name.replace("_", "-")
                     raise click.UsageError(f"{option} is for scenes in the thesis's language, and {scene} is XML.")
@@ -279,7 +281,7 @@ def translation(command: Callable) -> Callable:
                 metavar="N",
                 help="N of the N-rook sampling: N samples a pass, at most N*N a pixel.",
             ),
-            click.option("--allow-outside", is_flag=True, help="Let the scene use images from outside its folder."),
+            click.option("--allow-outside", is_flag=True, help="Let the scene use files from outside its folder."),
         ]
     ):
         warning = option(warning)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ from .sampled import one_of, parameters, sampled, sampling
     is_flag=True,
     help="Denoise the image in the end, as far as two halves of its samples agree that this makes it better.",
 )
-@translation
+@partial(translation, of_xml=["allow_outside"])
 def watch(
     scene: Path,
     mode: str | None,
@@ -73,7 +74,7 @@ def watch(
     """Show the picture of SCENE on a page in the browser, and render it anew whenever the file is saved.
 
     The page is for this machine alone; its address, which has a secret in it, is printed. Nothing is written but what
-    is saved there. Ctrl-C ends it.
+    is saved there, and a scene of either kind can name files in its folder alone. Ctrl-C ends it.
     """
     one_of(spp, samples)
     try:
@@ -112,8 +113,8 @@ def watch(
             f"port {port}: {error.strerror}. Choose another with --port, or leave it out for any that is free."
         ) from None
     with writing.scratch() as folder:
-        kept = Kept()
-        shown = studio.Studio(scene, lambda: job.open(folder, kept), job.spp, job.seed, denoise)
+        kept, confined = Kept(), not language["allow_outside"]
+        shown = studio.Studio(scene, lambda: job.open(folder, kept, confined), job.spp, job.seed, denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
             state, bitmap, integrator = shown.result()

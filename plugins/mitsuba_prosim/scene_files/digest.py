@@ -8,20 +8,23 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from xml.etree import ElementTree
 
 import mitsuba as mi
+
+from .xml_reading import UnreadableError, named
 
 COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
-def digest(state: mi.parser.ParserState, definitions: Mapping[str, str]) -> str:
+def digest(state: mi.parser.ParserState, definitions: Mapping[str, str], begin: mi.FileResolver) -> str:
     """SHA-256 of a scene as it was parsed: of its files without their comments, in which what names another file stands
     for that one's content, wherever it lies; and of those that it names by parameters, such as ``wood.$frame.png``.
-    ``definitions``: values of its parameters. To be called where the search paths are those of the parser.
+    ``definitions``: values of its parameters; ``begin``: the search path with which parsing began. To be called where
+    it is what parsing has left.
     """
     result = hashlib.sha256()
-    contents = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in named_files(state, definitions)}
+    files = named_files(state, definitions, begin)
+    contents = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files}
     texts = [COMMENT.sub(b"", Path(str(path)).read_bytes()) for path in state.files]
     said = {name for name in contents if any(os.fsencode(name) in text for text in texts)}
     for text in texts:
@@ -34,25 +37,19 @@ def digest(state: mi.parser.ParserState, definitions: Mapping[str, str]) -> str:
     return result.hexdigest()
 
 
-def named_files(state: mi.parser.ParserState, definitions: Mapping[str, str]) -> Iterator[tuple[str, Path]]:
-    """Those of the strings in a scene that name a file which is there, and the file."""
+def named_files(
+    state: mi.parser.ParserState, definitions: Mapping[str, str], begin: mi.FileResolver
+) -> Iterator[tuple[str, Path]]:
+    """Those of the strings in a scene that name a file which is there, and the file; see :func:`digest`."""
     resolver = mi.file_resolver()
     values = [value for node in state.nodes for value in dict(node.props.items()).values()]
-    for value in [*values, *spectra(state, definitions)]:
+    for value in values:
         if isinstance(value, str) and value:
             path = Path(str(resolver.resolve(value)))
             if path.is_file():
                 yield value, path
-
-
-def spectra(state: mi.parser.ParserState, definitions: Mapping[str, str]) -> Iterator[str]:
-    """Names of the files of spectra, as the text has them: Mitsuba's parser reads these, and tells of their numbers."""
-    elements: list[ElementTree.Element] = []
-    for path in state.files:
-        with suppress(ElementTree.ParseError):  # Mitsuba's parser forgives more
-            elements += ElementTree.parse(str(path)).iter()
-    values = {element.get("name", ""): element.get("value", "") for element in elements if element.tag == "default"}
-    values.update(definitions)
-    for element in elements:
-        if element.tag == "spectrum" and (name := element.get("filename")):
-            yield re.sub(r"\$(\w+)", lambda found: values.get(found[1], found[0]), name)
+    # The files of spectra Mitsuba's parser reads itself, and tells of their numbers.
+    with suppress(UnreadableError):  # it forgives more
+        for element in named(str(state.files[0]), definitions, begin):
+            if element.tag == "spectrum" and element.path.is_file():
+                yield element.name, element.path

@@ -14,6 +14,7 @@ import prosim_scene
 
 from .. import registry
 from . import integrators, session
+from .confinement import Confinement
 from .digest import digest, named_files
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
@@ -37,6 +38,7 @@ class SceneFile:
         samples: int | None = None,
         integrator: Mapping[str, Any] | None = None,
         kept: prosim_scene.Kept | None = None,
+        confined: bool = False,
         **language: Any,
     ):
         """Reads ``path``, as XML if that is its suffix.
@@ -53,11 +55,13 @@ class SceneFile:
             :func:`.integrators.change`.
         ``kept``
             What an earlier translation has left to this one.
+        ``confined``
+            Whether it can name no file outside its folder, see :class:`.confinement.Confinement`.
         ``language``
             Further options of :func:`prosim_scene.translate`.
 
-        Raises :class:`prosim_scene.SceneError`, ValueError where the scene can't be changed so, or whatever Mitsuba's
-        parser raises. Warns if ``resolution`` distorts the scene's window.
+        Raises :class:`prosim_scene.SceneError`, ValueError where the scene can't be changed so, what the confinement
+        raises, or whatever Mitsuba's parser does. Warns if ``resolution`` distorts the scene's window.
         """
         if resolution:
             check_size(*resolution)
@@ -79,9 +83,16 @@ class SceneFile:
             "samples": samples,
             "integrator": dict(integrator or {}),
         }
+        confinement = Confinement([self.path.parent, self.xml.parent]) if confined else None
         with session.search_paths(first=[self.xml.parent, self.path.parent]):
-            self.state = parse(self.xml, self.definitions if self.xml is self.path else {})
+            self._begin = mi.FileResolver(mi.file_resolver())
+            files = {str(self.xml)}
+            if confinement is not None and self.xml is self.path:
+                files = confinement.check_text(self.xml, self.definitions)
+            self.state = parse(self.xml, self.changes["definitions"])
             self._resolver = mi.file_resolver()  # knows the scene's own <path> as well
+            if confinement is not None:
+                confinement.check_state(self.state, files)
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
@@ -97,12 +108,12 @@ class SceneFile:
     def digest(self) -> str:
         """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
         with self._search_paths():
-            return digest(self.state, self.changes["definitions"])
+            return digest(self.state, self.changes["definitions"], self._begin)
 
     def named_files(self) -> list[tuple[str, Path]]:
         """The files that the scene names, each as it is named; see :func:`.digest.named_files`."""
         with self._search_paths():
-            return list(named_files(self.state, self.changes["definitions"]))
+            return list(named_files(self.state, self.changes["definitions"], self._begin))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named."""

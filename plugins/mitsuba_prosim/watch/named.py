@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from ..scene_files import pointing
 from .changes import stamp
 
 #: What is quoted, as its second group; the apostrophe of "the scene's" is no quote.
@@ -20,9 +21,12 @@ def places(path: Path) -> set[Path]:
     return {path.absolute(), path.resolve()}
 
 
-def quoted(words: str, scene: Path) -> frozenset[Path]:
-    """Where the files are to be that the ``words`` of an error have in quotes, as the text of ``scene`` names them."""
-    names = [found[2] for found in QUOTED.finditer(words) if len(found[2]) < LONGEST]
+def spoken_of(words: str, scene: Path) -> frozenset[Path]:
+    """Where the files are to be that the ``words`` of an error have in quotes, or in which they name a place, as the
+    text of ``scene`` names them.
+    """
+    names = [found[2] for found in QUOTED.finditer(words)] + pointing.files(words)
+    names = [name for name in names if len(name) < LONGEST]
     if scene.suffix.lower() != ".xml":  # what a translation names so is its own
         names = [name for name in names if not Path(name).is_absolute()]
     return frozenset(place for name in names for place in places(scene.parent / name))
@@ -52,6 +56,6 @@ class Files:
 
     def failed(self, words: str) -> None:
         """The scene can't be opened; ``words`` say why."""
-        files = quoted(words, self._scene)
+        files = spoken_of(words, self._scene)
         self._missing = frozenset(path for path in files if stamp(path) is None)
         self._known |= files

@@ -302,7 +302,7 @@ class Studio:
         missing, words = not self._path.exists(), session.message(error)
         if self._subject is None:
             self.files.failed(words)
-        self.board.say(doing="missing" if missing else "failed", error=None if missing else pointed(words))
+        self.board.say(doing="missing" if missing else "failed", error=None if missing else pointed(words, self._path))
 
     def _next_number(self) -> int:
         self._number += 1

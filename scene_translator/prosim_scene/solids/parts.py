@@ -7,10 +7,9 @@ else. Where operands are reordered, those that may share a face keep the order o
 
 import math
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
-from typing import TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64
@@ -18,18 +17,27 @@ from manifold3d import Error, Manifold, Mesh64
 from .coincidence import Planes
 from .hidden import Extent
 from .results import Content, kept
-from .sweep import components, touching
+from .sweep import components, sweep, touching
 
-T = TypeVar("T")
-BATCH = 64  # holes at first; then so many times as many, until there are all
+CROWD = 64  # parts for each triangle that they may touch, from which on the triangles are divided
+FEW = 32  # parts for each triangle then, about
+
+
+class Run(NamedTuple):
+    """The mesh of a primitive: its triangles bear an ``original_id`` and the numbers of their ``facets``."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    facets: np.ndarray
+    original_id: int
 
 
 @dataclass(eq=False)
 class Part:
     """A piece of a solid: how to make its mesh, its bounding box (min and max corner), the numbers of the surfaces that
     its faces may have in common with others, and for a whole primitive a ``key``, equal for those that are the same,
-    its ``extent``, and the number of its ``leaf``, None where its curved face is shared. ``content``: what it comes
-    from, where results are kept.
+    its ``extent``, its mesh as a ``run``, and the number of its ``leaf``, None where its curved face is shared.
+    ``content``: what it comes from, where results are kept.
     """
 
     make: Callable[[], Manifold]
@@ -41,6 +49,7 @@ class Part:
     leaf: int | None = None
     extent: Callable[[], Extent] | None = None
     content: Content | None = None
+    run: Run | None = None
 
     @cached_property
     def manifold(self) -> Manifold:
@@ -49,10 +58,7 @@ class Part:
 
 
 def solid(
-    vertices: np.ndarray,
-    triangles: np.ndarray,
-    facets: np.ndarray,
-    original_id: int,
+    run: Run,
     box: np.ndarray,
     planes: Planes,
     surfaces: frozenset[int] = frozenset(),
@@ -61,24 +67,9 @@ def solid(
     extent: Callable[[], Extent] | None = None,
     content: Content | None = None,
 ) -> list[Part]:
-    """A closed mesh as a list of one part. Its triangles bear ``original_id`` and the numbers of their facets; ``box``
-    (2, 3) is around it.
-    """
-
-    def make() -> Manifold:
-        return _checked(
-            Manifold(
-                Mesh64(
-                    np.ascontiguousarray(vertices, dtype=np.float64),
-                    np.ascontiguousarray(triangles, dtype=np.uint64),
-                    run_index=np.array([0, 3 * len(triangles)], dtype=np.uint64),
-                    run_original_id=np.array([original_id], dtype=np.uint32),
-                    face_id=facets.astype(np.uint64),
-                )
-            )
-        )
-
-    return [Part(make, box[0] - planes.step, box[1] + planes.step, surfaces, planes, key, leaf, extent, content)]
+    """A closed mesh as a list of one part; ``box`` (2, 3) is around it."""
+    low, high = box[0] - planes.step, box[1] + planes.step
+    return [Part(lambda: _made_of([run]), low, high, surfaces, planes, key, leaf, extent, content, run)]
 
 
 def as_parts(
@@ -123,34 +114,24 @@ def difference(minuend: list[Part], subtrahend: list[Part]) -> list[Part]:
         if not hits:
             result.append(part)
         else:
-            rest = [part]
-            for some in batches([subtrahend[i] for i in hits]):
-                # The boxes of the subtrahend's parts are disjoint: they compose to one without any computation.
-                rest = [p for one in rest for p in _combined("-", one, _composed(some))]
-            result += rest
+            # The boxes of the subtrahend's parts are disjoint: they compose to one without any computation.
+            result += _combined("-", _divided(part, len(hits)), _composed([subtrahend[i] for i in hits]))
     return result
-
-
-def batches(parts: list[T]) -> list[list[T]]:
-    """Many parts that are taken from one, in few lists to be taken one after the other.
-
-    A triangle with n holes is divided into triangles in a time that grows as the square of n. So the first lists are
-    short, of parts from here and there, and leave the triangles small for the others.
-    """
-    ends = [0, *(BATCH**i for i in range(1, 9) if 2 * BATCH**i < len(parts)), len(parts)]
-    order = np.random.default_rng(0).permutation(len(parts)).tolist()
-    return [[parts[i] for i in sorted(order[begin:end])] for begin, end in pairwise(ends)]
 
 
 def beneath(solid: list[Part], others: list[Part]) -> list[Part]:
     """The parts of a solid that touch others, without these: wherever the two touch, bounded by the others' faces."""
     if not solid or not others:
         return []
-    result = []
-    for part, hits in zip(solid, _hits(solid, others)):
-        if hits:
-            result += _combined("b-a", _composed([others[i] for i in hits]), part)
-    return result
+    touched = [(part, hits) for part, hits in zip(solid, _hits(solid, others)) if hits]
+    if len(touched) > CROWD:  # each by itself would have a table of all that the others come from
+        together = sorted({i for _, hits in touched for i in hits})
+        touched = [(_composed([part for part, _ in touched]), together)]
+    return [
+        rest
+        for part, hits in touched
+        for rest in _combined("b-a", _composed([others[i] for i in hits]), _divided(part, len(hits)))
+    ]
 
 
 def intersection(first: list[Part], second: list[Part]) -> list[Part]:
@@ -172,6 +153,39 @@ def _hits(first: list[Part], second: list[Part]) -> list[list[int]]:
         for i in touching(*own, box).tolist():
             result[i].append(j)
     return result
+
+
+def _made_of(runs: list[Run]) -> Manifold:
+    """Meshes that do not touch as one."""
+    first = np.cumsum([0, *(len(run.vertices) for run in runs[:-1])])
+    mesh = Mesh64(
+        np.concatenate([run.vertices for run in runs]).astype(np.float64, copy=False),
+        np.concatenate([run.triangles + begin for run, begin in zip(runs, first)]).astype(np.uint64),
+        run_index=np.cumsum([0, *(3 * len(run.triangles) for run in runs)]).astype(np.uint64),
+        run_original_id=np.array([run.original_id for run in runs], dtype=np.uint32),
+        face_id=np.concatenate([run.facets for run in runs]).astype(np.uint64),
+    )
+    return _checked(Manifold(mesh))
+
+
+def _divided(part: Part, others: int) -> Part:
+    """A part that so many others touch. Where these are a crowd for its triangles, as are holes in the face of a plate,
+    it has more of them, without becoming another solid.
+
+    manifold3d gives the rest of a triangle new triangles in a time that grows as the square of what has cut it.
+    """
+    if others <= 4 * CROWD:  # a closed mesh has four triangles at least
+        return part
+
+    def make() -> Manifold:
+        if others <= CROWD * part.manifold.num_tri():
+            return part.manifold
+        _, middle, longest = sorted((part.high - part.low).tolist())
+        length = max(math.sqrt(middle * longest * FEW / others), longest * FEW / others)
+        return _checked(part.manifold.refine_to_length(length))
+
+    content = Content.combined(f"divided for {others}", [part.content])
+    return replace(part, make=make, run=None, content=content)
 
 
 def _checked(manifold: Manifold) -> Manifold:
@@ -206,8 +220,11 @@ def _composed(parts: list[Part]) -> Part:
     if len(parts) == 1:
         return parts[0]
     low, high = boxes(parts)
+    runs = [p.run for p in parts if p.run is not None]
+    # To put thousands of meshes together takes longer than to make one of them all.
+    at_once = len(runs) == len(parts) > CROWD
     return Part(
-        lambda: Manifold.compose([p.manifold for p in parts]),
+        lambda: _made_of(runs) if at_once else Manifold.compose([p.manifold for p in parts]),
         low.min(axis=0),
         high.max(axis=0),
         frozenset().union(*(p.surfaces for p in parts)),
@@ -238,23 +255,27 @@ def _layers(parts: list[Part]) -> list[list[Part]] | None:
     """
     low, high = boxes(parts)
     color = np.zeros(len(parts), int)
-    bearers: dict[int, list[int]] = {}  # surface -> the parts so far that have a face on it
+    bearers: dict[int, set[int]] = {}  # surface -> the parts so far that have a face on it
     limit = 8 + 2 * math.ceil(math.log2(len(parts)))
     for i, part in enumerate(parts):
-        depth = (np.minimum(high[:i], part.high) - np.maximum(low[:i], part.low)).min(axis=1)
-        touching, overlapping = depth >= 0, depth > 4 * part.planes.step
-        sharing = [j for surface in part.surfaces for j in bearers.setdefault(surface, []) if overlapping[j]]
-        taken = set(color[:i][touching].tolist())
+        near = touching(low[:i], high[:i], (part.low, part.high))
+        depth = (np.minimum(high[near], part.high) - np.maximum(low[near], part.low)).min(axis=1)
+        overlapping = set(near[depth > 4 * part.planes.step].tolist())
+        sharing = [j for surface in part.surfaces for j in overlapping & bearers.setdefault(surface, set())]
+        taken = set(color[near].tolist())
         color[i] = max((color[j] + 1 for j in sharing), default=0)
         while color[i] in taken:
             color[i] += 1
         if color[i] > limit:
             return None
         for surface in part.surfaces:
-            bearers[surface].append(i)
+            bearers[surface].add(i)
     layers: list[list[Part]] = [[] for _ in range(color.max() + 1)]
-    for part, c in zip(parts, color):
-        layers[c].append(part)
+    touched = np.zeros((len(parts), len(layers)), int)  # parts of each layer
+    for first, second in sweep(low, high):
+        np.add.at(touched, (np.append(first, second), color[np.append(second, first)]), 1)
+    for part, c, others in zip(parts, color, touched.max(axis=1).tolist()):
+        layers[c].append(_divided(part, others))
     return layers
 
 

@@ -90,10 +90,7 @@ def _faces(
         solid, mesh, surfaces = table.solids[i], table.meshes[i], table.solids[i].surfaces.tolist()
         return {
             media_of[number]: parts.solid(
-                mesh.vertices,
-                mesh.triangles,
-                table.first[i] + mesh.facets,
-                base + number,
+                parts.Run(mesh.vertices, mesh.triangles, table.first[i] + mesh.facets, base + number),
                 table.boxes[i],
                 table.planes,
                 frozenset(surface for surface in surfaces if surface >= 0),

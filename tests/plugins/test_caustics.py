@@ -147,7 +147,7 @@ def test_so_are_those_of_spectral_variants(variant_spectral):
 def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
     integrator = mi.load_dict({"type": "prosim", "caustics": True, "caustic_photons": 1 << 12})
-    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 4))):
+    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 2))):
         again = Photons.unpacked(pickle.loads(pickle.dumps(photons.packed())))
         for field in fields(Photons):
             assert np.array_equal(*(np.array(getattr(some, field.name)) for some in (photons, again)))

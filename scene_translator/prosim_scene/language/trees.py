@@ -10,7 +10,7 @@ from . import foreign
 from .automaton import Parser
 from .builder import texture
 from .lexer import terminal
-from .messages import Source
+from .messages import Place, Source
 from .parentheses import PREFIX
 from .units import Unit
 from .words import OPERATORS, ROWS, STATEMENTS, fold, spelled
@@ -38,6 +38,7 @@ def read(source: Source, start: int) -> Unit | None:
         return None
     position, missing = opening.end(), 1
     nodes: list[Operator | Leaf] = []
+    places: list[Place] = []
     for found in NODE.finditer(text, position):
         if found.start() != position:
             break
@@ -49,6 +50,7 @@ def read(source: Source, start: int) -> Unit | None:
             continue
         if not missing:
             return None
+        places.append(Place(found.start(1 if operator else 2), position))
         if operator:
             missing += 1
             nodes.append(OPERATOR[operator])
@@ -63,7 +65,7 @@ def read(source: Source, start: int) -> Unit | None:
     if missing or not KEYWORD.match(text, end):
         return None
     fields = {"csg": tuple(nodes)}
-    return Unit(start, end, "CSG_TREE", opening.end() - start, ("csg",), fields, text=text[start:end])
+    return Unit(start, end, "CSG_TREE", opening.end() - start, ("csg",), fields, text=text[start:end], nodes=places)
 
 
 @lru_cache(maxsize=1 << 10)

@@ -177,16 +177,19 @@ class Pursuit:
             set_seconds = caustics.seconds / caustics.draws
             state.set_cost = set_seconds * self.alone * dr.width(state.estimate.count)
 
-    def _seconds(self, have: mi.UInt32, want: mi.UInt32) -> float:
-        """What it takes to get from some counts to others, about."""
+    def _seconds(self, have: mi.UInt32, want: mi.UInt32) -> tuple[float, float]:
+        """What it takes to get from some counts to others, about: the image, and the twin, whose photons are others."""
         caustics, state = self.state.estimator.transport.caustics, self.state
-        samples = mean(want) - mean(have)
+        samples, sets = mean(want) - mean(have), 0
         if caustics is not None:
             maps = caustics.maps(state.plan.first.n)
             lacking = dr.select(have < want, have, want)
             sets = -(-int(dr.max(want)[0]) // maps) - int(dr.min(lacking)[0]) // maps
-            samples += sets * state.set_cost / dr.width(want)
-        return samples / max(self.alone, 1e-9)
+        drawing, share = sets * state.set_cost / dr.width(want), 0.0
+        if self.twin is not None:
+            share = dr.width(self.twin.index) / dr.width(want)
+        speed = max(self.alone, 1e-9)
+        return (samples + drawing) / speed, (samples * share + drawing) / speed if share else 0.0
 
     def _by_effort(self) -> Callable[[float], mi.UInt32]:
         """What gives the counts that an effort leads to."""
@@ -210,9 +213,9 @@ class Pursuit:
         if tell is None:
             return None
         state, target = self.state, self.target
-        passed, wave, rest = target.passed, self._seconds(state.estimate.count, wanted), 0.0
+        passed, (wave, rest) = target.passed, self._seconds(state.estimate.count, wanted)
         if target.noisy:
-            rest = self._seconds(wanted, dr.maximum(self._in_the_end(), wanted))
+            rest += sum(self._seconds(wanted, dr.maximum(self._in_the_end(), wanted)))
 
         def told(part: float) -> None:
             by_time = 1 - target.left / target.seconds if target.seconds else 0.0

@@ -47,7 +47,9 @@ class Pursuit:
         self._time_photons(mean(state.estimate.count), target.passed, 0.0)
 
     def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
-        """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
+        """Yields the state after each wave; ``tell``: called with the part of the time that is done, 0 to 1, as far as
+        can be known: it may fall.
+        """
         state, decisions = self.state, self.state.decisions
         state.portion = self._portion()
         if decisions.wanted is None:
@@ -74,9 +76,11 @@ class Pursuit:
             state.portion = self._portion()
             if not whole or not self._measure():
                 yield state
-                break
+                return
             decisions.wanted = None
             yield state
+        if tell is not None:
+            tell(1.0)
 
     def _judge(self) -> None:
         """Asks the policy what each pixel needs, as far as can be known by now."""

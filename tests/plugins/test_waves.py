@@ -203,7 +203,7 @@ def test_a_noise_that_is_beyond_all_numbers_takes_all_samples(variant_rgb, noise
     scene = loaded(size=8, noise=noise, max_samples=30, aovs="samples,error")
     scene.integrator().progress = told.append
     assert np.array(mi.render(scene))[..., -2].max() == 30
-    assert told == sorted(told) and told[-1] <= 1
+    assert all(0 <= done <= 1 for done in told) and told[-1] == 1  # of the time, as far as can be known: it may fall
 
 
 def test_a_lone_pixel_goes_on_step_by_step(variant_rgb):

@@ -6,6 +6,7 @@ from functools import cache, lru_cache
 from lark import Token
 
 from ..model import Leaf, Operator, Texture
+from . import foreign
 from .automaton import Parser
 from .builder import texture
 from .lexer import terminal
@@ -44,8 +45,8 @@ def read(source: Source, start: int) -> Unit | None:
         position = found.end()
         operator, word, index, words, remark = found.groups()
         if remark:
-            if PREFIX.search(remark):
-                return None  # the remark may have been meant as a part of the tree
+            if PREFIX.search(remark) or foreign.remark(remark):
+                return None  # there is something to be said of it, if it was meant as a part of the tree
             continue
         if not missing:
             return None

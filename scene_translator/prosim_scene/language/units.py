@@ -118,7 +118,10 @@ def read(source: Source, start: int, definitions: Definitions, name: int | None 
     except UnexpectedToken as error:
         # The next word of a name may be one that begins a statement.
         before = [] if name is None else read(source, name, Definitions(source)).tokens
-        said.append(_fail(source, unit, syntax_error(source, error.token, parser.accepts(), [*before, *tokens])))
+        after = [error.token] if following is not None else []
+        said.append(
+            _fail(source, unit, syntax_error(source, error.token, parser.accepts(), [*before, *tokens, *after]))
+        )
     except SceneError as error:
         said.append(_fail(source, unit, error))
     said += source.doubts

@@ -3,6 +3,8 @@
 A scene is saved again and again, while no page looks at it and while one does; and by turns the same scene, open and
 warm, is rendered as ``prosim render`` does. Seconds by the clock, and of the processor, all threads together; how many
 pictures there are, and the longest time that one stands still.
+
+With ``--tree`` one SURFACE, the VIEW or the light changes at each save, of 1,000 primitives as in ``csg.py``.
 """
 
 import argparse
@@ -18,11 +20,19 @@ import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import csg
 import mitsuba as mi
 import numpy as np
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
 STATES = ("opened", "first picture", "first wave", "final", "longest still")
+
+#: What changes -> what the text has of it, and what stands there by turns.
+CHANGES = {
+    "SURFACE": ("kd = 0.2 0.5 0.5", "kd = 0.2 0.5 0.{}"),
+    "VIEW": ("OBS 0 0", "OBS {} 0"),
+    "light": ("60000 60000 60000", "60000 60000 5{}000"),
+}
 
 
 def page(address):
@@ -55,8 +65,8 @@ class Watched:
 
         kept = Kept()
 
-        def opened():
-            file = SceneFile(scene, folder, kept=kept)
+        def opened(document):
+            file = SceneFile(scene, folder, kept=kept, document=document)
             loaded = file.load()
             return file, loaded, pick_sensor(loaded, 0)
 
@@ -115,6 +125,25 @@ def turns(watched, address, rounds, typical):
             looking.kill()
         for values, value in zip(found.values(), (alone, seen, watched.render()), strict=True):
             values += [value] if turn >= 0 else []
+    tell(found, typical)
+
+
+def changed(watched, scene, rounds, typical):
+    """The rounds, in each of which all that can change does, one after the other; the first warms up."""
+    text = scene.read_text()
+    found = {name: [] for name in CHANGES}
+    for turn in range(rounds + 1):
+        for name, (before, after) in CHANGES.items():
+            scene.write_text(text.replace(before, after.format(turn + 1), 1))
+            value = watched.save()
+            found[name] += [value] if turn else []
+            scene.write_text(text)
+            watched.save()
+    tell(found, typical)
+
+
+def tell(found, typical):
+    """The table, of what is ``typical`` of the rounds."""
     print("| seconds |", " | ".join([*STATES, *(f"CPU: {state}" for state in STATES), "pictures"]), "|")
     for name, values in found.items():
         cells = [
@@ -137,6 +166,7 @@ def main():
         action="store_true",
         help="pace by the processor's time, as the clock's is others' too; the least of all rounds",
     )
+    parser.add_argument("--tree", choices=csg.TREES, help="1,000 primitives, of which something changes")
     parser.add_argument("--page", metavar="ADDRESS", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.page:
@@ -150,12 +180,19 @@ def main():
         portions.clock = due.clock = lambda: time.process_time() / arguments.threads
     with tempfile.TemporaryDirectory() as folder, session.threads(arguments.threads):
         scene = Path(folder) / arguments.scene.name
-        shutil.copy(arguments.scene, scene)
+        if arguments.tree:
+            scene.write_text(csg.scene(arguments.tree, 1000))
+        else:
+            shutil.copy(arguments.scene, scene)
         watched = Watched(scene, Path(folder) / "scratch")
 
         def work(address):
             try:
-                turns(watched, address, arguments.rounds, min if arguments.busy else statistics.median)
+                typical = min if arguments.busy else statistics.median
+                if arguments.tree:
+                    changed(watched, scene, arguments.rounds, typical)
+                else:
+                    turns(watched, address, arguments.rounds, typical)
             finally:
                 watched.studio.leave()
 

@@ -17,6 +17,13 @@ SAMPLING = ("samples", "threshold", "noise", "noise_99", "time", "max_samples", 
 ENOUGH = ("noise", "noise_99", "time", "max_samples", "adaptive")
 
 
+def complete(state: mi.parser.ParserState) -> None:
+    """Gives a scene that has no integrator Mitsuba's default one."""
+    if state.root.type == mi.ObjectType.Scene and _outermost(state) is None:
+        index = _add(state, mi.Properties("path"), state.root)
+        state.root.props["integrator"] = mi.Properties.ResolvedReference(index)
+
+
 def change(state: mi.parser.ParserState, parameters: Mapping[str, Any]) -> str | None:
     """Gives ``parameters`` to the scene's integrator; None takes one away. Returns the name of the integrator that was
     put within ``prosim_adaptive`` for that, or None.

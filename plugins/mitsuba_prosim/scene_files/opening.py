@@ -104,6 +104,7 @@ class SceneFile:
                 width, height = node.props.get("width", 768), node.props.get("height", 576)
                 check_size(width, height)
                 check_crop(crop, width, height)
+        integrators.complete(self.state)
         #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:

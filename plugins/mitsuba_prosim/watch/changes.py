@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -90,7 +91,7 @@ def _until_others(
 
 def folders_of(files: Collection[Path]) -> set[Path]:
     """The folders of files, as far as they are there."""
-    return {path.parent for path in files if path.parent.is_dir()}
+    return {path.parent for path in files if os.path.isdir(path.parent)}  # False for a name too long, too
 
 
 def stamp(path: Path) -> tuple[int, ...] | None:

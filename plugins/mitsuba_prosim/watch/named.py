@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,7 +19,7 @@ LONGEST = 256
 
 def places(path: Path) -> set[Path]:
     """Where a file lies, and where that which it may be a link to does."""
-    return {path.absolute(), path.resolve()}
+    return {path.absolute(), Path(os.path.realpath(path))}  # unlike resolve(), for links that go around, too
 
 
 def spoken_of(words: str, scene: Path) -> frozenset[Path]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 import prosim_scene
 from prosim_scene.language.document import Document
 
@@ -33,6 +34,9 @@ from .wish import Wish
 
 #: What makes a black picture brighter on the page.
 ON_THE_PAGE = "Exposure {} makes it bright here"
+
+#: Where no camera is that is wished.
+NOWHERE = Camera(np.eye(4), 1.0, np.array([0.0, 1.0, 0.0]), (1.0, 1.0))
 
 #: Seconds between two reports of the part that is done.
 REPORT = 0.1
@@ -142,11 +146,15 @@ class Studio:
             elif self._subject is not None:
                 if wish.camera is not self._shown.camera:
                     self._look(wish)
-                self._render(wish)
+                if self._takes:  # else its image has failed
+                    self._render(wish)
         except SupersededError:
             self._close()
+            self._shown = replace(self._shown, camera=NOWHERE)
         except (RuntimeError, TypeError, ValueError, OSError, MemoryError) as error:
             self._fail(error)
+        except Exception as error:  # noqa: BLE001 (whatever a scene and the plugins in it do, the next save is awaited)
+            self._fail(RuntimeError(f"{type(error).__name__}: {error}"))
         return True
 
     def _has_work(self) -> bool:
@@ -155,11 +163,13 @@ class Studio:
             return True
         if self._subject is None:
             return False
-        return (
-            wish.camera is not shown.camera
-            or wish.compared != shown.compared
-            or wish.stopped != shown.stopped
-            or (not wish.stopped and not self._all_done())
+        return wish.camera is not shown.camera or (
+            bool(self._takes)
+            and (
+                wish.compared != shown.compared
+                or wish.stopped != shown.stopped
+                or (not wish.stopped and not self._all_done())
+            )
         )
 
     def _all_done(self) -> bool:
@@ -234,6 +244,7 @@ class Studio:
     def _look(self, wish: Wish) -> None:
         """The scene from elsewhere."""
         assert self._subject is not None and self._subject.home is not None
+        self._shown = replace(self._shown, camera=wish.camera)
         self._begun = time.perf_counter()
         self._close()
         self._subject.look(wish.camera or self._subject.home)

@@ -105,7 +105,12 @@ def name(integrator: Any) -> str:
 
 def alone(integrator: Any) -> str | None:
     """Why an image can't be compared with that of ``path``, if it can't."""
-    return "this is the path tracer already" if name(integrator) == "path" else None
+    if name(integrator) == "path":
+        return "this is the path tracer already"
+    background = getattr(integrator, "background", None)
+    if background is not None and background.is_spatially_varying() and "data" not in mi.traverse(background):
+        return "path can't be lit by this background, which is no bitmap"
+    return None
 
 
 def rival(subject: Subject, integrator: Any, spp: int, seed: int) -> Take:

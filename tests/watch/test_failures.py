@@ -1,0 +1,126 @@
+"""What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
+
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import prosim_scene
+import pytest
+from little import LITTLE, until
+from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+from mitsuba_prosim.watch.named import spoken_of
+from mitsuba_prosim.watch.studio import Studio, SupersededError
+from mitsuba_prosim.watch.takes import Take
+
+pytestmark = pytest.mark.slow
+
+XML = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><film type="hdrfilm">
+<integer name="width" value="8"/><integer name="height" value="6"/></film></sensor>
+<shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape><emitter type="constant"/></scene>"""
+
+
+@contextmanager
+def running(path):
+    def opener(document):
+        file = SceneFile(path, path.parent / "scratch", document=document)
+        scene = file.load()
+        return file, scene, pick_sensor(scene, 0)
+
+    studio = Studio(path, opener)
+    thread = threading.Thread(target=studio.run)
+    thread.start()
+    try:
+        yield studio
+        assert thread.is_alive()
+    finally:
+        studio.leave()
+        thread.join(30)
+
+
+def is_(studio, doing, saves=0):
+    until(lambda: studio.board.state.doing == doing and studio.board.state.saves == saves)
+
+
+def save(studio, path, text):
+    path.write_text(text)
+    studio.saved()
+
+
+def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
+    """By an integrator that takes no samples from the sensor, and by what nobody has foreseen; whatever is asked for
+    then, until there is something that can be rendered.
+    """
+    path = tmp_path / "scene.xml"
+    path.write_text(XML.replace("INTEGRATOR", '<integrator type="ptracer"/>'))
+
+    def asked(words):
+        assert words in studio.board.state.error
+        studio.compare(True)
+        studio.stop()
+        studio.stop(False)
+        assert studio.errand(lambda subject: subject.seen(4, 3)).result(20).startswith("Sphere")
+        studio.compare(False)
+        assert studio.board.state.doing == "failed" and words in studio.board.state.error
+
+    with running(path) as studio:
+        is_(studio, "failed")
+        asked("takes samples from a sensor")
+        with monkeypatch.context() as patch:
+            patch.setattr(Take, "step", lambda *_: {}["unforeseen"])
+            save(studio, path, XML.replace("INTEGRATOR", ""))
+            is_(studio, "failed", 1)
+            asked("KeyError: 'unforeseen'")
+        studio.move(lambda camera: camera.orbited(10, 0))
+        is_(studio, "done", 1)
+        assert studio.board.state.integrator == "path" and studio.board.state.error is None
+
+
+def test_a_camera_that_is_moved_and_back_before_it_is_looked_at(variant_rgb, tmp_path, monkeypatch):
+    path, step, studios = tmp_path / "little.scn", Take.step, []
+    path.write_text(LITTLE)
+
+    def there_and_back(take, between):
+        def moved(part):
+            if studios:
+                studios.pop().move(lambda camera: camera.orbited(10, 0))
+            between(part)
+
+        try:
+            return step(take, moved)
+        except SupersededError:
+            studio.home()
+            raise
+
+    monkeypatch.setattr(Take, "step", there_and_back)
+    with running(path) as studio:
+        is_(studio, "done")
+        before = studio.board.pictures["own"]
+        studios.append(studio)
+        save(studio, path, LITTLE)
+        is_(studio, "done", 1)
+        assert not studios and studio.board.state.view is None
+        image = studio.board.pictures["own"]
+        assert image is not before and np.array_equal(image.layers["final"], before.layers["final"])
+
+
+def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
+    path = tmp_path / "scene.xml"
+    squares = '<integrator type="prosim"><texture type="checkerboard" name="background"/></integrator>'
+    path.write_text(XML.replace("INTEGRATOR", squares))
+    with running(path) as studio:
+        is_(studio, "done")
+        assert "no bitmap" in studio.board.state.alone
+        studio.compare(True)
+        is_(studio, "done")
+        assert set(studio.board.pictures) == {"own"} and studio.board.state.error is None
+
+
+def test_links_that_go_around(variant_rgb, tmp_path):
+    """As an error speaks of them, and where a scene of the language names them."""
+    around = tmp_path / "around"
+    around.symlink_to(around)
+    assert around in spoken_of("'around' can't be read", tmp_path / "scene.xml")
+    path = tmp_path / "little.scn"
+    path.write_text(LITTLE.replace("10000 NULL", '10000 "around"'))
+    with pytest.raises(prosim_scene.SceneError, match=r"scn:6:29: the image 'around' does not exist"):
+        SceneFile(path, tmp_path)

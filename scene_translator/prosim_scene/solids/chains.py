@@ -49,8 +49,8 @@ def evaluate(operands: Sequence[tuple[str, Value]]) -> Value:
     chain = [_operand(sign == "+", value) for sign, value in operands]
     order = _rounds(chain)
     if order.max() >= DEEP:
-        chain = _not_covered(chain)
-        order = _rounds(chain)
+        whole, chain = chain, _not_covered(chain)
+        order = _rounds(chain) if len(chain) < len(whole) else order
     count = int(order.max()) + 1
     taken: list[list[list[Part]]] = [[] for _ in range(count)]
     added: list[list[Value]] = [[] for _ in range(count)]

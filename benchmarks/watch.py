@@ -2,6 +2,8 @@
 
 A scene is saved again and again, while no page looks at it and while one does; and by turns the same scene, open and
 warm, is rendered as ``prosim render`` does. Seconds by the clock, and of the processor, all threads together.
+
+With ``--tree`` one SURFACE, the VIEW or the light changes at each save, of 1,000 primitives as in ``csg.py``.
 """
 
 import argparse
@@ -17,11 +19,19 @@ import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import csg
 import mitsuba as mi
 import numpy as np
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
 STATES = ("opened", "first picture", "first wave", "final")
+
+#: What changes -> what the text has of it, and what stands there by turns.
+CHANGES = {
+    "SURFACE": ("kd = 0.2 0.5 0.5", "kd = 0.2 0.5 0.{}"),
+    "VIEW": ("OBS 0 0", "OBS {} 0"),
+    "light": ("60000 60000 60000", "60000 60000 5{}000"),
+}
 
 
 def page(address):
@@ -54,8 +64,8 @@ class Watched:
 
         kept = Kept()
 
-        def opened():
-            file = SceneFile(scene, folder, kept=kept)
+        def opened(document):
+            file = SceneFile(scene, folder, kept=kept, document=document)
             loaded = file.load()
             return file, loaded, pick_sensor(loaded, 0)
 
@@ -68,7 +78,8 @@ class Watched:
         if changes.get("doing") == "opening":
             self.times = {"saved": now()}
         elif pictures:
-            self.times.setdefault("first wave" if "first picture" in self.times else "first picture", now())
+            # Before the first wave a picture has no maps.
+            self.times.setdefault("first picture" if changes["layers"] == ("final",) else "first wave", now())
         elif changes.get("doing") in ("rendering", "done"):
             self.times.setdefault("opened" if changes["doing"] == "rendering" else "final", now())
         self._say(pictures, **changes)
@@ -109,6 +120,25 @@ def turns(watched, address, rounds):
             looking.kill()
         for values, value in zip(found.values(), (alone, seen, watched.render()), strict=True):
             values += [value] if turn >= 0 else []
+    tell(found)
+
+
+def changed(watched, scene, rounds):
+    """The rounds, in each of which all that can change does, one after the other; the first warms up."""
+    text = scene.read_text()
+    found = {name: [] for name in CHANGES}
+    for turn in range(rounds + 1):
+        for name, (before, after) in CHANGES.items():
+            scene.write_text(text.replace(before, after.format(turn + 1), 1))
+            value = watched.save()
+            found[name] += [value] if turn else []
+            scene.write_text(text)
+            watched.save()
+    tell(found)
+
+
+def tell(found):
+    """The table."""
     print("| seconds |", " | ".join([*STATES, *(f"CPU: {state}" for state in STATES)]), "|")
     for name, values in found.items():
         cells = [
@@ -128,6 +158,7 @@ def main():
     parser.add_argument(
         "--busy", action="store_true", help="pace by the processor's time, as the clock's is others' too"
     )
+    parser.add_argument("--tree", choices=csg.TREES, help="1,000 primitives, of which something changes")
     parser.add_argument("--page", metavar="ADDRESS", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.page:
@@ -141,12 +172,18 @@ def main():
         portions.clock = lambda: time.process_time() / arguments.threads
     with tempfile.TemporaryDirectory() as folder, session.threads(arguments.threads):
         scene = Path(folder) / arguments.scene.name
-        shutil.copy(arguments.scene, scene)
+        if arguments.tree:
+            scene.write_text(csg.scene(arguments.tree, 1000))
+        else:
+            shutil.copy(arguments.scene, scene)
         watched = Watched(scene, Path(folder) / "scratch")
 
         def work(address):
             try:
-                turns(watched, address, arguments.rounds)
+                if arguments.tree:
+                    changed(watched, scene, arguments.rounds)
+                else:
+                    turns(watched, address, arguments.rounds)
             finally:
                 watched.studio.leave()
 

@@ -7,6 +7,8 @@ import warnings
 
 import click
 
+from . import guesses
+
 #: Name -> (where the command is, what it does).
 COMMANDS = {
     "compare": ("compare:compare", "Compare two integrators or samplers on a scene."),
@@ -69,6 +71,17 @@ class Commands(click.Group):
                 + (f"Did you mean {near[0]}?" if near else f"There are {', '.join(COMMANDS)}.")
             )
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Runs the command; where that has not an option which it is given, the error says which may be meant."""
+        try:
+            return super().invoke(ctx)
+        except click.NoSuchOption as error:
+            if error.ctx is not None:
+                known = {name for option in error.ctx.command.params for name in option.opts}
+                if said := guesses.meant(error.option_name, known):
+                    raise click.UsageError(f"{error.message} {said}", error.ctx) from None
+            raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes the list of commands."""

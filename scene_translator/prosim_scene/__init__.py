@@ -13,7 +13,7 @@ from .language.files import read, rewrite
 from .language.formatter import format
 from .language.messages import SceneError, SceneWarning
 from .model import Scene
-from .translator import check, document, load, translate
+from .translator import check, document, load, sensor, translate
 
 __all__ = [
     "Kept",
@@ -27,5 +27,6 @@ __all__ = [
     "parse",
     "read",
     "rewrite",
+    "sensor",
     "translate",
 ]

@@ -79,6 +79,15 @@ def assemble(
     return result | _shapes(context, target, triangles, kept, store)
 
 
+def looking(document: Document, options: Options, kept: Kept | None) -> Node:
+    """The sensor of a document's VIEW, before the faces that an earlier translation has left in ``kept``."""
+    context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
+    faces = kept.found if kept else None
+    bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
+    camera = view.camera(document, options.resolution)
+    return single.check(document, _sensor(context, TARGETS[options.target], camera, bodies), "view")
+
+
 def _shapes(
     context: Context, target: Target, triangles: dict[Skin, Triangles], kept: Kept, store: Callable[[str, bytes], str]
 ) -> Node:

@@ -1,5 +1,6 @@
 """A file in the place of another, all of it or nothing."""
 
+import errno
 import os
 import secrets
 import stat
@@ -20,6 +21,7 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
     """
     if path.is_symlink():
         path, folder = path.resolve(), None
+    refuse_special(path)
     part = (folder or path.parent) / f"{PART}{secrets.token_hex(6)}"
     try:
         with open(part, "xb") as file:
@@ -30,3 +32,11 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+def refuse_special(path: Path) -> None:
+    """Raises OSError where there is something that is neither a file nor a folder: a file in its place would be no
+    device any more, for nobody.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .assembling import assemble
+from .assembling import assemble, looking
 from .kept import Kept
 from .language import document_of
 from .language.document import Document
@@ -23,13 +23,14 @@ from .write import output, xml
 AnyPath = str | os.PathLike[str]
 
 
-def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
-    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`.
+def document(path: AnyPath, define: Mapping[str, object] | None = None, kept: Kept | None = None) -> Document:
+    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`;
+    ``kept`` is what the text of before has left: of that, only what has changed is read.
 
     :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
     asked for first is read but once. Raises :class:`SceneError`.
     """
-    return document_of(read(path), path, define)
+    return document_of(read(path), path, define, kept.text if kept else None)
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
@@ -146,6 +147,22 @@ def load(
         tree = assemble(opened, path.parent, checked, store, str, kept)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
+    return _plain(tree, transform)
+
+
+def sensor(
+    source: Document, kept: Kept | None = None, *, transform: Callable[[Any], Any] | None = None, **options: Any
+) -> Node:
+    """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``, to look at what a translation has made of
+    the same solids; the options are those of :func:`load`. No solid is evaluated for it, and none becomes finer.
+
+    ``kept`` is what that translation has left: no face of it is cut off, however near or far it is. Raises
+    :class:`SceneError` for a view that there can't be.
+    """
+    return _plain(looking(source, Options(**options), kept), transform)
+
+
+def _plain(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f

@@ -67,7 +67,7 @@ def report(tmp_path_factory):
         command = ["compare", str(folder / "little.xml"), *arguments, *(["--denoise"] if DENOISES else [])]
         result = CliRunner().invoke(prosim, command)
     assert result.exit_code == 0, result.output
-    assert "reference: 100 %, 00:" in result.stderr and "rendering by turns: " in result.stderr
+    assert "reference of all paths: 100 %, 00:" in result.stderr and "rendering by turns: " in result.stderr
     stem = folder / "little-compare"
     return (
         stem.with_suffix(".html").read_text(encoding="utf-8"),
@@ -196,6 +196,15 @@ def test_caustics_that_a_scene_asks_for_are_not_left_out(tmp_path, variant_rgb):
     image = np.ones((12, 16, 3))
     difference, _ = facts.difference(scene, Spec("prosim,caustic_photons=64"), image, image, 1.0)
     assert difference["effects"]["caustics"] is False and difference["effects"]["interreflection"] is True
+
+
+def test_turns_of_one_contestant_are_longer_than_those_of_another():
+    """The longer one's first turn compiles; its progress is that in time, not in turns."""
+    turns = [[9.0], []]
+    assert runs.part_of_turns(turns, 3) == pytest.approx(9 / (9 + 18 + 27))
+    turns = [[9.0, 6.0], [1.0]]
+    assert runs.part_of_turns(turns, 3) == pytest.approx(16 / (16 + 6 + 2))
+    assert runs.part_of_turns([[9.0, 6.0, 6.0], [1.0, 2.0, 2.0]], 3) == 1
 
 
 def test_references_are_kept_and_continued(tmp_path, variant_rgb):

@@ -1,13 +1,15 @@
 """Mitsuba's log while a command runs."""
 
+import io
 import re
 import subprocess
 import sys
 
 import mitsuba as mi
 import pytest
-from mitsuba_prosim.command.lines import Lines
+from mitsuba_prosim.command.lines import Lines, Steps
 from mitsuba_prosim.command.log import log
+from tqdm.auto import tqdm
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
 #: main thread keeps the interpreter to itself for a second; prints how many lines were logged until its end.
@@ -68,3 +70,23 @@ def test_a_log_says_now_and_then_how_far_it_is(capsys):
     said = capsys.readouterr().err.splitlines()
     assert said[:2] == ["reference: 1 %, 00:10 passed", "reference: 1 %, 00:20 passed, 29:40 left"]
     assert 20 < len(said) < 30 and re.fullmatch(r"rendering by turns: \d\d %, 5\d:\d\d passed, 0\d:\d\d left", said[-1])
+
+
+def test_the_bar_of_a_step_that_had_begun_before(monkeypatch):
+    """A reference, half of which was kept: the time left is by what is made of it now, and the bar never goes back."""
+    now, shown = 1000.0, io.StringIO()
+    monkeypatch.setattr("tqdm.std.time", lambda: now)
+    with tqdm(total=100, file=shown, bar_format=Steps.FORM, smoothing=0, mininterval=0, ncols=80) as bar:
+        steps = Steps(bar)
+
+        def told(second, doing, done):
+            nonlocal now
+            now = 1000.0 + second
+            steps(doing, done)
+            return str(bar)
+
+        assert "reference:  50%" in told(0, "reference", 0.5) and "left" not in str(bar)
+        assert "reference:  60%" in told(10, "reference", 0.6) and "| 00:10, 00:40 left" in str(bar)
+        assert "reference:  60%" in told(20, "reference", 0.55) and "| 00:20, 01:20 left" in str(bar)
+        assert "turns:   0%" in told(20, "turns", 0.0) and "| 00:00" in str(bar)
+        assert "turns:  25%" in told(50, "turns", 0.25) and "| 00:30, 01:30 left" in str(bar)

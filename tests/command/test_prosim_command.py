@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import sys
 import warnings
 from importlib.metadata import distribution
@@ -13,7 +14,7 @@ import pytest
 from mitsuba_prosim import llvm
 from mitsuba_prosim.command import compare, doctor, link, stand_in
 from mitsuba_prosim.scene_files import session
-from prosim_start import group
+from prosim_start import group, guesses
 from running import PALITO, XML, names, pixels, prosim
 
 
@@ -125,6 +126,34 @@ def test_a_command_that_there_is_not(palito):
     assert "No such option" in prosim("--rneder").stderr
     completing = click.Context(group.prosim, resilient_parsing=True)
     assert group.prosim.resolve_command(completing, ["rneder"])[1] is None
+
+
+def test_an_option_that_there_is_not(palito):
+    for command, option, hint in [
+        ("render", "--width", "The size of the image is --resolution WxH, such as --resolution 640x480."),
+        ("watch", "-w", "The size of the image is --resolution"),
+        ("translate", "--Size", "The size of the image is --resolution"),
+        ("render", "--variant", "What computes is said by -m VARIANT"),
+        ("render", "--integrator", "The scene says its integrator; --paths follows"),
+        ("compare", "--integrator", "Name integrators after the scene: prosim compare SCENE prosim path."),
+        ("render", "--resume", "A render that may be gone on with is one with --keep"),
+    ]:
+        done = prosim(command, palito, option, 500)
+        assert done.exit_code == 2 and f"No such option '{option}'. {hint}" in done.stderr
+    for command, option in (("format", "--width"), ("doctor", "--variant"), ("translate", "--format")):
+        done = prosim(command, palito, option)
+        assert done.exit_code == 2 and f"No such option '{option}'.\n" in done.stderr
+
+
+def test_guessed_options_are_none_of_ours_and_what_is_said_of_them_is():
+    commands = [group.prosim.get_command(click.Context(group.prosim), name) for name in group.COMMANDS]
+    options = [{option for param in command.params for option in param.opts} for command in commands]
+    for guess, rows in guesses.GUESSED.items():
+        for option, said in rows.items():
+            having = [known for known in options if option in known]
+            assert having and not any(guess in known for known in having), guess
+            for named in re.findall(r"(?<!\S)--?[a-z][a-z-]*", said):
+                assert any(named in known for known in having), said
 
 
 def test_a_warning_is_said_once(capsys):

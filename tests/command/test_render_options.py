@@ -65,6 +65,14 @@ def test_resolution_of_a_scene_that_no_film_can_hold(palito):
     assert done.exit_code == 2 and "too many pixels" in done.stderr
 
 
+@pytest.mark.parametrize("level", [-1, 25])
+def test_levels_that_only_paths_have(palito, level):
+    done = prosim("render", palito, "--max-level", level)
+    assert done.exit_code == 2 and "scratch" not in done.stderr
+    assert f"the deepest level is to be {level}, and a tree of rays has levels 0 to 24" in done.stderr
+    assert "--paths" in done.stderr
+
+
 def test_a_variant_that_this_machine_cannot_run(scene, monkeypatch):
     monkeypatch.setattr(session, "has_backend", lambda variant: not variant.startswith("cuda"))
     done = prosim("render", scene, "-m", "cuda_ad_rgb")

@@ -39,6 +39,8 @@ def test_output_folder(scene):
     [
         ("render", "x.jpg", ".exr and .png, not .jpg"),
         ("render", "x.html", ".exr and .png"),
+        ("render", "other.scn", ".exr and .png, not .scn"),
+        ("render", "film.mp4", ".exr and .png, not .mp4"),
         ("compare", "x.png", ".html and .json and .csv, not .png"),
         ("translate", "pal.xml", "folder"),
     ],
@@ -53,6 +55,29 @@ def test_the_scene_is_not_overwritten(palito):
     scene = palito.rename(palito.with_name("listing.png"))
     done = prosim("render", scene)
     assert done.exit_code == 2 and "is the scene itself" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["render", "compare"])
+def test_what_is_no_name_of_an_image(palito, command):
+    scene = palito.rename(palito.with_name("listing.pov"))
+    pipe = palito.with_name("pipe")
+    os.mkfifo(pipe)
+    for given, says in ((scene, "this is the scene itself"), (pipe, "which are files"), ("-", "which are files")):
+        done = prosim(command, scene, "-o", given)
+        assert done.exit_code == 2 and says in done.stderr and "give their name, or a folder" in done.stderr
+    assert names(palito.parent) == ["listing.pov", "pipe"]
+
+
+def test_a_device_is_not_overwritten(palito):
+    """By an image or a translation, whose names lead to it."""
+    pipe = palito.with_name("pipe")
+    os.mkfifo(pipe)
+    for name in ("listing.png", "listing.xml"):
+        palito.with_name(name).symlink_to(pipe)
+    for command in ("render", "translate"):
+        done = prosim(command, palito)
+        assert done.exit_code == 2 and "this is a device or a pipe, not a file" in done.stderr
+    assert pipe.is_fifo() and names(palito.parent) == ["listing.png", "listing.scn", "listing.xml", "pipe"]
 
 
 def test_nothing_that_the_image_is_made_of_is_overwritten(palito, variant_rgb):

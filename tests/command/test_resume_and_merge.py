@@ -10,6 +10,8 @@ import sys
 
 import OpenEXR
 import pytest
+from mitsuba_prosim.command import resume
+from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.saved import files
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene_files import writing
@@ -104,7 +106,7 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))
     refused("scene.xml is not what the state was made of", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
-    assert "It was finished before. To take it further, say how far" in done("resume", state).stdout
+    assert "It was finished before. To take it further, say how far, such as --time 1." in done("resume", state).stdout
     refused("is an EXR image, not the state of a render. Did you mean .*a.state.exr?", "resume", tmp_path / "a.exr")
     refused("the state of a render, not a scene. To go on with it: prosim resume ", "render", state)
     refused("is the state of a whole image", "merge", state)
@@ -119,6 +121,20 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
         header |= files.attributes(text | {name: value})
         file.write(str(state))
         refused(says, "resume", state)
+
+
+@pytest.mark.parametrize(
+    "noise, asked, options",
+    [
+        (float("nan"), {}, "--time 25"),
+        (float("nan"), {"time": 12.5, "max_samples": 16}, "--time 25 --max-samples 64"),
+        (0.0019, {"noise": 0.002}, "--noise 0.00095"),
+        (0.0041, {"noise": 0.002, "time": 12.5}, "--noise 0.001 --time 25"),
+    ],
+)
+def test_what_takes_a_finished_image_further(noise, asked, options):
+    sampling = {"noise": 0.0, "time": 0.0, "max_samples": 0} | asked
+    assert resume.further(Record({"noise": noise, "seconds": 12.5, "sampling": sampling}, {}, {}, {})) == options
 
 
 @pytest.mark.parametrize(

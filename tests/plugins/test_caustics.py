@@ -20,6 +20,7 @@ from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import Landed
 from mitsuba_prosim.command.sampled import parameters
 from mitsuba_prosim.light.table import Lights
+from mitsuba_prosim.rendering import cutting
 from mitsuba_prosim.rendering.pursuit import in_full_sets
 from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
@@ -146,7 +147,7 @@ def test_so_are_those_of_spectral_variants(variant_spectral):
 def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
     integrator = mi.load_dict({"type": "prosim", "caustics": True, "caustic_photons": 1 << 12})
-    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 4))):
+    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 2))):
         again = Photons.unpacked(pickle.loads(pickle.dumps(photons.packed())))
         for field in fields(Photons):
             assert np.array_equal(*(np.array(getattr(some, field.name)) for some in (photons, again)))
@@ -245,6 +246,22 @@ def test_no_photons_are_sent_out_for_a_few_pixels():
     assert bound([50] * 400 + [100] * 590 + [5000] * 10) == 100
     assert bound([25] * 990 + [5000] * 10) == 0  # no more than there is
     assert bound([25] * 990 + [5000] * 10, most=5000) == 5000  # nothing else is to come
+
+
+def test_parts_of_a_wave_are_those_of_its_time(variant_rgb):
+    """One pixel wants many samples: its last sets of photons take as long as the first, which was for both pixels."""
+    caustics = SimpleNamespace(maps=lambda n: n * n, kept=2)
+    state = SimpleNamespace(
+        estimator=SimpleNamespace(transport=SimpleNamespace(caustics=caustics)),
+        plan=SimpleNamespace(first=SimpleNamespace(n=2)),
+        taker=SimpleNamespace(in_turn=True),
+        set_cost=10.0,
+    )
+    spans = [span for _, span in cutting.steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state)]
+    assert np.allclose(spans, [(0, 18 / 46), (18 / 46, 32 / 46), (32 / 46, 1)])
+    state.taker.in_turn = False  # two sets to a step
+    spans = [span for _, span in cutting.steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state)]
+    assert np.allclose(spans, [(0, 32 / 56), (32 / 56, 1)])
 
 
 def test_the_command_asks_for_them_in_a_word():

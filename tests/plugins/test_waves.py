@@ -203,7 +203,7 @@ def test_a_noise_that_is_beyond_all_numbers_takes_all_samples(variant_rgb, noise
     scene = loaded(size=8, noise=noise, max_samples=30, aovs="samples,error")
     scene.integrator().progress = told.append
     assert np.array(mi.render(scene))[..., -2].max() == 30
-    assert told == sorted(told) and told[-1] <= 1
+    assert all(0 <= done <= 1 for done in told) and told[-1] == 1  # of the time, as far as can be known: it may fall
 
 
 def test_a_lone_pixel_goes_on_step_by_step(variant_rgb):
@@ -220,12 +220,21 @@ def test_a_lone_pixel_goes_on_step_by_step(variant_rgb):
     ids=["matt", "copper", "matt, path", "copper, path"],
 )
 def test_the_noise_that_is_asked_for_is_reached(variant_rgb, ball, nested, asked):
-    """Against the mean of 12 images of 256 samples. Of 12 seeds at least 11 lie within 0.7 and 1.05 of what was asked
+    """Against the mean of 6 images of 256 samples. Of 12 seeds at least 11 lie within 0.7 and 1.05 of what was asked
     for: where 95 % do, fewer are an event of probability 0.12; at least 9 are asserted (probability of fewer: 0.0002).
     """
+    assert_reached(ball, nested, asked)
+
+
+@pytest.mark.slow
+def test_the_noise_that_is_asked_for_is_reached_in_spectral_variants(variant_spectral):
+    assert_reached(None, None, 0.004)
+
+
+def assert_reached(ball, nested, asked):
     integrator = {"type": "prosim"} if nested is None else {"type": "prosim_adaptive", "nested": {"type": nested}}
     scene = penumbra(ball, size=48)
-    reference = renderings({**scene, "integrator": integrator | {"adaptive": "none"}}, 12, spp=256, first_seed=500)
+    reference = renderings({**scene, "integrator": integrator | {"adaptive": "none"}}, 6, spp=256, first_seed=500)
     reference = reference.mean(0) @ LUMINANCE
     images = renderings({**scene, "integrator": integrator | {"adaptive": "graded", "noise": asked}}, 12) @ LUMINANCE
     off = np.sqrt(images + 0.01) - np.sqrt(reference + 0.01)

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene.editor import colours, meanings, places
+from prosim_scene.editor import colours, meanings, metals, places
 from prosim_scene.editor.completing import completions, hover
 from prosim_scene.editor.evaluating import evaluate
 from prosim_scene.language import trees
 from prosim_scene.language.judging import judge
 from prosim_scene.language.messages import MOST
+from prosim_scene.language.names import METALS
 from prosim_scene.language.reading import Reading
 from prosim_scene.language.shapes import Shapes
 from prosim_scene.language.words import WORDS
@@ -208,6 +209,24 @@ def test_hovering_says_what_is_meant():
     assert "union" in said("+ CUBE") and hover(reading, SCENE.index("remark")) is None
 
 
+def test_a_metal_says_what_it_is():
+    said = hover(Reading(SCENE), SCENE.index("ouro"))[2]
+    assert said.split("\n\n") == [
+        "**gold**, the table Au",
+        "Yellow: of white light that falls straight on it reflects 1.02 0.78 0.34 (red, green, blue)",
+        "n = 0.239 and k = 2.97 at 589.3 nm; measured from 299 to 886 nm",
+        "From: luxpop.com, which names no source",
+        "Also: gold, au",
+    ]
+    assert set(metals.MEASURED) == set(METALS.values())
+    wrong = SCENE.replace("ouro", "ouros")
+    assert hover(Reading(wrong), wrong.index("ouros"))[2] == "a metal that nobody knows"
+    colours = {name: metals.colour(metals.MEASURED[METALS[name]].rgb) for name in ("cu", "ag", "cr", "ni", "be", "ta")}
+    assert list(colours.values()) == ["red", "white", "bluish light grey", "yellowish grey", "grey", "violet dark grey"]
+    (gold,) = [one for one in completions(Reading(SCENE), SCENE.index("ouro")) if one.label == "ouro"]
+    assert gold.detail == "Au" and gold.documentation == said
+
+
 def test_every_word_has_a_meaning():
     for word in WORDS:
         assert meanings.described(word).startswith(f"**{word.canonical}**")
@@ -227,6 +246,21 @@ def test_symbols_are_found_and_renamed():
             text = text[: one.start] + new + text[one.end :]
         assert told(text)[1] is not None and here.symbol not in {o.symbol for o in places.occurrences(Reading(text))}
         assert len(list(places.occurrences(Reading(text)))) == len(list(places.occurrences(reading)))
+
+
+def test_a_symbol_is_found_wherever_it_may_stand():
+    text = """DEFAULT $a = 1 DEFAULT $ab = 2
+CSG-TREE + CUBE: 07 + ESFERA (the (7) one) 7 - CONE # 7
+7 CYLINDER={$a+$ab} t-7 SURFACE(a)7 kd {$a} 7 TRANSFORM 7 SCALE 7 7 7 TRANSFORM = 77
+SURFACE 70 TEXTURE t-7 stripes seed 7 END 7"""
+    for mark in ("\n", "\r\n"):
+        reading = Reading(text.replace("\n", mark))
+        symbols = {one.symbol for one in places.occurrences(reading)}
+        assert len(symbols) == 6
+        for symbol in symbols:
+            everywhere = [one for one in places.occurrences(reading) if one.symbol == symbol]
+            assert list(places.occurrences(reading, symbol)) == everywhere
+        assert len(list(places.occurrences(reading, places.Symbol("index", "7")))) == 5
 
 
 @pytest.mark.parametrize(

@@ -318,6 +318,18 @@ def test_what_vanishes_is_reported():
         assert solids(scene("- CUBE 0 CUBE 0", [""])) == {}
 
 
+def test_what_fills_a_hollow_has_not_vanished():
+    """Its face is that of what has cut the hollow, and behind it is the wine; not so where the wine is in the glass."""
+    glass, wine = "material dieletrico n-refr = 1.5", "material dieletrico n-refr = 1.34"
+    sizes = ["SCALE (2 2 2)", "SCALE (1.8 1.8 1.8)", "SCALE (1.8 1.8 1.8)", "SCALE (4 4 4) TRANSLATE (0 -2 0)"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solids(scene("+ - SPHERE 0 SPHERE 1 SPHERE 2", sizes[:3], [glass, glass, wine]))
+        solids(scene("+ - SPHERE 0 SPHERE 1 * SPHERE 2 CUBE 3", sizes, [glass, glass, wine, wine]))
+    with pytest.warns(SceneWarning, match="nothing is seen of SPHERE 1"):
+        solids(scene("+ SPHERE 0 SPHERE 1", sizes[:2], [glass, wine]))
+
+
 @pytest.mark.slow
 @pytest.mark.slow
 @pytest.mark.parametrize(

@@ -42,10 +42,47 @@ def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path,
     path.write_text(SCENE)
     kept = prosim_scene.Kept()
     for define in {}, second, third:
-        prosim_scene.translate(path, tmp_path / "kept", define=define, kept=kept)
+        prosim_scene.translate(prosim_scene.document(path, define, kept), tmp_path / "kept", kept=kept)
         prosim_scene.translate(path, tmp_path / "anew", define=define)
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 4
     assert kept.made == made
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("options", [{"resolution": (20, 10), "samples": 7}, {"target": "stock"}])
+def test_another_view_needs_no_translation(tmp_path, options):
+    """Also where the eye is so near to a face that it would be cut off."""
+    path, kept = tmp_path / "s.scn", prosim_scene.Kept()
+    path.write_text(cube := SCENE.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "CUBE 0"))
+    prosim_scene.translate(path, kept=kept, **options)
+    path.write_text(cube.replace("WINDOW -4 -4 4 4", "WINDOW -4 -3 4 4").replace("15 *", "1.0001 *"))
+    document = prosim_scene.document(path, {"turn": 90})
+    view = prosim_scene.sensor(document, kept, **options)
+    np.testing.assert_equal(view, prosim_scene.load(document, **options)["view"])
+    assert view["near_clip"] < prosim_scene.sensor(document, **options)["near_clip"]
+    path.write_text(cube.replace("-4 -4 4 4", "-4 4 4 4"))
+    document = prosim_scene.document(path)
+    with pytest.raises(prosim_scene.SceneError, match="the window -4 4 4 4 is empty"):
+        prosim_scene.sensor(document, kept, **options)
+
+
+def test_what_a_text_says_as_before_is_not_read_again(tmp_path):
+    path, kept = tmp_path / "s.scn", prosim_scene.Kept()
+    path.write_text(SCENE)
+    before = prosim_scene.document(path, {"red": 1}, kept)
+    wrong = SCENE.replace("condutor", "condutr")
+    for text, line in ((wrong, 10), (f"\n{wrong}", 11)):
+        path.write_text(text)
+        for last in kept, None:
+            with pytest.raises(prosim_scene.SceneError, match=rf"s\.scn:{line}:"):
+                prosim_scene.document(path, {"red": 1}, last)
+    path.write_text(text.replace("condutr ouro", "condutor prata"))
+    after, anew = (prosim_scene.document(path, {"red": 0.5}, last) for last in (kept, None))
+    assert after.scene == anew.scene and dict(after.places) == dict(anew.places)
+    assert after.line("surfaces", 1) == 10 and before.line("surfaces", 1) == 9
+    for kind, index, same in (("surfaces", 0, False), ("surfaces", 1, True), ("surfaces", 2, False)):
+        assert (getattr(after.scene, kind)[index] is getattr(before.scene, kind)[index]) == same
+    assert after.scene.transforms[2] is before.scene.transforms[2]
 
 
 def test_solids_that_come_to_look_alike_and_no_longer_are_not_evaluated_anew(tmp_path):

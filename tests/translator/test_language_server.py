@@ -1,5 +1,6 @@
 """The language server, as an editor speaks with it."""
 
+import asyncio
 import gc
 import sys
 import time
@@ -9,6 +10,7 @@ import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
 from prosim_scene.editor import server
+from prosim_scene.editor.opened import Opened
 from test_editor import SCENE, large
 
 URI = "file:///nowhere/scene.scn"
@@ -28,25 +30,32 @@ async def editor(lsp_client: pytest_lsp.LanguageClient):
     await lsp_client.shutdown_session()
 
 
-async def opened(editor, text):
+async def opened(editor, text, uri=URI):
     """The diagnostics of a text that has been opened."""
-    editor.text_document_did_close(lsp.DidCloseTextDocumentParams(lsp.TextDocumentIdentifier(URI)))
-    editor.text_document_did_open(lsp.DidOpenTextDocumentParams(lsp.TextDocumentItem(URI, "scn", 1, text)))
-    return await told(editor)
+    if uri in editor.diagnostics:
+        editor.text_document_did_close(lsp.DidCloseTextDocumentParams(lsp.TextDocumentIdentifier(uri)))
+        assert not await told(editor, uri)
+    editor.diagnostics.pop(uri, None)
+    editor.text_document_did_open(lsp.DidOpenTextDocumentParams(lsp.TextDocumentItem(uri, "scn", 1, text)))
+    return await told(editor, uri)
 
 
-async def told(editor):
-    await editor.wait_for_notification(lsp.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
-    return editor.diagnostics[URI]
+async def told(editor, uri=URI):
+    """What is published next."""
+    editor.diagnostics.pop(uri, None)
+    for _ in range(1000):
+        if uri in editor.diagnostics:
+            return editor.diagnostics[uri]
+        await asyncio.sleep(0.005)
+    raise TimeoutError(uri)
 
 
 async def typed(editor, version, line, column, text, end=None):
     """The diagnostics after some text has taken the place of what is between two columns of a line."""
     place = lsp.Range(lsp.Position(line, column), lsp.Position(line, column if end is None else end))
+    change = lsp.TextDocumentContentChangePartial(place, text)
     editor.text_document_did_change(
-        lsp.DidChangeTextDocumentParams(
-            lsp.VersionedTextDocumentIdentifier(version, URI), [lsp.TextDocumentContentChangePartial(place, text)]
-        )
+        lsp.DidChangeTextDocumentParams(lsp.VersionedTextDocumentIdentifier(version, URI), [change])
     )
     return await told(editor)
 
@@ -74,16 +83,73 @@ async def test_what_the_tree_comes_to_is_told_when_it_is_opened(editor):
     hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace(
         "SCALE 2 2 2", "SCALE .1 .1 .1 TRANSLATE .5 .5 .5"
     )
-    assert [one.message for one in await opened(editor, hidden)] == [
+    assert not await opened(editor, hidden)
+    assert [one.message for one in await told(editor)] == [
         "nothing is seen of SPHERE 1 (line 5): no face of it is left in the result"
     ]
+
+
+async def test_nothing_waits_for_a_tree(editor):
+    """As many spheres at one place take minutes. What is wrong is told at once, and questions are answered."""
+    names = " ".join(f"SPHERE {i}" for i in range(300))
+    tables = "\n".join(f"SURFACE {i}\nTRANSFORM {i} TRANSLATE (0 {i / 1e4} {(i * i) % 97 / 1e3})" for i in range(300))
+    text = f"LIGHTS AREA position 9 9 9 raio 2\nCSG-TREE {'+ ' * 299}{names}\n{tables}\nEND\n"
+    begun = time.perf_counter()
+    assert not await opened(editor, text)
+    await asyncio.sleep(0.2)  # the tree is being evaluated
+    document = lsp.TextDocumentIdentifier(URI)
+    hover = await editor.text_document_hover_async(lsp.HoverParams(document, position(text, "raio", 1)))
+    assert "the radius" in hover.contents.value
+    assert len(await typed(editor, 2, 0, 0, "x ")) == 1
+    assert time.perf_counter() - begun < 5
+
+
+async def test_what_is_closed_is_forgotten(editor):
+    wrong = SCENE.replace("raio 2", "raio x")
+    assert await opened(editor, wrong)
+    document = lsp.TextDocumentIdentifier(URI)
+    editor.text_document_did_close(lsp.DidCloseTextDocumentParams(document))
+    assert not await told(editor)
+    messages = len(editor.messages)
+    editor.text_document_did_save(lsp.DidSaveTextDocumentParams(document))
+    editor.text_document_did_change(
+        lsp.DidChangeTextDocumentParams(
+            lsp.VersionedTextDocumentIdentifier(3, URI), [lsp.TextDocumentContentChangeWholeDocument("x")]
+        )
+    )
+    at = lsp.Position(0, 0)
+    assert await editor.text_document_hover_async(lsp.HoverParams(document, at)) is None
+    assert not (await editor.text_document_completion_async(lsp.CompletionParams(document, at))).items
+    assert await editor.text_document_definition_async(lsp.DefinitionParams(document, at)) == []
+    assert await editor.text_document_rename_async(lsp.RenameParams(document, at, "7")) is None
+    options = lsp.FormattingOptions(4, True)
+    assert await editor.text_document_formatting_async(lsp.DocumentFormattingParams(document, options)) is None
+    assert len(editor.messages) == messages and not editor.diagnostics.pop(URI)
+
+
+async def test_lines_end_where_an_editor_ends_them(editor):
+    """At a form feed and the like Python ends a line, and an editor does not; a lone CR ends one for both."""
+    for mark in ("\n", "\r\n", "\r"):
+        text = ("\ufeff" + SCENE.replace("a remark", "a \f \u2028 \x85 remark 🎈")).replace("\n", mark)
+        assert not await opened(editor, text)
+        line = text.split(mark).index("TRANSFORM 0")
+        (wrong,) = await typed(editor, 2, line, 0, "x", 1)
+        assert "xRANSFORM" in wrong.message and wrong.range.start == lsp.Position(line, 0)
+        assert not await typed(editor, 3, line, 0, "T", 1)
+        options = lsp.FormattingOptions(4, True)
+        (tidy,) = await editor.text_document_formatting_async(
+            lsp.DocumentFormattingParams(lsp.TextDocumentIdentifier(URI), options)
+        )
+        expected = prosim_scene.format(text[1:].replace(mark, "\n"))
+        assert tidy.new_text == expected.replace("\n", mark)
+        assert tidy.range == lsp.Range(lsp.Position(0, 0), lsp.Position(text.count(mark), 0))
 
 
 async def test_an_editor_completes_explains_and_finds(editor):
     await opened(editor, SCENE)
     document = lsp.TextDocumentIdentifier(URI)
     found = await editor.text_document_completion_async(lsp.CompletionParams(document, position(SCENE, "ouro", 2)))
-    (gold,) = [one for one in found if one.label == "ouro"]
+    (gold,) = [one for one in found.items if one.label == "ouro"]
     assert gold.detail == "Au" and gold.text_edit.range.start == position(SCENE, "ouro")
     hover = await editor.text_document_hover_async(lsp.HoverParams(document, position(SCENE, "raio", 1)))
     assert "the radius" in hover.contents.value and hover.range.start == position(SCENE, "raio")
@@ -96,6 +162,16 @@ async def test_an_editor_completes_explains_and_finds(editor):
         lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=True), document, at)
     )
     assert len(everywhere) == 4
+
+
+async def test_of_very_many_indices_those_that_are_meant_are_offered(editor):
+    text = "CSG-TREE CUBE 12\n" + "".join(f"SURFACE {i}\n" for i in range(1200)) + "END\n"
+    await opened(editor, text)
+    asked = lsp.CompletionParams(lsp.TextDocumentIdentifier(URI), lsp.Position(0, 16))
+    found = await editor.text_document_completion_async(asked)
+    assert found.is_incomplete and all("12" in one.label for one in found.items)
+    in_order = [one.label for one in sorted(found.items, key=lambda one: one.sort_text)]
+    assert in_order[:3] == ["12", "112", "120"] and len(in_order) == 32
 
 
 async def test_an_editor_renames_and_lays_out(editor):
@@ -116,6 +192,22 @@ async def test_an_editor_renames_and_lays_out(editor):
     options = lsp.FormattingOptions(4, True)
     (tidy,) = await editor.text_document_formatting_async(lsp.DocumentFormattingParams(document, options))
     assert tidy.new_text == prosim_scene.format(SCENE)
+
+
+async def test_of_many_keystrokes_in_a_long_scene_the_last_is_told(monkeypatch):
+    """Each of them was, one after the other: of 100,000 lines, 20 seconds after fifty keystrokes."""
+    ls, published = server.SceneServer(), []
+    monkeypatch.setattr(ls, "publish", lambda document, found: published.append((document.version, len(found))))
+    document = Opened(lsp.TextDocumentItem(URI, "scn", 1, SCENE), "utf-16")
+    document.took = 1.0  # as if it were long
+    place = lsp.Range(lsp.Position(3, 0), lsp.Position(3, 0))
+    for key in range(2, 12):
+        change = lsp.TextDocumentContentChangePartial(place, "x")
+        document.change(lsp.DidChangeTextDocumentParams(lsp.VersionedTextDocumentIdentifier(key, URI), [change]))
+        ls.tell_soon(document)
+    assert document.reading.source.text.count("x" * 10) == 1  # questions are answered of the text as it is
+    await asyncio.sleep(4 * server.SOON)
+    assert published == [(11, 1)]
 
 
 async def test_no_garbage_is_looked_for_at_the_end(monkeypatch):

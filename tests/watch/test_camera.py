@@ -46,6 +46,18 @@ def test_pan_and_dolly_move_what_is_seen_by_what_they_say(little):
     assert np.allclose(nearer.pivot, home.pivot) and np.allclose(nearer.eye, (home.eye + home.pivot) / 2)
 
 
+def test_it_never_goes_through_what_it_turns_around_nor_out_of_the_world(little):
+    home = seen(little)
+    for factor in (0.01, 300):
+        moved = home
+        for _ in range(200):
+            moved = moved.dollied(factor)
+        assert moved.distance > 0 and np.isfinite(moved.to_world).all()
+        assert np.allclose(moved.pivot, home.pivot, atol=1e-6 * moved.distance)
+        back = moved.dollied(home.distance / moved.distance)  # it is no way of no return
+        assert np.allclose(back.to_world, home.to_world)
+
+
 small = st.floats(-1, 1)
 
 

@@ -14,7 +14,8 @@ import numpy as np
 import prosim_scene
 import pytest
 from little import LITTLE
-from mitsuba_prosim.watch import cells
+from mitsuba_prosim.watch import cells, notebook
+from mitsuba_prosim.watch.picture import coloured, palest
 from mitsuba_prosim.watch.takes import Take
 from mitsuba_prosim.watch.turns import Turns
 from nbclient import NotebookClient
@@ -92,6 +93,15 @@ def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
     assert one.stopped and other.stopped and not (again.stopped or elsewhere.stopped)
     monkeypatch.setattr("IPython.get_ipython", lambda: None)
     cells.made(View())
+
+
+def test_the_scale_of_a_map_says_what_its_colours_mean():
+    values = np.linspace(0, 0.8, 10001, dtype=np.float32).reshape(73, 137) ** 2
+    said = notebook.scale("Error", values)
+    assert said.startswith("Error: 0 ") and said.endswith(" 0.63 or more; in the middle 0.16")
+    hues = [tuple(map(int, hue)) for hue in re.findall(r"rgb\((\d+) (\d+) (\d+)\)", said)]
+    colours = 255 * coloured(np.array([[0, *[palest(values)] * 99]], dtype=np.float32))
+    assert colours[0, [0, -1]] == pytest.approx(np.array([hues[0], hues[-1]]), abs=0.01)
 
 
 @pytest.mark.slow

@@ -46,6 +46,27 @@ def shown(page, canvas="own"):
     return np.array(data).reshape(height, width, 4)[..., :3]
 
 
+def seen(page):
+    """The pixels of the screen where the picture is, shape (height, width, 3)."""
+    stream = mi.MemoryStream()
+    stream.write(page.screenshot())
+    stream.seek(0)
+    x, y, width, height = (
+        round(page.locator("#picture").bounding_box()[name]) for name in ("x", "y", "width", "height")
+    )
+    return np.array(mi.Bitmap(stream))[y : y + height, x : x + width, :3].astype(int)
+
+
+def caret_in_view(page):
+    return page.evaluate(
+        """() => { const box = document.querySelector("#error pre"), range = document.createRange();
+        const at = box.textContent.indexOf("^");
+        range.setStart(box.firstChild, at); range.setEnd(box.firstChild, at + 1);
+        const [outer, inner] = [box, range].map((what) => what.getBoundingClientRect());
+        return outer.left <= inner.left && inner.right <= outer.right; }"""
+    )
+
+
 def lower(page, selector):
     box = page.locator(selector).bounding_box()
     return box["y"] + box["height"]
@@ -71,6 +92,8 @@ def test_a_picture_as_the_png_has_it(page, address):
         stream.write(png)
         stream.seek(0)
         assert np.abs(shown(page) - np.array(mi.Bitmap(stream)).astype(int)).max() <= 1
+    page.click("#neutral")
+    assert page.input_value("#exposure") == "0" and page.is_disabled("#neutral")
     with page.expect_download() as download:
         page.click("#exr")
     assert download.value.suggested_filename == "little.exr"
@@ -90,15 +113,32 @@ def test_values_layers_and_keys(page):
     page.keyboard.press("ArrowRight")  # the next radio button
     until(lambda: page.get_attribute("#own", "data-layer") == "error")
     assert not np.array_equal(shown(page), picture)
+    white = page.evaluate("async () => Number((await fetch('layer/own/error')).headers.get('X-White'))")
+    for stops in ("2", "0"):
+        page.fill("#exposure", stops)
+        marks = [mark.split()[0] for mark in page.locator("#scale span").all_inner_texts()]
+        ends = [white / 2 ** int(stops) * part for part in (0, 0.25, 1)]
+        assert [float(mark) for mark in marks] == pytest.approx(ends, rel=0.05)
+    page.focus("input[value=error]")
     page.keyboard.press("ArrowRight")
     until(lambda: page.get_attribute("#own", "data-layer") == "samples")
+    assert page.locator("#scale span").all_inner_texts() == ["0", "1", "4 or more"]
+    scale = page.evaluate(
+        "[...document.querySelector('#scale canvas').getContext('2d').getImageData(0, 0, 256, 1).data]"
+    )
+    hues = np.array(scale).reshape(1, 256, 4)[..., :3]
+    assert np.abs(np.unique(shown(page).reshape(-1, 1, 3), axis=0) - hues).max(axis=2).min(axis=1).max() <= 2
     page.keyboard.press("Home")
     page.check("input[value=final]", force=True)
     until(lambda: np.array_equal(shown(page), picture))
+    assert page.is_hidden("#scale")
     fitted = page.locator("#picture").bounding_box()
     page.focus("#stage")
     page.keyboard.press("1")
     assert page.locator("#picture").bounding_box()["width"] == 64
+    page.keyboard.press("Tab")  # there is no frame around it
+    assert np.array_equal(seen(page), picture)
+    page.focus("#stage")
     page.keyboard.press("+")
     assert page.locator("#picture").bounding_box()["width"] == 80
     x = page.locator("#picture").bounding_box()["x"]
@@ -121,8 +161,11 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
     other.goto(address)
     is_(other, "done")
     red = shown(page)
-    save(page, scene, LITTLE.replace("kd", "kkd", 1), "failed")
-    assert "little.scn:14:25: unknown word 'kkd'" in page.inner_text("#error p")
+    # A page that nobody sees fetches nothing.
+    other.evaluate("Object.defineProperty(document, 'hidden', {get: () => window.away, configurable: true})")
+    other.evaluate("away = true; document.dispatchEvent(new Event('visibilitychange'))")
+    save(page, scene, LITTLE.replace("kd", " " * 60 + "kkd", 1), "failed")
+    assert "little.scn:14:85: unknown word 'kkd'" in page.inner_text("#error p")
     quoted, caret = page.inner_text("#error pre").splitlines()
     assert caret.index("^") == quoted.index("kkd")
     assert np.array_equal(shown(page), red)
@@ -130,10 +173,13 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
         page.set_viewport_size({"width": width, "height": height})
         until(lambda width=width: page.locator("#picture").bounding_box()["width"] <= width)
         until(lambda: lower(page, "#error") <= page.locator("#picture").bounding_box()["y"])
-        assert lower(page, "#picture") <= page.locator("#pixel").bounding_box()["y"]
+        assert caret_in_view(page)
+        assert lower(page, "#picture") <= page.locator("#pixel").bounding_box()["y"] + 0.05
     save(page, scene, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6"))
     assert page.is_hidden("#error")
     until(lambda: shown(page)[20, 30, 2] > shown(page)[20, 30, 0])
+    assert np.array_equal(shown(other), red)
+    other.evaluate("away = false; document.dispatchEvent(new Event('visibilitychange'))")
     until(lambda: np.array_equal(shown(other), shown(page)))
     other.close()
     blue = shown(page)
@@ -169,6 +215,11 @@ def test_fifty_saves_at_once_and_a_second_page_that_is_closed(page, browser, add
 
 def test_stop_and_go_on(page, scene):
     save(page, scene, LONG, "rendering")
+    # What is marked stays so, and what changes ten times a second is not read out.
+    page.evaluate("getSelection().selectAllChildren(document.getElementById('scene'))")
+    state = page.inner_text("#state")
+    until(lambda: page.inner_text("#state") != state)
+    assert page.evaluate("String(getSelection())") == "little.scn" and page.inner_text("#said") == "rendering"
     page.click("#stop")
     is_(page, "stopped")
     number = page.get_attribute("#own", "data-number")
@@ -177,7 +228,12 @@ def test_stop_and_go_on(page, scene):
     page.keyboard.press("Enter")
     is_(page, "rendering")
     until(lambda: page.get_attribute("#own", "data-number") != number)
+    page.check("#compare", force=True)
+    until(lambda: page.is_visible("#path") or not page.is_checked("#compare"))
+    assert page.is_checked("#compare")
+    page.uncheck("#compare", force=True)
     save(page, scene, LITTLE)
+    assert not page.is_checked("#compare") and page.is_hidden("#split")
 
 
 def test_pixels_of_a_coarse_picture(page, scene):
@@ -190,6 +246,24 @@ def test_pixels_of_a_coarse_picture(page, scene):
     until(lambda: "SPHERE 0" in page.inner_text("#pixel"))
     assert re.search(r"\(\d{3}, \d{3}\) · RGB [\d.]+ [\d.]+ [\d.]+ · SPHERE 0", page.inner_text("#pixel"))
     page.click("#stop")
+    save(page, scene, LITTLE)
+
+
+def test_a_finger_that_touches_a_pixel_and_the_largest_zoom(browser, page, address, scene):
+    phone = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
+    phone.goto(address)
+    is_(phone, "done")
+    box = phone.locator("#picture").bounding_box()
+    phone.touchscreen.tap(box["x"] + box["width"] / 2 + 3, box["y"] + box["height"] / 2 + 3)
+    until(lambda: phone.inner_text("#pixel").startswith("(32, 24) · RGB"))
+    assert phone.locator("#picture").bounding_box() == box
+    phone.close()
+    scene.write_text(LITTLE.replace("64 48", "1 1"))
+    until(lambda: page.evaluate("document.getElementById('own').width") == 1)
+    fitted = page.locator("#picture").bounding_box()
+    page.focus("#stage")
+    page.keyboard.press("+")
+    assert page.locator("#picture").bounding_box() == fitted
     save(page, scene, LITTLE)
 
 
@@ -209,6 +283,7 @@ def test_camera_and_comparison(page):
     page.keyboard.press("ArrowRight")
     until(lambda: page.inner_text("#text") != text)
     page.click("#home")
+    assert page.evaluate("document.activeElement.id") == "stage"
     until(lambda: page.is_hidden("#view") and np.array_equal(shown(page), home))
     page.uncheck("#camera", force=True)
     page.check("#compare", force=True)
@@ -219,6 +294,13 @@ def test_camera_and_comparison(page):
     assert "0 0 0 0%" in (page.get_attribute("#path", "style") or "") or "inset(0px" in page.get_attribute(
         "#path", "style"
     )
+    page.fill("#split", "50")
+    picture = page.locator("#picture").bounding_box()
+    page.mouse.move(picture["x"] + picture["width"] / 2 + 5, 400)
+    page.mouse.down()
+    page.mouse.move(picture["x"] + picture["width"] / 4, 400)
+    page.mouse.up()
+    assert page.input_value("#split") == "25" and page.locator("#picture").bounding_box() == picture
     page.uncheck("#compare", force=True)
     until(lambda: page.is_hidden("#path"))
 
@@ -240,20 +322,39 @@ def test_a_narrow_screen_and_contrast(page):
                 .map(([a, b]) => (Math.max(a, b) + .05) / (Math.min(a, b) + .05)); }"""
         )
         assert len(ratios) > 10 and min(ratios) >= 4.5
+    page.emulate_media(forced_colors="active")
+    grounds = page.evaluate(
+        "[...document.querySelectorAll('#layers span')].map((e) => getComputedStyle(e).backgroundColor)"
+    )
+    assert grounds[0] != grounds[1] == grounds[2]
+    page.emulate_media(forced_colors="none")
     page.set_viewport_size({"width": 1400, "height": 900})
 
 
 def test_when_it_has_ended_nothing_can_be_pressed_in_vain(browser, tmp_path):
-    scene = tmp_path / "little.scn"
+    scene = tmp_path / "café 1.scn"
     scene.write_text(LITTLE)
     with watching(scene) as (process, address):
         page = browser.new_page()
         page.goto(address)
         is_(page, "done")
         picture = shown(page)
+        with page.expect_download() as download:
+            page.click("#png")
+        assert download.value.suggested_filename == "café 1.png"
         process.send_signal(signal.SIGINT)
         is_(page, "gone")
     assert "has ended" in page.inner_text("#state") and np.array_equal(shown(page), picture)
     assert all(page.is_disabled(f"#{name}") for name in ("stop", "camera", "compare", "home"))
     assert all(page.get_attribute(f"#{name}", "href") is None for name in ("exr", "png"))
+    assert page.is_disabled("input[value=error]")
+    page.close()
+
+
+def test_another_prosim_watch_at_the_same_port_is_told_of(browser, address):
+    page = browser.new_page()
+    page.route("**/events", lambda route: route.fulfill(status=403))
+    page.goto(address)
+    page.wait_for_selector("body[data-doing=gone]")
+    assert "another address" in page.inner_text("#state")
     page.close()

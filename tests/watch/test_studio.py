@@ -2,6 +2,7 @@
 
 import threading
 import time
+import weakref
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -40,8 +41,8 @@ def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
     """``opened`` is called when the scene has been read, and nobody knows it yet."""
     monkeypatch.setattr("mitsuba_prosim.watch.studio.Board", Seen)
 
-    def opener():
-        file = SceneFile(path, tmp_path / "scratch")
+    def opener(document):
+        file = SceneFile(path, tmp_path / "scratch", document=document)
         scene = file.load()
         opened()
         return file, scene, pick_sensor(scene, 0)
@@ -205,6 +206,58 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
         save(studio, path, RED)
         until(is_done(studio))
         assert studio.board.state.view == view
+
+
+def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path, tmp_path, monkeypatch):
+    """Where VIEW alone is another: the scene of before is gone by then, and the image is that of the text all the same.
+    What can't be opened leaves the last picture.
+    """
+    wood, there, gone, full = tmp_path / "wood.png", [], [], []
+    mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.5), write_async=False)
+
+    def opened():
+        there.append(started and started[0].board.pictures["own"])
+        assert all(subject() is None for subject in gone)
+        if full:
+            raise OSError("the disk is full")
+
+    def turned(text):
+        """What is seen when the scene is open, and nobody knows it yet; None where it is the picture of before."""
+        before = studio.board.pictures["own"]
+        gone[:] = [studio.errand(weakref.ref).result(20)]
+        save(studio, path, text)
+        until(lambda: studio.board.state.doing in ("done", "failed"))
+        return there[-1] if there[-1] is not before else None
+
+    started = []
+    path.write_text(home := RED.replace("SPHERE 0", 'SPHERE 0 "wood.png" NULL'))
+    right = home.replace("OBS 0 3 12", "OBS 1 3 12")
+    with running(path, monkeypatch, tmp_path, opened) as studio:
+        until(is_done(studio))
+        started.append(studio)
+        for text, size in ((f"# moved\n{right}", (64, 48)), (right.replace("64 48", "48 48"), (48, 48))):
+            picture = turned(text)
+            coarse = next(p["own"] for _, p in studio.board.said if p and p["own"].number > picture.number)
+            assert picture.size == size and set(picture.layers) == {"final"} == set(coarse.layers)
+            image, first = coarse.layers["final"], picture.layers["final"]
+            assert np.abs(first - image).mean() < 0.02 * image.mean()
+            fresh = SceneFile(path, tmp_path / "again").load()
+            assert np.array_equal(np.array(mi.render(fresh)), final(studio))
+        # Anything else is not seen before.
+        assert turned(right) and not turned(f"{right}\n") and not turned(home.replace("kd = 0.6", "kd = 0.5"))
+        assert not turned(right) and turned(home)
+        mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.9), write_async=False)
+        assert not turned(right)
+        # The camera was moved, and stays where it is.
+        studio.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: studio.board.state.view is not None and is_done(studio)())
+        assert not turned(right.replace("64 48", "32 24")) and "RESOLUTION 32 24" in studio.board.state.view
+        assert turned(home) and studio.board.state.view is None
+        full.append(True)
+        before, state = studio.board.pictures["own"], studio.board.state
+        assert turned(right.replace("64 48", "32 24")).size == (32, 24)
+        assert studio.board.pictures["own"] is before and studio.board.state.size == state.size
+        assert studio.board.state.layers == state.layers and "the disk is full" in studio.board.state.error
 
 
 def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import OrderedDict
 
@@ -22,8 +21,8 @@ from .sources import Sources
 from .targets import Targets, left_dark
 from .walk import Landed, Walk
 
-#: Most maps of a set: those of a pattern have as many wavelengths as that is wide.
-MAPS = wavelengths.PARTS**2
+#: Most maps of a set.
+MAPS = 64
 
 #: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
 PILOTS, EVEN = 1 << 14, 0.1
@@ -32,7 +31,7 @@ PILOTS, EVEN = 1 << 14, 0.1
 #: for the twin; at least two sets.
 KEPT = 1 << 22
 
-#: What says which set of photons: its seed, its number, and its maps.
+#: What says which set of photons: its seed, its number, and the samples of a pass.
 Which = tuple[int, int, int]
 
 
@@ -85,12 +84,12 @@ class Caustics:
         return min(n * n, MAPS)
 
     @collector.suspended()
-    def draw(self, seed: int, number: int, maps: int) -> None:
-        """Makes the set ``number`` of ``maps`` maps under ``seed`` what samples gather from."""
-        self._drawn, glossy = self.photons((seed, number, maps))
+    def draw(self, seed: int, number: int, n: int) -> None:
+        """Makes the set ``number`` under ``seed``, for passes of ``n`` samples, what samples gather from."""
+        self._drawn, glossy = self.photons((seed, number, n))
         if self.merging is not None and glossy is not None:
-            self.merging.draw(glossy, self._places(maps)[0])
-        self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
+            self.merging.draw(glossy, self._places(self.maps(n))[0])
+        self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     @collector.suspended()
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
@@ -116,7 +115,11 @@ class Caustics:
         """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
         same for all pixels.
         """
-        return wavelengths.shared(self._key, t, self._n)
+        return wavelengths.shared(self._key, *self.division(t))
+
+    def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+        """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
+        return t, self._n
 
     def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
@@ -124,8 +127,9 @@ class Caustics:
         number = t % dr.opaque(mi.UInt32, self._drawn.maps)
         return self.gathering(self._drawn, number, si, bsdf, active)
 
-    def _photons(self, seed: int, number: int, maps: int) -> tuple[Photons, Photons | None]:
-        landed, map_of, _ = self._landed(seed, number, maps, self._places(maps))
+    def _photons(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
+        maps = self.maps(n)
+        landed, map_of, _ = self._landed(seed, number, n, self._places(maps))
         diffuse, glossy = (None if one is None else Photons.of(one, map_of, maps, self.footprint) for one in landed)
         assert diffuse is not None
         return diffuse, glossy
@@ -137,12 +141,12 @@ class Caustics:
         return self._shares[maps]
 
     def _landed(
-        self, seed: int, number: int, maps: int, places: tuple[mi.Float, mi.UInt32, mi.UInt32], white: bool = False
+        self, seed: int, number: int, n: int, places: tuple[mi.Float, mi.UInt32, mi.UInt32], white: bool = False
     ) -> tuple[tuple[Landed, Landed | None], mi.UInt32, mi.UInt32]:
         """``(landed, map, pair)`` of all photons of a set, the first as :class:`.Walk` gives it. ``places``: what
         :func:`placed` gives; ``white``: whether each has wavelengths of its own, in the place of its map's.
         """
-        shares, begins, pairs = places
+        (shares, begins, pairs), maps = places, self.maps(n)
         size = dr.width(pairs)
         i = dr.arange(mi.UInt32, size * maps)
         map_of = i // dr.opaque(mi.UInt32, size)
@@ -153,18 +157,18 @@ class Caustics:
         # The photons of a pair go on from map to map, so that those of all together are evenly spread too.
         of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
-        wanted = self._wavelengths(seed, t, maps)
+        wanted = self._wavelengths(seed, t, n)
         start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wanted)
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, pair)
         return landed, map_of, pair
 
-    def _wavelengths(self, seed: int, t: mi.UInt32, maps: int) -> mi.Color0f:
+    def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
         """Those of the ``t``-th samples, as the sensor draws them; none but in spectral variants."""
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)
-        key, n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, math.isqrt(maps))
-        sample, middle = wavelengths.shared(key, t, n), mi.Point2f(0.5)
+        key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
+        sample = wavelengths.shared(key, t, dr.opaque(mi.UInt32, n))
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:

@@ -35,7 +35,7 @@ def request(portion: Portion) -> dict[str, Any]:
         "plan": planned(plan),
         "stages": [(plan.before is None, packed(np.array(end))) for plan, end in portion.stages],
         "seed": packed(np.array(plan.seed)),
-        "photons": plan.photon_seed,
+        "photon_seed": plan.photon_seed,
         "quiet": portion.quiet is not None,
     }
 
@@ -72,7 +72,7 @@ def portion(message: Mapping[str, Any], plan: Plan, policy: Any, estimator: Esti
     seed = message["seed"]
     seed = dr.opaque(mi.UInt32, int(seed)) if np.ndim(seed) == 0 else array(seed)
     first = plan.before or plan
-    own = {"seed": seed, "photons": message["photons"]}
+    own = {"seed": seed, "own_photon_seed": message["photon_seed"]}
     plans = {True: replace(first, **own), False: replace(plan, **own)}
     stages = [(plans[is_first], array(end)) for is_first, end in message["stages"]]
     start = Estimate.nothing(estimator.values, lanes)

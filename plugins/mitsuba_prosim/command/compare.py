@@ -13,7 +13,7 @@ from ..scene_files import opening, session, writing
 from . import denoised
 from . import output as files
 from .arguments import SCENE
-from .lines import Lines
+from .lines import Steps
 from .log import log
 from .making import warn
 from .options import STOPS, Finite, InputError, Whole, choose_variant, defines, translation, wrong_input
@@ -129,7 +129,7 @@ def compare(
         raise click.ClickException(
             f"prosim compare needs {', '.join(missing)}. Run: pip install 'mitsuba-prosim[compare]'"
         )
-    stem = files.stem(output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
+    stem = files.stem(output, scene.with_name(scene.stem + "-compare"), SUFFIXES, scene)
     variant = choose_variant(mode)
     if variant.startswith("scalar_") or not variant.endswith("_rgb"):
         raise click.ClickException(
@@ -164,21 +164,8 @@ def compare(
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
         cache = place_of_references(cache, folder, 2**4 * 3 * width * height)
-        form, doing, lines = "{l_bar}{bar}| {elapsed}", "", Lines()
-        with tqdm(total=100, unit="%", bar_format=form, disable=None, leave=False) as bar:
-
-            def tell(text: str, done: float) -> None:
-                nonlocal doing
-                if bar.disable:
-                    lines(text, done)
-                if text != doing:
-                    doing = text
-                    bar.reset()  # each step has a time of its own
-                bar.bar_format = form + (", {remaining} left" if done > 0.01 else "")  # before, nobody knows
-                bar.set_description_str(text)
-                bar.update(100 * done - bar.n)
-
-            effort = Effort(levels, rounds, reference_seconds, cache, denoise, tell)
+        with tqdm(total=100, unit="%", bar_format=Steps.FORM, smoothing=0, disable=None, leave=False) as bar:
+            effort = Effort(levels, rounds, reference_seconds, cache, denoise, Steps(bar))
             facts, images = study(opened, scene.name, *specs, effort, exposure)
     texts = page.html(facts, images), page.json_text(facts), page.csv_text(facts)
     written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))

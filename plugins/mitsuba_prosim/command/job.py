@@ -10,6 +10,7 @@ from typing import Any
 
 import mitsuba as mi
 from prosim_scene import Kept
+from prosim_scene.language.document import Document
 
 from ..rendering.record import Record
 from ..scene_files import opening
@@ -50,9 +51,12 @@ class Job:
         """What a record of it has to say, so that another process can go on: ``job`` and ``digest``."""
         return {"job": asdict(replace(self, scene=os.path.abspath(self.scene))), "digest": file.digest()}
 
-    def file(self, folder: Path, kept: Kept | None = None, confined: bool = False) -> opening.SceneFile:
+    def file(
+        self, folder: Path, kept: Kept | None = None, confined: bool = False, document: Document | None = None
+    ) -> opening.SceneFile:
         """The scene file. ``folder``: for translations; ``kept``: what they leave to each other; ``confined``: whether
-        it can name no file outside its own folder. Raises what its maker raises.
+        it can name no file outside its own folder; ``document``: what the text says, where it has been read already.
+        Raises what its maker raises.
         """
         return opening.SceneFile(
             self.scene,
@@ -64,13 +68,14 @@ class Job:
             integrator=self.integrator,
             kept=kept,
             confined=confined,
+            document=document,
             **self.language,
         )
 
     def open(
-        self, folder: Path, kept: Kept | None = None, confined: bool = False
+        self, folder: Path, kept: Kept | None = None, confined: bool = False, document: Document | None = None
     ) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
         """The scene file, its scene and its sensor; see :meth:`file`. Raises what their makers raise."""
-        file = self.file(folder, kept, confined)
+        file = self.file(folder, kept, confined, document)
         scene = file.load()
         return file, scene, opening.pick_sensor(scene, self.sensor)

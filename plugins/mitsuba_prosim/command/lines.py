@@ -9,6 +9,25 @@ from collections.abc import Callable
 from tqdm.auto import tqdm
 
 
+class Left:
+    """Tells what a work that begins now has left. What was done of it before, of a render that is gone on with for
+    example, is what it is first told of.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self.clock, self.begun = clock, clock()
+        self.before: float | None = None
+
+    def __call__(self, done: float) -> str:
+        """``, 0:10 left`` where so much is ``done``, 0 to 1; nothing where nobody knows yet, or at the end."""
+        if self.before is None:
+            self.before = done
+        if not 1 > done > self.before + 0.01:
+            return ""
+        seconds = (self.clock() - self.begun) * (1 - done) / (done - self.before)
+        return f", {tqdm.format_interval(seconds)} left"
+
+
 class Lines:
     """Says on standard error how far a work is, at intervals that grow with the time that has passed, so that a log
     stays short.
@@ -21,19 +40,45 @@ class Lines:
         self.clock = clock
         self.begun = self.last = clock()
         self.doing: str | None = None
-        #: When what is being done was first told of, and the part of it that was done by then.
-        self.first = self.begun, 0.0
+        self.left = Left(clock)
 
     def __call__(self, doing: str, done: float) -> None:
         """Called as often as one likes. ``doing``: what is being done; ``done``: the part of that, 0 to 1."""
         now = self.clock()
         if doing != self.doing:
-            self.doing, self.first = doing, (now, done)
+            self.left = self.left if self.doing is None else Left(self.clock)
+            self.doing = doing
+        left = self.left(done)
         if now - self.last < min(max(self.SHORTEST, self.SHARE * (now - self.begun)), self.LONGEST):
             return
         self.last = now
-        said = f"{doing}: {100 * done:.0f} %, {tqdm.format_interval(now - self.begun)} passed"
-        then, before = self.first
-        if 1 > done > before + 0.01:  # before, nobody knows
-            said += f", {tqdm.format_interval((now - then) * (1 - done) / (done - before))} left"
-        print(said, file=sys.stderr, flush=True)
+        print(
+            f"{doing}: {100 * done:.0f} %, {tqdm.format_interval(now - self.begun)} passed{left}",
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+class Steps:
+    """Shows steps one after the other, each with a time of its own, on a bar whose speed is not smoothed; in lines
+    where nobody watches it.
+    """
+
+    FORM = "{l_bar}{bar}| {elapsed}"
+
+    def __init__(self, bar: tqdm) -> None:
+        self.bar, self.lines, self.doing = bar, Lines(), ""
+
+    def __call__(self, doing: str, done: float) -> None:
+        """``doing``: the step; ``done``: the part of it, 0 to 1."""
+        bar = self.bar
+        if bar.disable:
+            self.lines(doing, done)
+        if doing != self.doing:
+            self.doing = doing
+            bar.reset()
+            bar.initial = bar.n = 100 * done  # what was done before has taken none of this time
+        begun = 100 * done > bar.initial + 1  # before, nobody knows
+        bar.bar_format = self.FORM + (", {remaining} left" if begun else "")
+        bar.set_description_str(doing)
+        bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown

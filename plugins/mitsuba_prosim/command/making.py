@@ -26,7 +26,7 @@ from .developed import develop, take
 from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
-from .lines import Lines
+from .lines import Left, Lines
 from .log import log
 from .options import Helpers, InputError, wrong_input
 
@@ -242,14 +242,13 @@ def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[
     # The first step comes when the kernels are compiled and a part is rendered.
     doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
     with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
-        lines = Lines()
+        lines, left = Lines(), Left()
 
         def tell(done: float) -> None:
             if bar.disable:
                 lines("rendering", done)
             bar.set_description_str("rendering", refresh=False)
-            if done > 0.01:  # before, nobody knows
-                bar.bar_format = form + ", {remaining} left"
+            bar.bar_format = form + left(done)
             bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown
 
         yield tell if told else None

@@ -11,6 +11,7 @@ from .options import InputError
 
 #: Kinds of files that a name may end in. One that is not written is a mistake, not a part of the name.
 KNOWN = {
+    ".avi",
     ".bmp",
     ".csv",
     ".exr",
@@ -20,15 +21,21 @@ KNOWN = {
     ".jpeg",
     ".jpg",
     ".json",
+    ".mov",
+    ".mp4",
     ".pdf",
     ".pfm",
+    ".ply",
     ".png",
     ".ppm",
     ".rgbe",
+    ".scn",
     ".svg",
     ".tga",
     ".tif",
     ".tiff",
+    ".txt",
+    ".webm",
     ".webp",
     ".xml",
 }
@@ -37,10 +44,11 @@ KNOWN = {
 SOURCES = "what the image is made of"
 
 
-def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
+def stem(output: str | None, default: Path, suffixes: Collection[str], source: Path | None = None) -> Path:
     """Path without suffix of what is written with all of ``suffixes``.
 
-    ``output``: what ``-o`` says, a file with one of them or without, or a folder; None for ``default``.
+    ``output``: what ``-o`` says, a file with one of them or without, or a folder; None for ``default``. Raises
+    BadParameter where it says another kind of file, a device, or the ``source`` of what is written.
     """
     if output is None:
         return default
@@ -50,10 +58,16 @@ def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
     suffix = path.suffix.lower()
     if suffix in suffixes:
         return path.with_suffix("")
-    if suffix in KNOWN:
-        raise click.BadParameter(
-            f"{output!r}: what is written is {' and '.join(suffixes)}, not {suffix}.", param_hint="-o"
-        )
+    kinds = " and ".join(suffixes)
+    wrong = None
+    if suffix and source is not None and path.exists() and path.samefile(source):
+        wrong = f"this is the scene itself, and what is written is {kinds}; give their name, or a folder."
+    elif suffix in KNOWN:
+        wrong = f"what is written is {kinds}, not {suffix}."
+    elif output == "-" or (path.exists() and not path.is_file()):
+        wrong = f"what is written is {kinds}, which are files; give their name, or a folder."
+    if wrong is not None:
+        raise click.BadParameter(f"{output!r}: {wrong}", param_hint="-o")
     return path
 
 

@@ -133,7 +133,7 @@ def render(
     new ones are complete. Ctrl-C ends the render and keeps the image so far.
     """
     one_of(spp, samples)
-    stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES)
+    stem = files.stem(output, scene.with_name(scene.stem), SUFFIXES, scene)
     ends = {"noise": noise, "noise_99": noise_99, "time": time}
     if part and any(ends.values()):
         raise click.UsageError(

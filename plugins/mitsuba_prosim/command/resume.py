@@ -109,8 +109,20 @@ def resume(
         click.echo(
             f"It was finished before. When all parts are: prosim merge {pattern(state)}"
             if record.part
-            else "It was finished before. To take it further, say how far, such as --noise 0.005."
+            else f"It was finished before. To take it further, say how far, such as {further(record)}."
         )
+
+
+def further(record: Record) -> str:
+    """Options that take a finished image further than it is: half its noise, where that is known, or twice its time."""
+    sampling = record.facts["sampling"]
+    noises = [noise for noise in (record.facts["noise"], sampling["noise"]) if noise > 0]  # not NaN
+    options = [f"--noise {min(noises) / 2:.2g}"] if noises else []
+    if not noises or sampling["time"]:
+        options.append(f"--time {max(2 * record.facts['seconds'], 1):.3g}")
+    if sampling["max_samples"]:
+        options.append(f"--max-samples {4 * sampling['max_samples']}")
+    return " ".join(options)
 
 
 def opened(

@@ -11,9 +11,11 @@ from typing import Any
 
 import click
 from prosim_scene import Kept
+from prosim_scene.language.document import Document
 
 from ..denoising import oidn
 from ..scene_files import images, session, writing
+from ..scene_files.opening import SceneFile
 from .arguments import SCENE
 from .developed import metadata
 from .interrupts import interruptible
@@ -114,7 +116,11 @@ def watch(
         ) from None
     with writing.scratch() as folder:
         kept, confined = Kept(), not language["allow_outside"]
-        shown = studio.Studio(scene, lambda: job.open(folder, kept, confined), job.spp, job.seed, denoise)
+
+        def opened(document: Document | None = None) -> tuple[SceneFile, Any, Any]:
+            return job.open(folder, kept, confined, document)
+
+        shown = studio.Studio(scene, opened, job.spp, job.seed, denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
             state, bitmap, integrator = shown.result()

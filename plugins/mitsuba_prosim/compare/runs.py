@@ -116,22 +116,41 @@ def by_turns(
     """Renders each contestant once to warm up and then once in each of ``rounds`` rounds; a list of :class:`Runs`.
 
     By turns, so that whatever else the machine does slows down all of them alike. ``tell`` is called with the part
-    done.
+    done, in time, as far as can be known.
     """
-    results = []
+    results: list[Runs] = []
+    turns: list[list[float]] = [[] for _ in contestants]  # seconds of each
+
+    def took(k: int, begun: float) -> None:
+        turns[k].append(time.perf_counter() - begun)
+        tell(part_of_turns(turns, rounds + 1))
+
     for k, contestant in enumerate(contestants):
+        begun = time.perf_counter()
         _, (cold, _) = contestant.render(0)
         results.append(Runs(contestant, contestant.counts(), cold))
-        tell((k + 1) / len(contestants) / (rounds + 1))
+        took(k, begun)
     for seed in range(1, rounds + 1):
         for k, result in enumerate(results):
+            begun = time.perf_counter()
             image, (seconds, cpu) = result.contestant.render(seed)
             result.seconds.append(seconds)
             result.cpu.append(cpu)
             result.errors.append(result.contestant.measure(image, measures))
             result.image = image
-            tell((seed + (k + 1) / len(results)) / (rounds + 1))
+            took(k, begun)
     return results
+
+
+def part_of_turns(turns: Sequence[Sequence[float]], each: int) -> float:
+    """The part of the time that has passed where everyone has ``each`` turns, those still to come taking as long as
+    their last. ``turns``: seconds of the turns so far, of everyone.
+    """
+    known = [seconds[-1] for seconds in turns if seconds]
+    guess = sum(known) / len(known)
+    left = sum((each - len(seconds)) * (seconds[-1] if seconds else guess) for seconds in turns)
+    passed = sum(map(sum, turns))
+    return passed / (passed + left) if left else 1.0
 
 
 @dataclass
@@ -165,6 +184,8 @@ def reference(
             spent, count, sums, squares, means = (kept[n] for n in ("spent", "count", "sums", "squares", "means"))
         spent, count, means = float(spent), int(count), means.tolist()
     begun = count
+    if spent < seconds:
+        tell(spent / seconds)
     while count < 3 or spent < seconds:
         start = time.perf_counter()
         images = np.array([e.render(REFERENCE_SEEDS + count)[0] for e in estimators], dtype=np.float64)

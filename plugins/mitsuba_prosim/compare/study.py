@@ -10,6 +10,9 @@ import numpy as np
 from . import facts, measures, runs
 from .scenes import Scene, Spec
 
+#: What the transports of light are called where it is told what is going on.
+LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's light"}
+
 
 @dataclass(frozen=True)
 class Effort:
@@ -83,7 +86,7 @@ def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effor
         f"{scene.key} {transport} {[s and s.text for s in (a, b)]}",
         [converging(scene, spec, transport) for spec in specs.values()],
         effort.seconds,
-        lambda done: effort.tell("reference", done),
+        lambda done: effort.tell(f"reference of {LIGHT[transport]}", done),
     )
     rows = {"a": scene.contestant(a, transport)}
     levels = {"a": effort.levels, "b": effort.levels}
@@ -92,6 +95,7 @@ def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effor
     elif b:
         # Further, if need be, than A: it is asked what B takes for A's error.
         levels["b"] = (*effort.levels, round(1.6 * effort.levels[-1]), round(2.5 * effort.levels[-1]))
+        effort.tell("finding equal times", 0.0)
         rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
     if effort.denoise:
         rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in rows.items()}

@@ -21,7 +21,7 @@ def steps(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[m
 
     There is one step, but for caustics: each set of photons is drawn once then, by whoever takes samples. Here all
     pixels come on alike, and between two sets one can stop; elsewhere a step has as many sets as one keeps from portion
-    to portion.
+    to portion. The parts are those of the time, of which a set takes as much however few samples it is for.
     """
     caustics = state.estimator.transport.caustics
     if caustics is None:
@@ -31,13 +31,16 @@ def steps(count: mi.UInt32, wanted: mi.UInt32, state: State) -> Iterator[tuple[m
     further = maps * (1 if state.taker.in_turn else caustics.kept)
     have, want = (np.array(values, dtype=np.int64) for values in (count, wanted))
     lacking = want > have
-    have, want, done = have[lacking], want[lacking], 0.0
+    have, want = have[lacking], want[lacking]
     if not have.size:
         return
     begun = int(have.min()) // maps * maps
-    for end in range(begun + further, int(want.max()) + further, further):
-        before, done = done, float(np.sum(np.maximum(np.minimum(want, end) - have, 0)) / np.sum(want - have))
-        yield dr.minimum(wanted, dr.opaque(mi.UInt32, end)), (before, done)
+    ends = range(begun + further, int(want.max()) + further, further)
+    taken = [0, *(int(np.sum(np.maximum(np.minimum(want, end) - have, 0))) for end in ends)]
+    costs = [samples + state.set_cost * further / maps * number for number, samples in enumerate(taken)]
+    for number, end in enumerate(ends):
+        span = costs[number] / costs[-1], costs[number + 1] / costs[-1]
+        yield dr.minimum(wanted, dr.opaque(mi.UInt32, end)), span
 
 
 def portions(

@@ -16,7 +16,7 @@ from ..sampling.hash import combine, hash32
 from ..sampling.nrook import NRook, SamplerPoints
 from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
 from .error import error_between_passes, standard_error
-from .film import Channels
+from .film import Channels, luminance
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -130,11 +130,8 @@ class Estimator:
         moving = self.sensor.shutter_open_time() > 0
         other = points(TIME_AND_WAVELENGTH) if moving or mi.is_spectral else mi.Point2f(0.5)
         wavelength = other.y
-        if mi.is_spectral and self.transport.caustics is not None:
-            assert isinstance(points, NRook)
-            wavelength = self.transport.caustics.wavelength(points.t)
-        elif mi.is_spectral and self.transport.disperses and isinstance(points, NRook):
-            wavelength = wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), points.t, points.parts)
+        if mi.is_spectral and isinstance(points, NRook):
+            wavelength = self._wavelength(points)
         time = mi.Float(self.sensor.shutter_open())
         if moving:
             time += other.x * self.sensor.shutter_open_time()
@@ -143,13 +140,29 @@ class Estimator:
         ray, weight = self.rays(time, wavelength, on_film, lens)
         return ray, weight, position
 
+    def _wavelength(self, points: NRook) -> mi.Float:
+        """The number in [0, 1) by which the sensor draws the wavelengths of a sample: those of its photons, or the
+        pixel's own. That they go through the spectrum in the order of the samples does no harm: which strata of a space
+        these have is drawn anew in each pass.
+        """
+        if self.transport.caustics is not None:
+            return self.transport.caustics.wavelength(points.t)
+        return wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), *points.division)
+
+    def _points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook:
+        """The ``t``-th sample of the pixels (x, y), in every space; it divides the spectrum as its photons do."""
+        points = self.plan.points(x, y, t)
+        if self.transport.caustics is not None:
+            points.division = self.transport.caustics.division(t)
+        return points
+
     def sample(
         self, x: mi.Int32, y: mi.Int32, t: mi.UInt32, sampler: mi.Sampler | None = None
     ) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
         """The ``t``-th sample of the pixels (x, y), or one that is drawn from ``sampler``: ``(values, luminance,
         position)``, ``values`` being what the film stores for a sample of weight 1.
         """
-        points = self.plan.points(x, y, t) if sampler is None else SamplerPoints(sampler)
+        points = self._points(x, y, t) if sampler is None else SamplerPoints(sampler)
         ray, weight, position = self.camera_ray(x, y, points)
         L, hit, *others = self.transport(ray, points, True)
         L *= weight
@@ -157,7 +170,7 @@ class Estimator:
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
         alpha = dr.select(hit, mi.Float(1), 0)
         values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, *others)
-        return values, mi.luminance(L, ray.wavelengths), position
+        return values, luminance(L, ray.wavelengths), position
 
     def spread(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
         """``(weight, value)`` for each pixel within the filter's reach, row by row, and each value."""
@@ -190,27 +203,28 @@ class Estimator:
             return start
         for which in self.sets(self.plan, start.count, end):
             caustics.draw(*which)
-            _, number, maps = which
-            until = dr.minimum(end, dr.opaque(mi.UInt32, (number + 1) * maps))
+            _, number, n = which
+            until = dr.minimum(end, dr.opaque(mi.UInt32, (number + 1) * caustics.maps(n)))
             start = self._take(x, y, start, dr.maximum(start.count, until), quiet)
             with running():
                 dr.eval(start)
         return start
 
     def sets(self, plan: Plan, count: mi.UInt32, end: mi.UInt32) -> Iterator[tuple[int, int, int]]:
-        """Seed, number and maps of the sets of photons that pixels need which go on by ``plan`` from ``count`` to
-        ``end``: each is for so many samples of all pixels.
+        """Seed, number and samples of a pass of the sets of photons that pixels need which go on by ``plan`` from
+        ``count`` to ``end``: each is for as many samples of all pixels as it has maps.
         """
         caustics = self.transport.caustics
         if caustics is None:
             return
-        seed, maps = plan.photon_seed, caustics.maps(plan.first.n)
+        n = plan.first.n
+        maps = caustics.maps(n)
         lacking = count < end
         least, most = dr.min(dr.select(lacking, count, end)), dr.max(end)
         for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
             first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
             if dr.any((count < dr.minimum(end, after)) & (end > first)):
-                yield seed, number, maps
+                yield plan.photon_seed, number, n
 
     def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:
         n = self.plan.permutations.n
@@ -231,10 +245,10 @@ class Estimator:
             estimate: Estimate, active: mi.Bool, sampler: mi.Sampler | None
         ) -> tuple[Estimate, mi.Bool, mi.Sampler | None]:
             t = estimate.count
-            values, luminance, position = self.sample(x, y, t, sampler)
+            values, Y, position = self.sample(x, y, t, sampler)
             sums = [s + w * v for s, (w, v) in zip(estimate.sums, self.spread(values, position))]
-            luminance = dr.clip(dr.select(dr.abs(luminance) > DARKEST, luminance, 0), -BRIGHTEST, BRIGHTEST)
-            in_pass = estimate.in_pass + luminance
+            Y = dr.clip(dr.select(dr.abs(Y) > DARKEST, Y, 0), -BRIGHTEST, BRIGHTEST)
+            in_pass = estimate.in_pass + Y
             if sampler is not None:
                 sampler.advance()
                 if evaluated:
@@ -242,8 +256,8 @@ class Estimator:
             last = (t + 1) % n == 0
             estimate = Estimate(
                 sums,
-                estimate.total + luminance,
-                estimate.squares + dr.square(luminance),
+                estimate.total + Y,
+                estimate.squares + dr.square(Y),
                 estimate.pass_squares + dr.select(last, dr.square(in_pass / n), 0),
                 dr.select(last, 0, in_pass),
                 t + 1,

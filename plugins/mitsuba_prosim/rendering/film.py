@@ -63,6 +63,14 @@ class Channels:
         return rgb + [alpha] * self.alpha + [mi.Float(1)]
 
 
+def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
+    """Luminance of the radiance ``L``, that of the film's values; white has 1.
+
+    Mitsuba's own lacks the constant by which spectra are made colours, and is 107 times as much there.
+    """
+    return mi.spectrum_to_xyz(L, wavelengths).y if mi.is_spectral else mi.luminance(L, wavelengths)
+
+
 def aov_values(
     aovs: mi.Integrator | None, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
 ) -> list:

@@ -10,7 +10,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
-from ..sampling.wavelengths import PARTS
 
 #: left, top, right, bottom, in pixels of the whole film.
 Rectangle = tuple[int, int, int, int]
@@ -78,7 +77,7 @@ class Plan:
     begin: int = 0
     skipped: mi.UInt32 | None = None  # the same for kernels
     #: Seed of the photons, where that of the samples may differ from pixel to pixel.
-    photons: int | None = None
+    own_photon_seed: int | None = None
 
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
@@ -125,7 +124,7 @@ class Plan:
     @property
     def photon_seed(self) -> int:
         """Seed of the photons, for all pixels."""
-        return int(self.seed[0]) if self.photons is None else self.photons
+        return int(self.seed[0]) if self.own_photon_seed is None else self.own_photon_seed
 
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook:
         """The ``t``-th sample of the pixels (x, y), in every space: a pure function of seed, pixel and ``t``."""
@@ -138,7 +137,7 @@ class Plan:
             points = NRook.at(self.permutations, key, t, self.jitter)
         else:
             points = NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)
-        points.t, points.parts = t, min(self.first.n, PARTS)
+        points.t = t
         return points
 
     def continued(self, n: int, begin: int) -> Plan:

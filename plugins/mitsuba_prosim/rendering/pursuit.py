@@ -44,9 +44,12 @@ class Pursuit:
         self.twin = Twin(state) if target.noisy else None
         # Samples of a pixel, in the mean, in a second.
         self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
+        self._time_photons(mean(state.estimate.count), target.passed, 0.0)
 
     def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
-        """Yields the state after each wave; ``tell``: called with the part done, 0 to 1."""
+        """Yields the state after each wave; ``tell``: called with the part of the time that is done, 0 to 1, as far as
+        can be known: it may fall.
+        """
         state, decisions = self.state, self.state.decisions
         state.portion = self._portion()
         if decisions.wanted is None:
@@ -65,15 +68,19 @@ class Pursuit:
                 if not dr.any(wanted > state.estimate.count):
                     break  # each pixel has all that the plan allows
                 decisions.wanted = wanted
-            start = time.perf_counter()
+            start, drawing = time.perf_counter(), self._drawing
             whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
-            self.speed = (mean(state.estimate.count) - samples) / max(time.perf_counter() - start, 1e-9)
+            more, passed = mean(state.estimate.count) - samples, max(time.perf_counter() - start, 1e-9)
+            self.speed = more / passed
+            self._time_photons(more, passed, drawing)
             state.portion = self._portion()
             if not whole or not self._measure():
                 yield state
-                break
+                return
             decisions.wanted = None
             yield state
+        if tell is not None:
+            tell(1.0)
 
     def _judge(self) -> None:
         """Asks the policy what each pixel needs, as far as can be known by now."""
@@ -147,16 +154,7 @@ class Pursuit:
             way = target.work(state, self.AIM)
             goal = now / (way if way < 2 else way**0.7)
 
-        caustics = state.estimator.transport.caustics
-        have = None if caustics is None else np.array(state.estimate.count, dtype=np.int64)
-
-        def after(effort: float) -> mi.UInt32:
-            counts = in_patterns(state.plan, self.need * dr.opaque(mi.Float, effort))
-            if have is not None:
-                maps, want = caustics.maps(state.plan.first.n), np.array(counts, dtype=np.int64)
-                bound = in_full_sets(have, want, state.plan.most, maps, caustics.count)
-                counts = dr.minimum(counts, dr.opaque(mi.UInt32, bound))
-            return dr.maximum(counts, state.estimate.count)
+        after = self._by_effort()
 
         def reaches(effort: float) -> bool:
             counts = mi.Float(after(effort))
@@ -167,6 +165,51 @@ class Pursuit:
         state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
         return after(state.decisions.effort)
 
+    @property
+    def _drawing(self) -> float:
+        """Seconds that photons have taken so far, here."""
+        caustics = self.state.estimator.transport.caustics
+        return 0.0 if caustics is None else float(caustics.seconds)
+
+    def _time_photons(self, samples: float, seconds: float, drawing: float) -> None:
+        """Notes what a set of photons costs, after so many ``samples`` of a pixel in so many ``seconds``, before which
+        photons had taken ``drawing`` seconds.
+        """
+        caustics, state = self.state.estimator.transport.caustics, self.state
+        self.alone = samples / max(seconds - (self._drawing - drawing), 1e-9)
+        if caustics is not None and caustics.draws:
+            set_seconds = caustics.seconds / caustics.draws
+            state.set_cost = set_seconds * self.alone * dr.width(state.estimate.count)
+
+    def _seconds(self, have: mi.UInt32, want: mi.UInt32) -> tuple[float, float]:
+        """What it takes to get from some counts to others, about: the image, and the twin, whose photons are others."""
+        caustics, state = self.state.estimator.transport.caustics, self.state
+        samples, sets = mean(want) - mean(have), 0
+        if caustics is not None:
+            maps = caustics.maps(state.plan.first.n)
+            lacking = dr.select(have < want, have, want)
+            sets = -(-int(dr.max(want)[0]) // maps) - int(dr.min(lacking)[0]) // maps
+        drawing, share = sets * state.set_cost / dr.width(want), 0.0
+        if self.twin is not None:
+            share = dr.width(self.twin.index) / dr.width(want)
+        speed = max(self.alone, 1e-9)
+        return (samples + drawing) / speed, (samples * share + drawing) / speed if share else 0.0
+
+    def _by_effort(self) -> Callable[[float], mi.UInt32]:
+        """What gives the counts that an effort leads to."""
+        state, caustics = self.state, self.state.estimator.transport.caustics
+        have = None if caustics is None else np.array(state.estimate.count, dtype=np.int64)
+
+        def after(effort: float) -> mi.UInt32:
+            counts = in_patterns(state.plan, self.need * dr.opaque(mi.Float, effort))
+            if have is not None:
+                maps, want = caustics.maps(state.plan.first.n), np.array(counts, dtype=np.int64)
+                bound = in_full_sets(have, want, state.plan.most, maps, caustics.count)
+                counts = dr.minimum(counts, dr.opaque(mi.UInt32, bound))
+            return dr.maximum(counts, state.estimate.count)
+
+        return after
+
     def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
         """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
         told that of the image, as far as can be known.
@@ -174,19 +217,26 @@ class Pursuit:
         if tell is None:
             return None
         state, target = self.state, self.target
-        counts = state.estimate.count, wanted
-        stages = [mean(count) / state.plan.most for count in counts]
+        passed, (wave, rest) = target.passed, self._seconds(state.estimate.count, wanted)
         if target.noisy:
-            now, then = (mean(self.variance / mi.Float(count)) for count in counts)
-            reached = 1 / max(target.work(state), 1e-24)
-            stages = [max(stages[0], reached), max(stages[1], reached * now / max(then, 1e-30))]
-        begin, end = (min(stage, 1.0) for stage in stages)
+            rest += sum(self._seconds(wanted, dr.maximum(self._in_the_end(), wanted)))
 
         def told(part: float) -> None:
             by_time = 1 - target.left / target.seconds if target.seconds else 0.0
-            tell(min(max(begin + (end - begin) * part, by_time), 1.0))
+            tell(min(max((passed + wave * part) / max(passed + wave + rest, 1e-9), by_time), 1.0))
 
         return told
+
+    def _in_the_end(self) -> mi.UInt32:
+        """The counts with which the noise is what was asked for, as far as can be known."""
+        now, work, after = self.state.estimate.count, self.target.work(self.state, self.AIM), self._by_effort()
+        goal, most = mean(self.variance / mi.Float(now)) / max(work, 1e-24), mean(now) * work
+
+        def reaches(effort: float) -> bool:
+            counts = mi.Float(after(effort))
+            return mean(counts) >= most or mean(self.variance / counts) <= goal
+
+        return after(least(reaches, self.state.decisions.effort))
 
 
 def in_full_sets(have: np.ndarray, want: np.ndarray, most: int, maps: int, photons: int) -> int:

@@ -59,6 +59,8 @@ class State:
         self.portion: int | None = None
         self.noise = self.noise_99 = float("nan")
         self.decisions = Decisions()
+        #: A set of photons takes as long as so many samples, as far as is known.
+        self.set_cost = 0.0
         #: What the last whole wave has made, where sums are not kept.
         self.made: Image | None = None
 

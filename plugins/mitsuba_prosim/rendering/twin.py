@@ -47,7 +47,7 @@ class Twin:
         self.estimator = copy.copy(state.estimator)
         self.seed = hash32(self.seed)
         dr.make_opaque(self.seed)
-        self.photons = int(self.seed[0])
+        self.photon_seed = int(self.seed[0])
         if state.decisions.twin is None:
             state.decisions.twin = Estimate.nothing(self.estimator.values, dr.width(self.index))
         self.estimate = state.decisions.twin
@@ -75,7 +75,7 @@ class Twin:
             def put(more: Estimate, some: mi.UInt32 = some) -> None:
                 self.estimate.put(more, some)
 
-            plan = replace(state.plan, seed=seed, photons=self.photons)
+            plan = replace(state.plan, seed=seed, own_photon_seed=self.photon_seed)
             yield Portion(self.estimator, x, y, start, [(plan, end)], None, work, span, put)
 
     def noise(self, state: State) -> tuple[float, float]:

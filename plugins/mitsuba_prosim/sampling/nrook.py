@@ -114,9 +114,10 @@ class NRook:
         jitter: str = "multi",
     ) -> None:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
-        #: Number of the sample among all of its pixel, where that is known, and the parts of :mod:`.wavelengths`.
+        #: Number of the sample among all of its pixel, where that is known.
         self.t: int | mi.UInt32 = 0
-        self.parts = 1
+        #: Number of the sample among those that divide the spectrum, and how many a pass has: see :mod:`.wavelengths`.
+        self.division = r * permutations.n + i, permutations.n
 
     @classmethod
     def at(

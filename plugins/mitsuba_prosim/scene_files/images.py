@@ -53,11 +53,13 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
     return file.getvalue()
 
 
-def png(image: np.ndarray, facts: Mapping[str, str] | None = None) -> bytes:
-    """A PNG file of a linear image (height, width, 3), white being 1, in sRGB and 8 bits, with ``facts`` as text."""
+def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:
+    """A PNG file of a linear image (height, width, 3), white being 1, in sRGB and 8 bits, with ``facts`` as text.
+    ``effort``: of zlib, 1 to 9; -1 for what is usual.
+    """
     stream = mi.MemoryStream()
     shown = mi.Bitmap(image).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
     for name, fact in (facts or {}).items():
         shown.metadata()[name] = fact
-    shown.write(stream, mi.Bitmap.FileFormat.PNG)
+    shown.write(stream, mi.Bitmap.FileFormat.PNG, effort)
     return stream.raw_buffer()

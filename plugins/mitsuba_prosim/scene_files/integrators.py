@@ -7,6 +7,8 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..transport.settings import DEEPEST_TREE
+
 #: How it is sampled: parameters of ``prosim`` and ``prosim_adaptive``, which has any other integrator within.
 SAMPLING = ("samples", "threshold", "noise", "noise_99", "time", "max_samples", "adaptive")
 
@@ -20,7 +22,7 @@ def change(state: mi.parser.ParserState, parameters: Mapping[str, Any]) -> str |
     put within ``prosim_adaptive`` for that, or None.
 
     Those of :data:`SAMPLING` are the outermost integrator's, the others those of every ``prosim``. Raises ValueError
-    where there is no integrator that has them.
+    where there is no integrator that has them, or where it can't go so deep.
     """
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
     others = {name: value for name, value in parameters.items() if name not in SAMPLING}
@@ -31,6 +33,12 @@ def change(state: mi.parser.ParserState, parameters: Mapping[str, Any]) -> str |
         raise ValueError(f"only the integrator prosim has {', '.join(others)}; this scene's is {named}")
     for props in ours:
         _give(props, others)
+        level = others.get("max_level")
+        if level is not None and not (0 <= level <= DEEPEST_TREE or props.get("diffuse_bounces", 0)):
+            raise ValueError(
+                f"the deepest level is to be {level}, and a tree of rays has levels 0 to {DEEPEST_TREE}; any other "
+                "goes with --paths, which follows every path of light"
+            )
     if not sampling:
         return None
     outermost = _outermost(state)

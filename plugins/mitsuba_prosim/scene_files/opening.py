@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import mitsuba as mi
 import prosim_scene
+from prosim_scene.language.document import Document
 
 from .. import registry
 from . import integrators, session
@@ -39,6 +40,7 @@ class SceneFile:
         integrator: Mapping[str, Any] | None = None,
         kept: prosim_scene.Kept | None = None,
         confined: bool = False,
+        document: Document | None = None,
         **language: Any,
     ):
         """Reads ``path``, as XML if that is its suffix.
@@ -57,6 +59,8 @@ class SceneFile:
             What an earlier translation has left to this one.
         ``confined``
             Whether it can name no file outside its folder, see :class:`.confinement.Confinement`.
+        ``document``
+            What the text says, where it has been read already.
         ``language``
             Further options of :func:`prosim_scene.translate`.
 
@@ -68,12 +72,12 @@ class SceneFile:
         self.path = self.xml = Path(path)
         self.resolution, self.definitions = resolution, dict(definitions or {})
         #: What the text says, and where; None for XML.
-        self.document = None
+        self.document = document
+        self._kept = kept
         if self.path.suffix.lower() != ".xml":
-            self.document = prosim_scene.document(self.path, self.definitions)
-            self.xml = prosim_scene.translate(
-                self.document, Path(folder), resolution=resolution, samples=samples, kept=kept, **language
-            )
+            self.document = document or self.read()
+            self._language = language | {"resolution": resolution, "samples": samples}
+            self.xml = prosim_scene.translate(self.document, Path(folder), kept=kept, **self._language)
             resolution = samples = None  # said in the translation
         #: What makes the same of the XML file alone.
         self.changes: dict[str, Any] = {
@@ -104,6 +108,14 @@ class SceneFile:
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
             self._warn_of_distortion(*self.resolution)
+
+    def read(self) -> Document:
+        """What the text of a scene in the thesis's language says by now. Raises :class:`prosim_scene.SceneError`."""
+        return prosim_scene.document(self.path, self.definitions, self._kept)
+
+    def sensor(self, document: Document) -> dict[str, Any]:
+        """The sensor of the VIEW of ``document``, which says the same scene but for that, as a dictionary."""
+        return prosim_scene.sensor(document, self._kept, **self._language)
 
     def digest(self) -> str:
         """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from prosim_scene.replacing import PART
+from prosim_scene.replacing import PART, refuse_special
 
 #: How the names begin of folders for a while, and of those of what could not be written where it should.
 SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"
@@ -29,7 +29,8 @@ YOUNG = 60
 def check(paths: Iterable[Path], size: int) -> None:
     """Sees, before the work, whether files of ``size`` bytes in all could be written; nothing is left behind.
 
-    Raises OSError where a name is too long, a folder stands in the way, can't be written to, or has no room.
+    Raises OSError where a name is too long, a folder or a device stands in the way, or a folder can't be
+    written to or has no room.
     """
     folders = set()
     for path in paths:
@@ -113,8 +114,10 @@ def scratch() -> Iterator[Path]:
 
 
 def _target(path: Path) -> Path:
-    """The file itself, where ``path`` is a link."""
-    return path.resolve() if path.is_symlink() else path
+    """The file itself, where ``path`` is a link. Raises OSError where a device or a pipe would be replaced."""
+    target = path.resolve() if path.is_symlink() else path
+    refuse_special(target)
+    return target
 
 
 def _existing(folder: Path) -> Path:

@@ -23,7 +23,7 @@ def evenly(points: NRook | SamplerPoints, space: mi.UInt32, choice: mi.Float) ->
     """
     if not mi.is_spectral or isinstance(points, SamplerPoints):
         return choice
-    return wavelengths.kept(combine(points.key, space), points.t, points.parts, choice)
+    return wavelengths.kept(combine(points.key, space), *points.division, choice)
 
 
 def sample(

@@ -20,7 +20,6 @@ class Nested:
 
     #: That integrator's own business.
     caustics = None
-    disperses = False
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
         self.integrator, self.scene, self.medium = integrator, scene, medium

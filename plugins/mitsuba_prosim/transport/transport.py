@@ -39,8 +39,6 @@ class Transport:
         #: The photons that must have been drawn before samples are taken.
         self.caustics = caustics
         facts, merging = SceneFacts.of(scene, settings, around), None if caustics is None else caustics.merging
-        #: Whether a ray may keep but one of its wavelengths.
-        self.disperses = facts.disperses
         self._stage = Stage(scene, settings, facts, attached, around, caustics, merging)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 

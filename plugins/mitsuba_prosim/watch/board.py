@@ -74,6 +74,12 @@ class Board:
             self._state = replace(self._state, **changes)
             self._wake()
 
+    def put_back(self, state: State, pictures: Mapping[str, Picture]) -> None:
+        """A state and its pictures that there were before."""
+        with self._lock:
+            self._state, self._pictures = state, pictures
+            self._wake()
+
     def close(self) -> None:
         """Ends what follows it."""
         with self._lock:

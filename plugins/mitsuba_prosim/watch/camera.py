@@ -7,6 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from prosim_scene.model import View
 
+#: A view goes so many times farther from what it turns around than the scene's own at most, and comes so many times
+#: nearer: beyond, single precision tells nothing apart.
+FARTHEST = 1e5
+
 #: A view never looks steeper up or down than this, in degrees: beyond, up and down would change places.
 STEEPEST = 89.0
 
@@ -15,13 +19,15 @@ STEEPEST = 89.0
 class Camera:
     """A view in the world: ``to_world``, a 4x4 matrix without scaling, by which Mitsuba's cameras look along +z with +x
     to the left of the image; ``distance`` from the eye to the point that it turns around, straight ahead; ``up``, the
-    unit axis that it turns about; and ``across``, what it sees at distance 1, (width, height).
+    unit axis that it turns about; ``across``, what it sees at distance 1, (width, height); and ``home``, the distance
+    of the scene's own view, None for this one.
     """
 
     to_world: np.ndarray
     distance: float
     up: np.ndarray
     across: tuple[float, float]
+    home: float | None = None
 
     @property
     def eye(self) -> np.ndarray:
@@ -53,10 +59,12 @@ class Camera:
         return replace(self, to_world=moved)
 
     def dollied(self, factor: float) -> Camera:
-        """So many times as far from the pivot."""
+        """So many times as far from the pivot, within :data:`FARTHEST`."""
+        home = self.home or self.distance
+        distance = min(max(factor * self.distance, home / FARTHEST), home * FARTHEST)
         moved = self.to_world.copy()
-        moved[:3, 3] = self.pivot - factor * self.distance * moved[:3, 2]
-        return replace(self, to_world=moved, distance=factor * self.distance)
+        moved[:3, 3] = self.pivot - distance * moved[:3, 2]
+        return replace(self, to_world=moved, distance=distance, home=home)
 
 
 def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:

@@ -18,11 +18,17 @@ from ..scene_files import session
 from ..scene_files.images import png
 from ..scene_files.tone import compress
 from . import cells, takes
-from .picture import LAYERS, Picture, coloured
+from .picture import HUES, LAYERS, Picture, coloured, palest
 from .turns import Turns
 
 #: Seconds that the notebook has for itself after each turn of the work.
 BREATH = 0.005
+
+
+#: What zlib does for a picture of which the next wave makes another: the least, as it takes the longest of all.
+PASSING = 1
+
+MAPS = {"error": "Standard error of the luminance", "samples": "Samples of a pixel"}
 
 
 class StoppedError(Exception):
@@ -104,7 +110,8 @@ class View:
         stop.on_click(lambda _: self.stop())
         # Above the picture, however high it is; a line that is too long for the cell becomes two.
         controls = widgets.HBox([stop, self._part, self._said, self._layer], layout={"flex_flow": "row wrap"})
-        self._box = widgets.VBox([controls, self._shown], layout={"align_items": "flex-start"})
+        self._scale = widgets.HTML()
+        self._box = widgets.VBox([controls, self._scale, self._shown], layout={"align_items": "flex-start"})
         self._place = display(self._box, display_id=True)
 
     def __repr__(self) -> str:
@@ -189,18 +196,19 @@ class View:
         except StoppedError:
             pass
 
-    def _png(self, layer: str) -> bytes:
-        assert self._picture is not None
-        values = self._picture.layers[layer]
+    def _png(self, values: np.ndarray, effort: int = -1) -> bytes:
         if values.ndim == 2:
             # As png makes of linear values what a screen shows.
-            return png(coloured(values).astype(np.float32) ** np.float32(2.2))
-        return png(compress(values * self._factor))
+            return png(coloured(values).astype(np.float32) ** np.float32(2.2), effort=effort)
+        return png(compress(values * self._factor), effort=effort)
 
     def _draw(self) -> None:
         if self._picture is None:
             return
-        self._shown.value = self._png(self._layer.value)
+        layer = self._layer.value
+        values = self._picture.layers[layer]
+        self._shown.value = self._png(values, PASSING)
+        self._scale.value = scale(MAPS[layer], values) if layer in MAPS else ""
         self._said.value = self._words()
 
     def _words(self) -> str:
@@ -224,5 +232,15 @@ class View:
             return
         still = {"text/plain": self._words_in_the_end}
         if self._picture is not None and self._wrong is None:
-            still["image/png"] = base64.b64encode(self._png("final")).decode()
+            still["image/png"] = base64.b64encode(self._png(self._picture.layers["final"])).decode()
         self._place.update(still, metadata={"image/png": {"alt": self._words_in_the_end}}, raw=True)
+
+
+def scale(what: str, values: np.ndarray) -> str:
+    """What the colours of a map mean, as HTML: its middle is a quarter of its end, by the square root."""
+    hues = ", ".join("rgb({:.0f} {:.0f} {:.0f})".format(*255 * hue) for hue in HUES)
+    white = palest(values)
+    return (
+        f'{what}: 0 <span style="display: inline-block; width: 6em; height: 0.8em; background: '
+        f'linear-gradient(to right, {hues})"></span> {white:.2g} or more; in the middle {white / 4:.2g}'
+    )

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict
 from importlib.resources import files
 from typing import Any
+from urllib.parse import quote
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -21,7 +22,7 @@ from .studio import Studio
 #: The page's files, and nothing else that there is on the disk.
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 
-#: Seconds after which a page that hears nothing is told so much, so that it is noticed where one has gone.
+#: Seconds after which a page that hears nothing is told so much, so that each notices where the other has gone.
 SILENCE = 15.0
 
 #: Seconds that a page waits for what the rendering thread is asked for.
@@ -85,7 +86,7 @@ class Pages:
                     following = following or asyncio.ensure_future(anext(states, None))
                     done, _ = await asyncio.wait([following], timeout=SILENCE)
                     if not done:
-                        yield ": still here\n\n"
+                        yield "event: here\ndata:\n\n"
                         continue
                     state, following = following.result(), None
                     if state is None:
@@ -130,11 +131,12 @@ class Pages:
             raise HTTPException(404)
         making = self._studio.errand(lambda _: self._encode(exposure))
         made = await asyncio.wait_for(asyncio.wrap_future(making), PATIENCE)
-        name = re.sub(r"[^\w.-]", "_", self._board.state.scene.rpartition(".")[0] or "picture", flags=re.ASCII) + suffix
+        name = (self._board.state.scene.rpartition(".")[0] or "picture") + suffix
+        plain, whole = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII), quote(name, safe="", errors="replace")
         return Response(
             made[suffix],
             media_type="application/octet-stream",
-            headers={"Content-Disposition": f'attachment; filename="{name}"'},
+            headers={"Content-Disposition": f"attachment; filename={plain}; filename*=UTF-8''{whole}"},
         )
 
     async def act(self, request: Request) -> Response:

@@ -34,23 +34,22 @@ class Picture:
 
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
         """A layer row by row: colours in 16 bits a channel, maps in 32, little-endian; and what is said of it as
-        headers: ``X-White`` is what one pixel in a hundred exceeds, the luminance of colours.
+        headers: ``X-White`` is what one pixel in a hundred exceeds, the luminance of colours, and ``X-Unit`` what
+        they count, a power of two: so few bits hold no picture that is a thousand times as dark, or bright, as white.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
-        light = values
+        light, unit = values, 1.0
         if values.ndim == 3:
             light = np.maximum(values @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32), 0)
-            content = np.clip(np.nan_to_num(values), -LARGEST, LARGEST).astype("<f2").tobytes()
+        white = float(np.percentile(light, 99))
+        white = white if math.isfinite(white) else 1.0
+        if values.ndim == 3:
+            unit = power_of_two(white or finite(light.max()) or 1.0)
+            content = np.clip(np.nan_to_num(values / np.float32(unit)), -LARGEST, LARGEST).astype("<f2").tobytes()
         else:
             content = values.astype("<f4").tobytes()
-        white = float(np.percentile(light, 99))
-        facts = {
-            "Picture": self.number,
-            "Width": width,
-            "Height": height,
-            "White": white if math.isfinite(white) else 1.0,
-        }
+        facts = {"Picture": self.number, "Width": width, "Height": height, "White": white, "Unit": unit}
         return content, {f"X-{name}": str(value) for name, value in facts.items()}
 
     def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
@@ -78,12 +77,17 @@ def of_snapshot(snapshot: Snapshot) -> dict[str, np.ndarray]:
 HUES = np.array([(8, 8, 48), (92, 20, 122), (205, 55, 70), (248, 156, 40), (252, 250, 190)], dtype=np.float32) / 255
 
 
+def palest(values: np.ndarray) -> float:
+    """What the palest colour of a map means, and more: what one pixel in a hundred exceeds."""
+    most = float(np.percentile(values, 99))
+    return most if math.isfinite(most) and most > 0 else 1.0
+
+
 def coloured(values: np.ndarray) -> np.ndarray:
     """A map, shape (height, width), in colours as a screen shows them, shape (height, width, 3): by its square root, as
     far as what one pixel in a hundred exceeds.
     """
-    most = float(np.percentile(values, 99)) or 1.0
-    place = np.sqrt(np.clip(np.nan_to_num(values) / most, 0, 1))
+    place = np.sqrt(np.clip(np.nan_to_num(values) / palest(values), 0, 1))
     return np.stack([np.interp(place, np.linspace(0, 1, len(HUES)), hue) for hue in HUES.T], axis=2)
 
 
@@ -91,6 +95,11 @@ def colours(image: np.ndarray) -> np.ndarray:
     """Red, green and blue of a developed image, shape (height, width, channels), of which grey ones have one."""
     image = image.astype(np.float32, copy=False)
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+
+
+def power_of_two(value: float) -> float:
+    """The nearest that is not above a positive number, and one that 32 bits of floating point hold."""
+    return 2.0 ** min(max(math.frexp(value)[1] - 1, -100), 100)
 
 
 def finite(value: float) -> float | None:

@@ -14,14 +14,17 @@ from typing import Any
 
 import mitsuba as mi
 import prosim_scene
+from prosim_scene.language.document import Document
 
 from ..denoising import layers
+from ..rendering.snapshot import Snapshot
 from ..scene_files import black, session
 from ..scene_files.pointing import pointed
 from . import takes
 from .board import Board, State
 from .camera import Camera
 from .denoised import DenoisedTake
+from .glimpse import glimpse
 from .named import Files
 from .picture import Picture, of_snapshot
 from .subject import Opener, Subject
@@ -181,15 +184,19 @@ class Studio:
         self._begun = time.perf_counter()
         self._close()
         self.board.say(doing="opening", saves=wish.text)
-        # The kernels of an image have all materials in them that there are, those of another scene too.
-        self._subject = None
+        state, pictures = self.board.state, self.board.pictures
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
-            subject = Subject(self._path, self._opener)
+            try:
+                document = self._turn_last(wish)
+                subject = Subject(self._path, self._opener, document)
+            except BaseException:
+                self.board.put_back(state, pictures)
+                raise
         gc.collect()
         said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self._subject = subject
-        self.files.opened(subject.files())
+        self.files.opened(subject.files)
         before, self._view = self._view, subject.home
         if before is None or subject.home is None or (before.to_world != subject.home.to_world).any():
             with self._changed:  # the text says another view
@@ -199,6 +206,26 @@ class Studio:
             subject.look(wish.camera)
         self.board.say(warnings=said, size=subject.size, movable=subject.home is not None)
         self._begin(wish)
+
+    def _turn_last(self, wish: Wish) -> Document | None:
+        """The text as it is read now, if the last scene is still there, that is to go; where the VIEW alone is another,
+        that scene is seen by it until there is the new one.
+        """
+        # The kernels of an image have all materials in them that there are, those of another scene too.
+        last, self._subject = self._subject, None
+        if last is None or last.file.document is None:
+            return None
+        document = last.file.read()
+        seen = glimpse(last, document, wish.camera)
+        if seen is not None:
+            take, size = seen
+            self._show(take.first(), size=size, view=None, black=None, part=0.0, samples=None, noise=None)
+        return document
+
+    def _show(self, first: Snapshot, **said: Any) -> None:
+        """The picture that comes before the first wave."""
+        picture = Picture(self._next_number(), {"final": of_snapshot(first)["final"]})
+        self.board.say({"own": picture}, layers=("final",), seconds=time.perf_counter() - self._begun, **said)
 
     def _look(self, wish: Wish) -> None:
         """The scene from elsewhere."""
@@ -223,15 +250,14 @@ class Studio:
             view=self._subject.view(),
             integrator=takes.name(take.integrator),
             alone=takes.alone(take.integrator),
+            compared=wish.compared and takes.alone(take.integrator) is None,
             part=0.0,
             samples=None,
             noise=None,
         )
         if self._subject.whole:
             with self._subject.coarse():
-                snapshot = take.first()
-                picture = Picture(self._next_number(), {"final": of_snapshot(snapshot)["final"]})
-            self.board.say({"own": picture}, layers=("final",), seconds=time.perf_counter() - self._begun)
+                self._show(take.first())
 
     def _render(self, wish: Wish) -> None:
         """Another wave of each image that is not done."""

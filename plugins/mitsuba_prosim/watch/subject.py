@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import ceil, radians, sqrt, tan
 from pathlib import Path
 from typing import Any
@@ -11,25 +12,31 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from prosim_scene.language.document import Document
 from prosim_scene.model import Leaf
 
 from .. import registry
 from ..scene_files.opening import SceneFile
 from .camera import Camera, as_view, as_xml, nearest_axis
+from .changes import stamp
 
-#: What opens the scene: the file, its scene, and the sensor that is looked through.
-Opener = Callable[[], tuple[SceneFile, Any, Any]]
+#: What opens the scene: the file, its scene, and the sensor that is looked through; by what the text says, where it has
+#: been read already.
+Opener = Callable[[Document | None], tuple[SceneFile, Any, Any]]
 
 #: Most pixels of the picture that comes before the first wave.
 COARSE = 1 << 14
 
 
 class Subject:
-    """A scene file, opened. Raises what ``opener`` does."""
+    """A scene file, opened; by ``document``, where that has been read already. Raises what ``opener`` does."""
 
-    def __init__(self, path: Path, opener: Opener) -> None:
+    def __init__(self, path: Path, opener: Opener, document: Document | None = None) -> None:
         self.path = path
-        self.file, self.scene, self.sensor = opener()
+        self.file, self.scene, self.sensor = opener(document)
+        #: The files that it names, wherever they lie; not those of its translation.
+        self.files = self._files()
+        self._stamps = {path: stamp(path) for path in self.files}
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
         #: Whether it has no crop window.
@@ -38,8 +45,7 @@ class Subject:
         self.home = self._home()
         self.camera = self.home
 
-    def files(self) -> list[Path]:
-        """The files that it names, wherever they lie; not those of its translation."""
+    def _files(self) -> list[Path]:
         found = [path for _, path in self.file.named_files()]
         if self.file.document is None:
             found += [Path(str(path)) for path in self.file.state.files]
@@ -96,6 +102,23 @@ class Subject:
             self.sensor.near_clip, self.sensor.far_clip = near, self._far + moved
         self.camera = camera
 
+    def turned(self, document: Document) -> tuple[mi.Sensor, tuple[int, int]] | None:
+        """What looks at the scene as it is by the VIEW of ``document``, with a coarse film, and the size of the picture
+        that it comes to; None where that VIEW is not all that is another by now. Raises
+        :class:`prosim_scene.SceneError` for a view that there can't be.
+        """
+        before = self.file.document
+        if before is None or not self.whole or document.scene.view == before.scene.view:
+            return None
+        if replace(document.scene, view=before.scene.view) != before.scene:
+            return None
+        if any(stamp(path) != stamped for path, stamped in self._stamps.items()):
+            return None
+        sensor = self.file.sensor(document)
+        size = sensor["film"]["width"], sensor["film"]["height"]
+        sensor["film"] |= dict(zip(("width", "height"), coarser(size)))
+        return mi.load_dict(sensor, parallel=False), size
+
     def view(self) -> str | None:
         """The view as it was moved, as text for the scene; None where it was not."""
         if self.home is None or self.camera is None or self.camera is self.home:
@@ -107,12 +130,9 @@ class Subject:
     @contextmanager
     def coarse(self) -> Iterator[None]:
         """With a film of fewer pixels, for a while; the code of the kernels is the same."""
-        film, (width, height) = self.sensor.film(), self.size
-        least = max(1, ceil(sqrt(width * height / COARSE)))
-        before = mi.ScalarVector2u(film.size())
-        small = mi.ScalarVector2u(max(1, width // least), max(1, height // least))
+        before = mi.ScalarVector2u(self.sensor.film().size())
         try:
-            self._resize(small)
+            self._resize(mi.ScalarVector2u(coarser(self.size)))
             yield
         finally:
             self._resize(before)
@@ -149,3 +169,10 @@ class Subject:
         leaves = [leaf for leaf in self.file.document.scene.csg if isinstance(leaf, Leaf) and leaf.index == index]
         kinds = " or ".join(dict.fromkeys(leaf.shape.upper() for leaf in leaves))
         return f"{kinds} {index}, SURFACE {index} (line {self.file.document.line('surfaces', index)})"
+
+
+def coarser(size: tuple[int, int]) -> tuple[int, int]:
+    """The size of the picture that comes before the first wave of one of ``size``."""
+    width, height = size
+    least = max(1, ceil(sqrt(width * height / COARSE)))
+    return max(1, width // least), max(1, height // least)

@@ -15,7 +15,7 @@ from ..language.quantities import Numbers
 from ..language.reading import Reading
 from ..language.words import ROLES, STATEMENTS, Word, fold, of_role, row
 from ..model import Leaf
-from . import meanings, places
+from . import meanings, metals, places
 
 #: The word before the cursor.
 WORD = re.compile(r'[^\s()#":=]*\Z')
@@ -56,7 +56,7 @@ def completions(reading: Reading, offset: int) -> list[Completion]:
         return _names(reading, start)
     result = list(_words(expected, start))
     if last is not None and last.type in ("METAL", "CONDUCTOR"):
-        result += [Completion(name, "metal", start, table) for name, table in METALS.items()]
+        result += [Completion(name, "metal", start, METALS[name], metals.described(name)) for name in METALS]
     if last is not None and last.type == "DIELECTRIC":
         result += [Completion(name, "glass", start) for name in GLASSES]
     if "TEXTURE_NAME" in expected:
@@ -84,7 +84,8 @@ def hover(reading: Reading, offset: int) -> tuple[int, int, str] | None:
             if token.type in meanings.OPERATORS:
                 return start, end, meanings.OPERATORS[token.type]
             if token.type == "WORD" and last is not None and last.type in ("METAL", "CONDUCTOR"):
-                return start, end, f"The metal {METALS.get(fold(token), 'that nobody knows')}"
+                known = fold(token) in METALS
+                return start, end, metals.described(fold(token)) if known else "a metal that nobody knows"
             if token.type == "WORD" and last is not None and last.type == "DIELECTRIC" and fold(token) in GLASSES:
                 name = GLASSES[fold(token)]
                 return start, end, f"The glass {name}: n-refr = {INDICES[name]} at 587.6 nm"

@@ -1,12 +1,17 @@
 """What only shows when the tree is evaluated."""
 
+import json
+import sys
 import tempfile
 import warnings
+from dataclasses import asdict
 from pathlib import Path
 
 from ..assembling import assemble
 from ..language.document import Document
+from ..language.judging import judge
 from ..language.messages import Said, SceneError, SceneWarning, what_is_said
+from ..language.reading import Reading
 from ..options import Options
 
 
@@ -20,3 +25,12 @@ def evaluate(document: Document, folder: Path | None) -> list[Said]:
         except SceneError as error:
             failed.append(what_is_said(error))
     return [*failed, *(what_is_said(w.message) for w in warned if isinstance(w.message, SceneWarning))]
+
+
+def main() -> None:
+    """Evaluates the scene that comes by standard input, and tells by standard output; see :mod:`.apart`."""
+    scene = json.load(sys.stdin)
+    path = Path(scene["path"]) if scene["path"] else None
+    _, document = judge(Reading(scene["text"], str(path or "<string>")))
+    found = evaluate(document, path and path.parent) if document is not None else []
+    print(json.dumps([asdict(one) for one in found]))

@@ -36,6 +36,10 @@ class Occurrence:
 
 def occurrences(reading: Reading, symbol: Symbol | None = None, only: int | None = None) -> Iterator[Occurrence]:
     """Where symbols stand in a text, in order; all of them, or one; of all statements, or ``only`` of that number."""
+    if symbol is not None and only is None:
+        for number in _units(reading, symbol):
+            yield from occurrences(reading, symbol, number)
+        return
     text = reading.source.text
     before: Token | None = None
     for _, token, start in reading.tokens(only):
@@ -46,6 +50,22 @@ def occurrences(reading: Reading, symbol: Symbol | None = None, only: int | None
             if symbol is None or found.symbol == symbol:
                 yield found
         before = token
+
+
+def _units(reading: Reading, symbol: Symbol) -> Iterator[int]:
+    """The numbers of the statements in which a symbol may stand: to look at the words of all takes seconds."""
+    if symbol.kind == "texture":  # which has several spellings
+        yield from range(len(reading.units))
+        return
+    # Before an index is a keyword, a mark of equality, the end of a remark or that of a line.
+    index = rf"(?:^|[^\s\d.(])[^\S\n]*(?<!\d)0*{symbol.key}(?![\d.])"
+    pattern = index if symbol.kind == "index" else rf"\${symbol.key}(?!\w)"
+    last = -1
+    for match in re.finditer(pattern, reading.source.text, re.ASCII | re.MULTILINE):
+        number = reading.unit(match.end() - 1)
+        if number is not None and number != last:
+            last = number
+            yield number
 
 
 def at(reading: Reading, offset: int) -> Occurrence | None:

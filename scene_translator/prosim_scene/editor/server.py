@@ -1,25 +1,30 @@
 """The Language Server Protocol: what the other files know, told to an editor."""
 
+import asyncio
 import gc
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any
+from time import perf_counter
+from urllib.parse import unquote
 
 from lsprotocol import types as lsp
 from pygls.lsp.server import LanguageServer
-from pygls.uris import to_fs_path
-from pygls.workspace import TextDocument
+from pygls.protocol import LanguageServerProtocol, lsp_method
 
 from ..collector import still
 from ..language.formatter import format
 from ..language.judging import judge
 from ..language.messages import Said, SceneError
-from ..language.reading import Reading
-from . import completing, places
-from .evaluating import evaluate
+from . import apart, completing, places
+from .opened import Opened
 
-#: Larger trees are evaluated by ``prosim translate --check`` alone: an editor would wait.
+#: Larger trees are evaluated by ``prosim translate --check`` alone.
 LARGEST = 1000
+
+#: Seconds that at most pass before what is wrong with a long text is looked for, if no more is typed.
+SOON = 0.05
+
+#: So many words are offered at once.
+WORDS = 500
 
 KINDS = {
     "statement": lsp.CompletionItemKind.Keyword,
@@ -33,59 +38,89 @@ KINDS = {
 }
 
 
+class Protocol(LanguageServerProtocol):
+    """pygls's own, but for the texts of documents: its lines end where Python's do, and not where an editor's do."""
+
+    _server: "SceneServer"
+
+    @lsp_method(lsp.TEXT_DOCUMENT_DID_OPEN)
+    def lsp_text_document__did_open(self, params: lsp.DidOpenTextDocumentParams) -> None:
+        """Says all that is wrong, also what is seen only when the tree is evaluated."""
+        self._server.open(params.text_document)
+
+    @lsp_method(lsp.TEXT_DOCUMENT_DID_CHANGE)
+    def lsp_text_document__did_change(self, params: lsp.DidChangeTextDocumentParams) -> None:
+        """Says what is wrong with the text."""
+        document = self._server.document(params.text_document)
+        if document is not None:
+            document.change(params)
+            self._server.tell_soon(document)
+
+    @lsp_method(lsp.TEXT_DOCUMENT_DID_CLOSE)
+    def lsp_text_document__did_close(self, params: lsp.DidCloseTextDocumentParams) -> None:
+        """Forgets a document, and what was said of it."""
+        self._server.close(params.text_document)
+
+
 class SceneServer(LanguageServer):
-    """A server, and what it has read of each document that is open."""
+    """A server, and the documents that are open."""
 
     def __init__(self) -> None:
-        super().__init__("prosim", version("mitsuba-prosim"))
-        self.readings: dict[str, Reading] = {}
+        super().__init__("prosim", version("mitsuba-prosim"), protocol_cls=Protocol)
+        self.documents: dict[str, Opened] = {}
 
-    def document(self, uri: str) -> TextDocument:
-        """A document as it is now."""
-        return self.workspace.get_text_document(uri)
+    def document(self, named: lsp.TextDocumentIdentifier | lsp.VersionedTextDocumentIdentifier) -> Opened | None:
+        """A document, if it is open."""
+        return self.documents.get(unquote(named.uri))
 
-    def reading(self, uri: str) -> Reading:
-        """A document, read as it is now."""
-        text = self.document(uri).source
-        if uri not in self.readings:
-            self.readings[uri] = Reading(text, to_fs_path(uri) or uri)
-        elif self.readings[uri].source.text != text:
-            self.readings[uri].change(text)
-        return self.readings[uri]
+    def open(self, item: lsp.TextDocumentItem) -> None:
+        """Takes a document, and says all that is wrong with it."""
+        self.forget(item.uri)
+        encoding = lsp.PositionEncodingKind(self.workspace.position_encoding or "utf-16").value
+        document = self.documents[unquote(item.uri)] = Opened(item, encoding)
+        self.tell(document, whole=True)
 
-    def tell(self, uri: str, whole: bool) -> None:
-        """Tells what is wrong with a document; ``whole``: the tree is evaluated as well."""
+    def close(self, named: lsp.TextDocumentIdentifier) -> None:
+        """Forgets a document; nothing is wrong with it any more."""
+        if self.forget(named.uri):
+            self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(named.uri, []))
+
+    def forget(self, uri: str) -> bool:
+        """Forgets a document; whether there was one."""
+        document = self.documents.pop(unquote(uri), None)
+        if document is not None:
+            document.rest()
+        return document is not None
+
+    def tell_soon(self, document: Opened) -> None:
+        """Says what is wrong with a document when all has been taken that has been typed by now."""
+        document.rest()
+        delay = min(document.took, SOON)
+        document.telling = asyncio.get_running_loop().call_later(delay, self.tell, document, False)
+
+    def tell(self, document: Opened, whole: bool) -> None:
+        """Says what is wrong with a document; ``whole``: and then what its tree shows when evaluated."""
+        document.rest()
+        begun = perf_counter()
         with still():
-            found, scene = judge(self.reading(uri))
-        path = to_fs_path(uri)
+            found, scene = judge(document.reading)
+        self.publish(document, found)
+        document.took = perf_counter() - begun
         if whole and scene is not None and len(scene.scene.csg) <= LARGEST:
-            found = [*found, *evaluate(scene, Path(path).parent if path else None)]
+            document.evaluation = asyncio.get_running_loop().create_task(self.evaluate(document, found))
+
+    async def evaluate(self, document: Opened, found: list[Said]) -> None:
+        """Says beside what was ``found`` what only the tree shows; it is cancelled when the document changes."""
+        more = await apart.evaluated(document.reading.source.text, document.path)
+        if more:
+            self.publish(document, [*found, *more])
+
+    def publish(self, document: Opened, found: list[Said]) -> None:
+        """Says what was found to be wrong."""
+        diagnostics = [document.diagnostic(one) for one in found]
         self.text_document_publish_diagnostics(
-            lsp.PublishDiagnosticsParams(
-                uri=uri, version=self.document(uri).version, diagnostics=[self.diagnostic(uri, one) for one in found]
-            )
+            lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
-
-    def diagnostic(self, uri: str, one: Said) -> lsp.Diagnostic:
-        """An error or a warning."""
-        severity = lsp.DiagnosticSeverity.Error if one.error else lsp.DiagnosticSeverity.Warning
-        place = self.range(uri, one.start, max(one.end, one.start + 1))
-        return lsp.Diagnostic(place, one.reason, severity=severity, source="prosim")
-
-    def range(self, uri: str, start: int, end: int) -> lsp.Range:
-        """Offsets as the protocol has them."""
-        return lsp.Range(self.position(uri, start), self.position(uri, end))
-
-    def position(self, uri: str, offset: int) -> lsp.Position:
-        """An offset as the protocol has it."""
-        source = self.readings[uri].source
-        line, column = source.line_column(offset)
-        before = source.text[offset - column + 1 : offset]
-        return lsp.Position(line - 1, self.workspace.position_codec.client_num_units(before))
-
-    def offset(self, uri: str, position: lsp.Position) -> int:
-        """A position of the protocol as an offset."""
-        return self.document(uri).offset_at_position(position)
 
 
 server = SceneServer()
@@ -97,109 +132,116 @@ def serve() -> None:
     gc.freeze()  # Python would look at all that there is for garbage before it ends: seconds, after a long scene
 
 
-@server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
 @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
-def opened(ls: SceneServer, params: Any) -> None:
+def saved(ls: SceneServer, params: lsp.DidSaveTextDocumentParams) -> None:
     """Says all that is wrong, also what is seen only when the tree is evaluated."""
-    ls.tell(params.text_document.uri, whole=True)
-
-
-@server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
-def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
-    """Says what is wrong with the text."""
-    ls.tell(params.text_document.uri, whole=False)
-
-
-@server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
-def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
-    """Forgets a document."""
-    ls.readings.pop(params.text_document.uri, None)
+    document = ls.document(params.text_document)
+    if document is not None:
+        ls.tell(document, whole=True)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
-def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
-    """The words that fit."""
-    uri = params.text_document.uri
-    reading, offset = ls.reading(uri), ls.offset(uri, params.position)
-    return [
-        lsp.CompletionItem(
-            label=one.label,
-            kind=KINDS[one.kind],
-            detail=one.detail or None,
-            documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, one.documentation) if one.documentation else None,
-            sort_text=f"{one.rank}{one.label}",
-            text_edit=lsp.TextEdit(ls.range(uri, one.start, offset), one.label),
-        )
-        for one in completing.completions(reading, offset)
-    ]
+def complete(ls: SceneServer, params: lsp.CompletionParams) -> lsp.CompletionList:
+    """The words that fit; of very many those that have what is typed already, and the editor asks again with more."""
+    document = ls.document(params.text_document)
+    if document is None:
+        return lsp.CompletionList(False, [])
+    offset = document.offset(params.position)
+    found = completing.completions(document.reading, offset)
+    incomplete = len(found) > WORDS
+    if incomplete:
+        typed = document.reading.source.text[found[0].start : offset].casefold()
+        found = [one for one in found if typed in one.label.casefold()][:WORDS]
+    place = document.range(found[0].start, offset) if found else None
+    return lsp.CompletionList(incomplete, [_completion(one, place) for one in found if place is not None])
+
+
+def _completion(one: completing.Completion, place: lsp.Range) -> lsp.CompletionItem:
+    """A word as the protocol has it. Indices are in their order as numbers."""
+    return lsp.CompletionItem(
+        label=one.label,
+        kind=KINDS[one.kind],
+        detail=one.detail or None,
+        documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, one.documentation) if one.documentation else None,
+        sort_text=f"{one.rank}{one.label.zfill(9) if one.kind == 'index' else one.label}",
+        text_edit=lsp.TextEdit(place, one.label),
+    )
 
 
 @server.feature(lsp.TEXT_DOCUMENT_HOVER)
 def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
     """What a word means."""
-    uri = params.text_document.uri
-    found = completing.hover(ls.reading(uri), ls.offset(uri, params.position))
-    if found is None:
+    document = ls.document(params.text_document)
+    if document is None or (found := completing.hover(document.reading, document.offset(params.position))) is None:
         return None
     start, end, text = found
-    return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), ls.range(uri, start, end))
+    return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), document.range(start, end))
 
 
-def locations(ls: SceneServer, uri: str, found: list[places.Occurrence]) -> list[lsp.Location]:
-    """Occurrences as the protocol has them."""
-    return [lsp.Location(uri, ls.range(uri, one.start, one.end)) for one in found]
+def symbol(
+    ls: SceneServer, named: lsp.TextDocumentIdentifier, position: lsp.Position
+) -> tuple[Opened, places.Occurrence] | None:
+    """The index, texture or name at a place."""
+    document = ls.document(named)
+    if document is None or (here := places.at(document.reading, document.offset(position))) is None:
+        return None
+    return document, here
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Location]:
     """SURFACE and TRANSFORM of an index, TEXTURE of a texture, DEFAULT of a name."""
-    uri = params.text_document.uri
-    reading = ls.reading(uri)
-    here = places.at(reading, ls.offset(uri, params.position))
-    return locations(ls, uri, places.definitions(reading, here.symbol)) if here else []
+    if (found := symbol(ls, params.text_document, params.position)) is None:
+        return []
+    document, here = found
+    return document.locations(places.definitions(document.reading, here.symbol))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
     """Where an index, a texture or a name is used."""
-    uri = params.text_document.uri
-    reading = ls.reading(uri)
-    here = places.at(reading, ls.offset(uri, params.position))
-    return locations(ls, uri, list(places.occurrences(reading, here.symbol))) if here else []
+    if (found := symbol(ls, params.text_document, params.position)) is None:
+        return []
+    document, here = found
+    return document.locations(list(places.occurrences(document.reading, here.symbol)))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
 def prepare_rename(ls: SceneServer, params: lsp.PrepareRenameParams) -> lsp.Range | None:
     """What would be renamed."""
-    uri = params.text_document.uri
-    here = places.at(ls.reading(uri), ls.offset(uri, params.position))
-    return ls.range(uri, here.start, here.end) if here else None
+    if (found := symbol(ls, params.text_document, params.position)) is None:
+        return None
+    document, here = found
+    return document.range(here.start, here.end)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
 def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
     """Another name for an index, a texture or a name, everywhere."""
-    uri = params.text_document.uri
-    reading = ls.reading(uri)
-    here = places.at(reading, ls.offset(uri, params.position))
-    if here is None:
+    if (found := symbol(ls, params.text_document, params.position)) is None:
         return None
+    document, here = found
     try:
-        found = places.renamed(reading, here.symbol, params.new_name)
+        everywhere = places.renamed(document.reading, here.symbol, params.new_name)
     except ValueError as error:
         ls.window_show_message(lsp.ShowMessageParams(lsp.MessageType.Error, str(error)))
         return None
     new = "$" + params.new_name.removeprefix("$") if here.symbol.kind == "name" else params.new_name
-    return lsp.WorkspaceEdit({uri: [lsp.TextEdit(ls.range(uri, one.start, one.end), new) for one in found]})
+    edits = [lsp.TextEdit(document.range(one.start, one.end), new) for one in everywhere]
+    return lsp.WorkspaceEdit({document.uri: edits})
 
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
     """The canonical layout; nothing where the text is wrong."""
-    uri = params.text_document.uri
-    text = ls.reading(uri).source.text
+    document = ls.document(params.text_document)
+    if document is None:
+        return None
+    text = document.reading.source.text
+    lines = text.replace("\r\n", "\n")
     try:
-        tidy = format(text, to_fs_path(uri) or uri)
+        tidy = format(lines, document.path or document.uri)
     except SceneError:
         return None
-    return [lsp.TextEdit(ls.range(uri, 0, len(text)), tidy)] if tidy != text else []
+    new = tidy.replace("\n", document.buffer.newline)
+    return [lsp.TextEdit(document.range(0, len(text)), new)] if tidy != lines else []

@@ -17,17 +17,22 @@ from .document import Document
 from .files import SIZE_LIMIT, too_large
 from .judging import errors, judge
 from .messages import Place, together
-from .reading import Reading
+from .reading import Last
 
 
 def document_of(
-    text: str, filename: str | PathLike[str] = "<string>", define: Mapping[str, object] | None = None
+    text: str,
+    filename: str | PathLike[str] = "<string>",
+    define: Mapping[str, object] | None = None,
+    last: Last | None = None,
 ) -> Document:
-    """The scene that ``text`` describes, with the places of its values; raises and warns as :func:`parse` does."""
+    """The scene that ``text`` describes, with the places of its values; raises and warns as :func:`parse` does. What is
+    the same as in the ``last`` text is not read again.
+    """
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
     with still():
-        reading = Reading(text, str(filename), define)
+        reading = (last or Last()).changed(text, str(filename), dict(define or {}))
         found, document = judge(reading)
         wrong = errors(reading, found)
     for one in found:

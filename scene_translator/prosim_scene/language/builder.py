@@ -9,7 +9,7 @@ from lark import Token, Tree
 from .. import model
 from . import checks, parentheses
 from .document import Path, Places
-from .hints import hint, nearest
+from .hints import nearest, unknown_name
 from .lexer import place
 from .messages import CLIP, Place, SceneError, Source, listing, quote
 from .names import ALIASES, BUILT_IN, GLASSES, METALS
@@ -216,29 +216,16 @@ class Builder:
         elif name is not None:
             self.once(name if keyword.type == "MATERIAL" else keyword, "the metal", "surfaces", index, "metal")
             values["metal"] = METALS.get(fold(name))
-            if values["metal"] is None:
-                optics = [
-                    s for word in of_role("OPTIC") if "conductor" in word.of or not word.of for s in word.spellings
-                ]
-                words = [*METALS, *(optics if keyword.type == "MATERIAL" else ())]
-                raise self.error(
-                    name,
-                    f"unknown metal {quote(name)}; expected one of "
-                    f"Ag, Al, Au, Cr, Cu, Hg, Ni, W, ... or its name{hint(name) or nearest(name, words)}",
-                )
+            if unknown := unknown_name(keyword.type if keyword.type == "METAL" else kind.type, name):
+                raise self.error(name, unknown)
             values.setdefault("material", "conductor")
 
     def glass(self, values: dict[str, Any], name: Token, index: int) -> None:
         """The glass's name after dieletrico."""
         self.once(name, "the glass", "surfaces", index, "glass")
         values["glass"] = GLASSES.get(fold(name))
-        if values["glass"] is None:
-            optics = [s for word in of_role("OPTIC") if "dielectric" in word.of or not word.of for s in word.spellings]
-            raise self.error(
-                name,
-                f"unknown glass {quote(name)}; expected {listing(list(dict.fromkeys(GLASSES.values())))}, or n-refr"
-                f"{nearest(name, [*GLASSES, *optics])}",
-            )
+        if unknown := unknown_name("DIELECTRIC", name):
+            raise self.error(name, unknown)
 
     def transform(self, fields: dict[str, Any], children: list[Any]) -> None:
         """TRANSFORM."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
+from . import foreign
 from .hints import nearest
 from .messages import Place, SceneError, Source, listing, quote
 
@@ -66,9 +67,10 @@ def evaluate(source: Source, braces: Place, value: Callable[[str, Place], float]
 
     ``value(name, place)`` says what a name stands for. Raises SceneError, also where the result is not finite.
     """
-    if source.text[braces.end - 1] != "}":
-        raise source.error(braces, "this '{' is not closed on its line")
     first = braces.start + 1
+    if source.text[braces.end - 1] != "}":
+        said = foreign.braces(source.text[first : braces.end])
+        raise source.error(braces, "this '{' is not closed on its line" + (f"; {said}" if said else ""))
     try:
         tree = _parser().parse(source.text[first : braces.end - 1])
     except UnexpectedInput as error:
@@ -136,20 +138,38 @@ def _unknown(source: Source, place: Place, word: str) -> SceneError:
 
 
 def _syntax_error(source: Source, braces: Place, error: UnexpectedInput) -> SceneError:
+    inside = source.text[braces.start + 1 : braces.end - 1]
+    if inside.strip() and (said := foreign.braces(inside)):
+        return source.error(braces, f"found {quote(inside.strip())} in braces; {said}")
     start = braces.start + 1 + (error.pos_in_stream or 0)
     if "NUMBER" in _expected(error):
         wanted = "a number, a $name, a function or '('"
     else:
         wanted = "an operator (+ - * / ^)" + " or ')'" * ("RPAR" in _expected(error))
     if isinstance(error, UnexpectedToken) and error.token.type == "$END":
+        unclosed = ""
+        if "RPAR" in _expected(error):
+            line, column = source.line_column(braces.start + 1 + _open(inside))
+            unclosed = f"; the '(' on line {line}, column {column} is not closed"
         return source.error(
-            Place(braces.end - 1, braces.end), f"the expression ends here and is not complete; expected {wanted}"
+            Place(braces.end - 1, braces.end),
+            f"the expression ends here and is not complete; expected {wanted}{unclosed}",
         )
     length = 1 if isinstance(error, UnexpectedCharacters) else len(str(getattr(error, "token", " ")))
     place = Place(start, start + length)
     found = source.text[place.start : place.end]
     point = "; a fraction has a point, as in 0.5" if found == "," else ""
     return source.error(place, f"found {quote(found)} in an expression; expected {wanted}{point}")
+
+
+def _open(text: str) -> int:
+    """Where the innermost parenthesis is that is open at the end of a text which has one."""
+    depth = 0
+    for i in range(len(text) - 1, -1, -1):
+        depth += {"(": 1, ")": -1}.get(text[i], 0)
+        if depth > 0:
+            return i
+    raise ValueError("no parenthesis is open")
 
 
 def _expected(error: UnexpectedInput) -> set[str]:

@@ -2,9 +2,9 @@
 
 import difflib
 
-from .messages import CLIP
+from .messages import CLIP, listing, quote
 from .names import ALIASES, BUILT_IN, GLASSES, METALS
-from .words import WORDS, canonical, fold
+from .words import WORDS, canonical, fold, of_role
 
 #: How the language says what other languages, and newcomers, say with other words.
 SAID = (
@@ -30,10 +30,15 @@ SAID = (
     ("rotations are ROTATE-X, ROTATE-Y and ROTATE-Z", "rotate rotacao rotation"),
     ("for a move: TRANSLATE (x y z)", "move translation"),
     ("the place of a light is position x y z, such as position 0 20 10", "pos location center centre centro lugar"),
-    ("lights stand in LIGHTS, as AREA or POINT", "light luz lamp lampada sun sol emitter"),
+    ("lights stand in LIGHTS, as AREA or POINT", "light luz lamp lampada sun sol emitter light_source"),
+    ("for on: TRUE, as in CAUSTICS TRUE", "on ligado ligada enable enabled ativo ativado"),
+    ("for off: FALSE, as in DO-SHADOW FALSE", "off desligado desligada disable disabled"),
+    ("the index of refraction is n-refr, as in n-refr = 1.5", "ior eta index indice int_ior refraction refracao"),
 )  # fmt: skip
 #: The textures that exist without a statement, by all their names.
 TEXTURES = [*BUILT_IN, *ALIASES]
+#: Role of a word that may be followed by a name -> what that is the name of, and all names.
+NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
 HINTS = {word: said for said, words in SAID for word in words.split()}
 
 
@@ -61,7 +66,30 @@ def meant(word: str, fitting: set[str]) -> str:
     if "TEXTURE_NAME" in fitting:
         known += TEXTURES
     for material, names in (("CONDUCTOR", METALS), ("DIELECTRIC", GLASSES)):
-        if material in fitting and fold(word) in names:
+        if fitting & {material, "MATERIAL"} and fold(word) in names:
             return f"; did you mean '{canonical(material, '')} {word}'?"
     every = [spelling for row in WORDS for spelling in row.spellings]
     return hint(word) or nearest(word, known) or nearest(word, every)
+
+
+def unknown_name(role: str, word: str) -> str | None:
+    """What to say of a word after one of ``role`` that is to be the name of a metal or a glass, and is that of none;
+    None of a name, and after other roles.
+    """
+    what, names = NAMED.get(role, ("", {}))
+    if not what or fold(word) in names or word.startswith("$"):
+        return None
+    first: dict[str, str] = {}
+    for name, table in names.items():
+        first.setdefault(table.split("_")[0], name)
+    allowed = listing(first.values())
+    optics: list[str] = []
+    if role != "METAL":
+        kind = of_role(role)[0].name
+        optics = [s for row in of_role("OPTIC") if not row.of or kind in row.of for s in row.spellings]
+        allowed += ", or n-refr" if kind == "dielectric" else ", or n-refr and k-abs"
+    other = "DIELECTRIC" if what == "metal" else "CONDUCTOR"
+    near = nearest(word, [*names, *optics])
+    if fold(word) in NAMED[other][1]:
+        near = f"; did you mean '{canonical(other)} {word}'?"
+    return f"unknown {what} {quote(word)}; expected {allowed}{hint(word) or near}"

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from lark import Token
 
-from . import expressions
+from . import expressions, foreign
 from .definitions import NAME, NUMBER, Definitions, UndefinedError, written
 from .messages import Place, SceneError, Source, quote
 from .words import OPERATORS, ROLES, ROWS, STATEMENT_OF, STATEMENTS, fold
@@ -34,7 +34,8 @@ def lex(
 ) -> Iterator[Token]:
     """Tokens and remarks of a text in order, from ``start``, where a statement begins, up to END and what follows it.
 
-    Tokens have the terminals of the grammar as types, remarks have REMARK, and what else follows END is one REST.
+    Tokens have the terminals of the grammar as types, remarks have REMARK, a colon or an equals sign that follows no
+    keyword has EQUALS, and what else follows END is one REST.
     ``accepted()`` says which terminals have a place where the parser stands: each token has to be given to it before
     the next one is asked for. Names, and what stands in braces, are tokens of what they come to by ``definitions``,
     which learn from DEFAULT statements. Raises SceneError for marks that are not closed and the like.
@@ -83,19 +84,20 @@ class _Lexer:
 
     def other(self, kind: str, piece: str, start: int) -> Token | None:
         """The token or remark of what is neither a word nor a number; None for what only separates words."""
-        if kind in ("open", "remark"):
-            return self.parenthesis(start) if kind == "open" else _token("REMARK", piece, start)
+        if kind == "open":
+            return self.parenthesis(start)
+        if kind == "remark":
+            if said := foreign.remark(piece):
+                self.source.doubt(Place(start, self.position), said)
+            return _token("REMARK", piece, start)
         if kind == "close":
             if not self.open_argument:
                 raise self.source.error(Place(start, self.position), "found ')' without its '('")
             self.open_argument = None
             return _token("RPAR", piece, start)
         if kind == "equals":
-            if self.previous is None or self.previous.type not in (*ROLES, "VARIABLE"):
-                raise self.source.error(
-                    Place(start, self.position), f"found {piece!r}, which may only follow a keyword"
-                )
-            return None
+            follows = self.previous is not None and self.previous.type in (*ROLES, "VARIABLE")
+            return None if follows else _token("EQUALS", piece, start)  # which has no place in the grammar
         if kind == "string":
             if len(piece) < 2 or piece[-1] != '"':
                 raise self.source.error(Place(start, self.position), "this quote is not closed on its line")

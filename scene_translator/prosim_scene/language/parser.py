@@ -5,10 +5,10 @@ import re
 
 from lark import Token, Tree, UnexpectedToken
 
-from . import lexer
+from . import foreign, lexer
 from .automaton import Parser
 from .definitions import Definitions
-from .hints import TEXTURES, hint, meant, nearest
+from .hints import TEXTURES, hint, meant, nearest, unknown_name
 from .messages import CLIP, Place, SceneError, Source, listing, quote
 from .quantities import Numbers
 from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, is_statement, meanings, row
@@ -24,10 +24,6 @@ BY = re.compile(r"[-+.\d]+([x×][-+.\d]+)+", re.IGNORECASE)
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 BRACES = "; arithmetic stands in braces, as in {360 * $frame / 48}"
 LIGHT = "; a light begins with AREA or POINT, as in POINT position 0 20 10 SPOT"
-#: Beginnings of words that belong to other languages.
-FOREIGN = dict.fromkeys(("//", "/*", "--"), "expected a remark to begin with #, or to stand in parentheses") | {
-    "<": "that is no scene in this language; expected a name that ends in .xml of a file in Mitsuba's"
-}
 
 
 def tokens_and_tree(source: Source, definitions: Definitions) -> tuple[list[Token], Tree[Token]]:
@@ -57,23 +53,29 @@ def syntax_error(source: Source, token: Token, expected: set[str], pieces: list[
         if "END" in expected:
             return source.error(place, "the file ends here and END is missing; expected END as the last statement")
         return source.error(place, f"the file ends after this; expected {listing(names)}")
+    *_, role, name, _ = [Token("", ""), Token("", ""), *(piece for piece in pieces if piece.type != "REMARK")]
+    if name.type == "WORD" and (unknown := unknown_name(role.type, name)):
+        return source.error(lexer.place(name), unknown)
     return source.error(lexer.place(token), _reason(source, token, expected, pieces, listing(names)))
 
 
 def _reason(source: Source, token: Token, expected: set[str], pieces: list[Token], names: str) -> str:
     """What is said of a token; ``names``: what has a place where it stands."""
     found = f"found {quote(token)}"
-    if foreign := next((said for begin, said in FOREIGN.items() if token.startswith(begin)), None):
-        return f"{found}; {foreign}"
+    if said := foreign.word(source.text, lexer.place(token).start, token):
+        return f"{found}; {said}"
+    if token.type == "EQUALS":
+        return f"{found}, which may only follow a keyword"
     if mistake := _mistake(token, expected, pieces):
         return found + mistake
     if named := _named(source, token, pieces):
         return f"{found} after a name; expected one word, or more in quotes: {named}"
     lacking = _lacking(pieces)
     if token.type == "WORD":
-        near = BRACES if lacking and ARITHMETIC.search(token) else meant(token, set() if lacking else expected)
+        fitting = expected & {"BOOL"} if lacking else expected
+        near = BRACES if lacking and ARITHMETIC.search(token) else meant(token, fitting)
         return f"unknown word {quote(token)}{lacking or f'; expected {names}'}{near}"
-    return found + (lacking or _misplaced(token, expected, pieces, names))
+    return found + (lacking or _unclosed(source, expected, pieces) or _misplaced(token, expected, pieces, names))
 
 
 def _misplaced(token: Token, expected: set[str], pieces: list[Token], names: str) -> str:
@@ -113,16 +115,25 @@ def _mistake(token: Token, expected: set[str], pieces: list[Token]) -> str:
 
 
 def _lacking(pieces: list[Token]) -> str:
-    """After which keyword the last token stands, and the numbers that are still lacking there; nothing elsewhere."""
+    """After which keyword the last token stands, and what is still lacking there; nothing elsewhere."""
     before = [piece for piece in pieces[:-1] if piece.type not in ("REMARK", "LPAR")]
     given = 0
-    while before and before[-1].type == "NUMBER":
+    while before and before[-1].type in ("NUMBER", "BOOL"):
         before.pop()
         given += 1
     takes = row(before[-1]).takes if before and before[-1].type in ROLES else None
-    if not isinstance(takes, Numbers) or given >= (1 if takes.channels and given < 2 else takes.count):
+    one = isinstance(takes, Numbers) and takes.channels and given < 2
+    if takes is None or given >= (1 if one else takes.count):
         return ""
     return f" after {before[-1]}; expected {takes.counted()}"
+
+
+def _unclosed(source: Source, expected: set[str], pieces: list[Token]) -> str:
+    """What is said after ``found`` of what stands where a parenthesis should have been closed; nothing elsewhere."""
+    if "RPAR" not in expected:
+        return ""
+    line, column = source.line_column(next(lexer.place(p).start for p in reversed(pieces) if p.type == "LPAR"))
+    return f"; expected ')' before it: the '(' on line {line}, column {column} is not closed"
 
 
 def _named(source: Source, token: Token, pieces: list[Token]) -> str:

@@ -63,6 +63,11 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Flags:
-    """The TRUE or FALSE that follow a word."""
+    """The TRUE or FALSE that follow a word: how many, and what they are called in messages."""
 
     count: int = 1
+    what: str = ""
+
+    def counted(self) -> str:
+        """How many there are, in words."""
+        return f"{self.count} words, each TRUE or FALSE ({self.what})" if self.count > 1 else "TRUE or FALSE"

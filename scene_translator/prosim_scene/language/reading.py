@@ -81,6 +81,24 @@ class Reading:
                 yield unit, token, base + (token.start_pos or 0) - unit.base
 
 
+class Last:
+    """The last text that was read, for the next one of the same file."""
+
+    def __init__(self) -> None:
+        self._reading: Reading | None = None
+
+    def changed(self, text: str, filename: str, given: Mapping[str, object]) -> Reading:
+        """A text, read. ``given``: see Definitions."""
+        reading, self._reading = self._reading, None  # an error leaves none that is half read
+        if reading is None or reading.source.filename != filename:
+            reading = Reading(text, filename, given)
+        else:
+            reading.given = given
+            reading.change(text)
+        self._reading = reading
+        return reading
+
+
 def _common(old: str, new: str) -> tuple[int, int]:
     """How long the beginning is that two texts have in common, and the end behind that."""
     most = min(len(old), len(new))

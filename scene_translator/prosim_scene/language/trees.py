@@ -6,10 +6,11 @@ from functools import cache, lru_cache
 from lark import Token
 
 from ..model import Leaf, Operator, Texture
+from . import foreign
 from .automaton import Parser
 from .builder import texture
 from .lexer import terminal
-from .messages import Source
+from .messages import Place, Source
 from .parentheses import PREFIX
 from .units import Unit
 from .words import OPERATORS, ROWS, STATEMENTS, fold, spelled
@@ -37,17 +38,19 @@ def read(source: Source, start: int) -> Unit | None:
         return None
     position, missing = opening.end(), 1
     nodes: list[Operator | Leaf] = []
+    places: list[Place] = []
     for found in NODE.finditer(text, position):
         if found.start() != position:
             break
         position = found.end()
         operator, word, index, words, remark = found.groups()
         if remark:
-            if PREFIX.search(remark):
-                return None  # the remark may have been meant as a part of the tree
+            if PREFIX.search(remark) or foreign.remark(remark):
+                return None  # there is something to be said of it, if it was meant as a part of the tree
             continue
         if not missing:
             return None
+        places.append(Place(found.start(1 if operator else 2), position))
         if operator:
             missing += 1
             nodes.append(OPERATOR[operator])
@@ -62,7 +65,7 @@ def read(source: Source, start: int) -> Unit | None:
     if missing or not KEYWORD.match(text, end):
         return None
     fields = {"csg": tuple(nodes)}
-    return Unit(start, end, "CSG_TREE", opening.end() - start, ("csg",), fields, text=text[start:end])
+    return Unit(start, end, "CSG_TREE", opening.end() - start, ("csg",), fields, text=text[start:end], nodes=places)
 
 
 @lru_cache(maxsize=1 << 10)

@@ -43,7 +43,7 @@ class Unit:
     it; ``uses`` and ``defines``: names, and what they stand for.
 
     Nobody asks for the pieces and the places of most statements: what is known to be right has its ``text``, and
-    ``details``, those two, when they have been asked for.
+    ``details``, those two, when they have been asked for; a tree the places of its ``nodes``, of which warnings tell.
     """
 
     base: int
@@ -56,6 +56,7 @@ class Unit:
     uses: Mapping[str, str | None] = field(default_factory=lambda: NOTHING)
     defines: Mapping[str, str] = field(default_factory=lambda: NOTHING)
     text: str | None = None
+    nodes: Sequence[Place] = ()
     details: tuple[list[Token], dict[Path, Place]] | None = None
 
     @property
@@ -72,6 +73,9 @@ class Unit:
         """Where a value stands, if it is in this statement."""
         if self.text is not None and path == self.path:
             return Place(self.base, self.base + self.opening)  # the keyword
+        if self.nodes and path[:-1] == self.path:
+            number = int(path[-1])
+            return self.nodes[number] if number < len(self.nodes) else None
         return self.places.get(path)
 
     @property
@@ -114,7 +118,10 @@ def read(source: Source, start: int, definitions: Definitions, name: int | None 
     except UnexpectedToken as error:
         # The next word of a name may be one that begins a statement.
         before = [] if name is None else read(source, name, Definitions(source)).tokens
-        said.append(_fail(source, unit, syntax_error(source, error.token, parser.accepts(), [*before, *tokens])))
+        after = [error.token] if following is not None else []
+        said.append(
+            _fail(source, unit, syntax_error(source, error.token, parser.accepts(), [*before, *tokens, *after]))
+        )
     except SceneError as error:
         said.append(_fail(source, unit, error))
     said += source.doubts

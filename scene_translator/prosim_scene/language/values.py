@@ -7,6 +7,7 @@ from typing import Any
 
 from lark import Token
 
+from . import foreign
 from .lexer import place
 from .messages import CLIP, Place, SceneError, Source, quote
 from .quantities import Flags, Numbers
@@ -21,7 +22,7 @@ def read_value(source: Source, children: Sequence[Token]) -> Any:
     keyword, *rest = children
     takes = row(keyword).takes
     if isinstance(takes, Flags):
-        return _flags(source, keyword, rest, takes.count)
+        return _flags(source, keyword, rest, takes)
     assert takes is not None
     tokens = [token for token in rest if token.type in ("NUMBER", "BOOL")]
     for token in tokens:
@@ -53,7 +54,9 @@ def _miscounted(source: Source, keyword: Token, tokens: Sequence[Token], takes: 
     expected = takes.counted()
     rest = source.text[span([keyword, *tokens]).end :]
     if remark := PARENTHESES.match(rest[: 2 * CLIP]):
-        expected += f"; {quote(remark[0].strip(' :='))} is a remark, as parentheses are"
+        written = remark[0].strip(" :=")
+        expected += f"; {quote(written)} is a remark, as parentheses are"
+        expected += f"; without them: {numbers}" if (numbers := foreign.spaced(written[1:-1])) else ""
     html = HTML_COLOR.match(source.text, span([keyword, *tokens]).end)
     if html:
         values = " ".join(f"{int(html[1][i : i + 2], 16) / 255:.3g}" for i in (0, 2, 4))
@@ -64,17 +67,16 @@ def _miscounted(source: Source, keyword: Token, tokens: Sequence[Token], takes: 
     )
 
 
-def _flags(source: Source, keyword: Token, values: Sequence[Token], count: int) -> bool | tuple[bool, ...]:
+def _flags(source: Source, keyword: Token, values: Sequence[Token], takes: Flags) -> bool | tuple[bool, ...]:
     """TRUE and FALSE, or 1 and 0."""
     for token in values:
         if token.type == "NUMBER" and token not in ("0", "1"):
             raise source.error(place(token), f"found {quote(token)} after {keyword}; expected TRUE or FALSE")
-    if len(values) != count:
-        raise source.error(
-            span([keyword, *values]), f"found {len(values)} words after {keyword}; expected {count}, TRUE or FALSE"
-        )
+    if len(values) != takes.count:
+        words = f"{len(values)} word{'s' * (len(values) != 1)}"
+        raise source.error(span([keyword, *values]), f"found {words} after {keyword}; expected {takes.counted()}")
     result = tuple(token == "1" if token.type == "NUMBER" else row(token).name == "true" for token in values)
-    return result if count > 1 else result[0]
+    return result if takes.count > 1 else result[0]
 
 
 def span(tokens: Sequence[Token]) -> Place:

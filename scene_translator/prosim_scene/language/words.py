@@ -59,7 +59,7 @@ WORDS = (
     # statements
     _word("DEFAULT", "DEFAULT PADRAO", "defaults"),
     _word("NAME", "NAME NOME", "name"),
-    _word("SETTING", "SAVE-RGB SALVA-RGB", "channels", Flags(3)),
+    _word("SETTING", "SAVE-RGB SALVA-RGB", "channels", Flags(3, "r g b")),
     _word("SETTING", "MAX-LEVEL NIVEL-MAX NIVEL-MAXIMO", "max_level", Numbers(1, "a level", 0, 24, whole=True)),
     _word("SETTING", "NSAMPLES NAMOSTRAS", "samples", Numbers(1, "the number N", 1, 1000, whole=True)),
     _word("SETTING", "DO-SHADOW SHADOW SOMBRA SOMBRAS", "shadows", Flags()),

@@ -59,12 +59,16 @@ def tessellate(
     seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     alike: dict[Skin, list[int]] = {}
     of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
+    filling: set[int] = set()  # media that are seen behind faces of other media's
     for number, (leaf, inside, outside) in enumerate(faces.kinds):
         seen[leaf] |= faces.seen[number]
+        filling |= {inside, outside} - {media_of[leaf]} if faces.seen[number] else set()
         lining[leaf] |= faces.seen[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
         inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
         alike.setdefault(Skin(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
-    _report_vanished(document, seen)
+    # What fills a hollow has left its face to what has cut it, and is seen all the same.
+    filling -= {media.OPAQUE, media.AIR}
+    _report_vanished(document, seen | np.isin(media_of, list(filling)))
     _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
     shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
     return dict(zip(shown, faces.chosen(list(shown.values()))))

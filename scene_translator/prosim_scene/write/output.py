@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
 
-from ..replacing import PART, replace
+from ..replacing import PART, refuse_special, replace
 
 if sys.platform != "win32":
     import fcntl
@@ -70,6 +70,7 @@ def _make_sure_of(xml: Path, bodies: Path) -> None:
         raise IsADirectoryError(
             0, "this folder stands where the translation goes; move it, or choose another folder", xml
         )
+    refuse_special(xml)
     if xml.exists() and MARK.encode() not in xml.read_bytes():
         raise FileExistsError(
             0, "this file is no translation and is not overwritten; move it, or choose another folder", xml

@@ -1,31 +1,55 @@
 // The page of prosim watch: it is told the state by events, fetches the layers that it shows, and asks for what is wished.
 
-import {colours, fromHalves, map} from "./tone.js";
+import {follow} from "./events.js";
+import {colours, HALVES, map, most} from "./tone.js";
+import {showCarets, tell} from "./messages.js";
 import {Place} from "./place.js";
 
 const find = (id) => document.getElementById(id);
-const TAKES = ["own", "path"];
+/** Writes what is not there yet: what is marked, to be copied, stays so, and nothing is read out twice. */
+const write = (element, text) => { if (element.textContent !== text) element.textContent = text; };
+const TAKES = ["own", "path"], LAYERS = document.querySelectorAll("input[name=layer]");
 const shown = {own: null, path: null};
-let state = null, pointed = null, wanted = false;
+let state = null, pointed = null, wanted = false, comparing = null;
 
 // ---- what is shown
 
 const layer = () => document.querySelector("input[name=layer]:checked").value;
 const stops = () => Number(find("exposure").value);
 
+/** Both takes as bright as each other: a value has one colour. */
 function draw(take) {
-    const canvas = find(take), image = shown[take];
+    const canvas = find(take), image = shown[take], white = (shown.own ?? image)?.white;
     if (!image) return;
     if (canvas.width !== image.width || canvas.height !== image.height) [canvas.width, canvas.height] = [image.width, image.height];
     const context = canvas.getContext("2d", {willReadFrequently: true}), pixels = context.createImageData(image.width, image.height);
-    (image.channels === 3 ? colours : map)(image, stops(), pixels.data);
+    (image.channels === 3 ? colours : map)(image, white, stops(), pixels.data);
     context.putImageData(pixels, 0, 0);
     canvas.dataset.number = image.number;
     canvas.dataset.layer = image.layer;
+    if (take === "own") tellScale(image);
+}
+
+const MAPS = {error: "Standard error of the luminance", samples: "Samples of a pixel"};
+
+/** What the colours of a map mean. */
+function tellScale(image) {
+    const scale = find("scale"), canvas = scale.querySelector("canvas"), marks = scale.querySelectorAll("span");
+    scale.hidden = image.channels !== 1;
+    if (scale.hidden) return;
+    const {width} = canvas, context = canvas.getContext("2d"), pixels = context.createImageData(width, 1);
+    map({values: Float32Array.from({length: width}, (_, i) => (i / (width - 1)) ** 2), width, height: 1}, 1, 0, pixels.data);
+    context.putImageData(pixels, 0, 0);
+    const white = most(image.white, stops());
+    write(scale.querySelector("p"), MAPS[image.layer]);
+    write(marks[1], digits(white / 4, 2)); // by the square root
+    write(marks[2], `${digits(white, 2)} or more`);
+    scale.ariaLabel = `${MAPS[image.layer]}, dark: 0, pale yellow: ${marks[2].textContent}`;
 }
 
 /** Fetches what is to be shown and is not yet, one after the other; what changes meanwhile, after that. */
 async function refresh() {
+    if (document.hidden) return; // nobody sees it
     if (wanted) { wanted = "again"; return; }
     wanted = "now";
     while (wanted) {
@@ -41,24 +65,28 @@ async function fetchLayer(take) {
     // A coarse picture has no maps: that of before stays until there is another.
     if (!state.layers.includes(name) && name !== "final") return;
     const held = take === "own" || ["final", "error", "samples"].includes(name);
-    let answer;
-    try { answer = await fetch(`layer/${take}/${held ? name : "final"}`); } catch { return; }
+    let answer, buffer;
+    try {
+        answer = await fetch(`layer/${take}/${held ? name : "final"}`);
+        buffer = await answer.arrayBuffer();
+    } catch { return; } // the server has gone, in the midst of it perhaps
     if (!answer.ok) return;
-    const buffer = await answer.arrayBuffer(), fact = (what) => Number(answer.headers.get(`X-${what}`));
+    const fact = (what) => Number(answer.headers.get(`X-${what}`));
     const [width, height] = [fact("Width"), fact("Height")];
     const channels = buffer.byteLength === 6 * width * height ? 3 : 1;
-    const values = channels === 3 ? fromHalves(buffer) : new Float32Array(buffer);
-    shown[take] = {number: fact("Picture"), layer: name, width, height, channels, values, white: fact("White")};
-    if (fact("Picture") !== state.pictures[take]) wanted = "again";
-    draw(take);
+    const values = channels === 3 ? new Uint16Array(buffer) : new Float32Array(buffer);
+    shown[take] = {number: fact("Picture"), layer: name, width, height, channels, values, white: fact("White"), unit: fact("Unit")};
+    if (fact("Picture") < state.pictures[take]) wanted = "again";
+    if (take === "own") place.size(...state.size); // not before: the picture of before has its own
+    TAKES.slice(TAKES.indexOf(take)).forEach(draw); // the other's white is that of the scene's own
     if (pointed) ask(pointed);
 }
 
 function splitting() {
-    const on = state?.compared && shown.path !== null, part = Number(find("split").value);
+    const on = state?.compared && shown.path !== null, part = find("split").value;
     find("path").hidden = find("border").hidden = !on;
-    find("path").style.clipPath = `inset(0 0 0 ${100 * part}%)`;
-    find("border").style.left = `${100 * part}%`;
+    find("path").style.clipPath = `inset(0 0 0 ${part}%)`;
+    find("border").style.left = find("split").ariaValueText = `${part}%`;
 }
 
 // ---- what is told
@@ -67,66 +95,68 @@ const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "s
 
 function told(news) {
     state = news;
-    find("scene").textContent = document.title = state.scene;
-    const parts = [WORDS[state.doing]];
-    if (state.doing === "rendering" && state.part > 0.01) parts.push(`${Math.round(100 * state.part)} %`);
+    const parts = [WORDS[state.doing]], percent = `${Math.round(100 * state.part)} %`;
+    write(find("scene"), state.scene);
+    document.title = ({rendering: `${percent} `, failed: "wrong: ", missing: "gone: "}[state.doing] ?? "") + state.scene;
+    if (state.doing === "rendering" && state.part > 0.01) parts.push(percent);
     if (!["failed", "missing"].includes(state.doing)) {
         if (state.samples) parts.push(`${state.samples.toFixed(1)} samples a pixel`);
         if (state.noise !== null) parts.push(`noise ${state.noise.toPrecision(2)}`);
-        if (state.seconds) parts.push(`${state.seconds.toFixed(1)} s`);
+        if (state.seconds) parts.push(duration(state.seconds));
     }
-    const text = parts.join(" · ");
-    if (find("state").textContent !== text) find("state").textContent = text;
+    write(find("state"), parts.join(" · "));
+    // What changes ten times a second is not read out.
+    write(find("said"), state.doing === "done" ? find("state").textContent : WORDS[state.doing]);
     document.body.dataset.doing = state.doing;
     document.body.dataset.newest = state.pictures.own ?? "";
     find("part").value = state.part;
     find("error").hidden = !state.error;
-    tellError(state.error ?? "");
+    tell(find("error"), state.error ?? "");
     const black = state.error || state.doing === "missing" ? "" : state.black ?? "";
-    if (find("black").textContent !== black) find("black").textContent = black;
+    write(find("black"), black);
     find("black").hidden = !black;
     find("warnings").hidden = !state.warnings.length || Boolean(state.error);
-    find("warnings").querySelector("summary").textContent = state.warnings.length === 1 ? "A warning" : `${state.warnings.length} warnings`;
-    find("warnings").querySelector("pre").textContent = state.warnings.join("\n\n");
+    write(find("warnings").querySelector("summary"), state.warnings.length === 1 ? "A warning" : `${state.warnings.length} warnings`);
+    tell(find("warnings").querySelector("div"), state.warnings.join("\n"));
     find("stop").disabled = !["rendering", "stopped"].includes(state.doing);
-    find("stop").textContent = state.doing === "stopped" ? "Go on" : "Stop";
-    for (const input of document.querySelectorAll("input[name=layer]")) {
+    write(find("stop"), state.doing === "stopped" ? "Go on" : "Stop");
+    for (const input of LAYERS) {
         input.disabled = !state.layers.includes(input.value) && input.value !== "final";
         if (["raw", "denoised"].includes(input.value)) input.parentElement.hidden = input.disabled;
     }
     find("camera").disabled = !state.movable;
     find("compare").disabled = state.alone !== null || !state.integrator;
     find("compare").parentElement.title = state.alone ?? "";
-    find("compare").checked = state.compared;
+    // It is heard after the wave.
+    if (comparing === state.compared || !["rendering", "stopped"].includes(state.doing)) comparing = null;
+    find("compare").checked = comparing ?? state.compared;
     find("splitting").hidden = !state.compared;
-    find("rivals").textContent = `${state.integrator} | path`;
+    write(find("rivals"), `${state.integrator} | path`);
     find("view").hidden = state.view === null;
     find("home").disabled = false;
     savable(state.pictures.own !== undefined);
-    find("text").textContent = state.view ?? "";
+    write(find("text"), state.view ?? "");
     if (state.pictures.path === undefined) shown.path = null;
-    if (state.size[0]) place.size(...state.size);
     splitting();
     refresh().then(splitting);
 }
 
-function tellError(error) {
-    const box = find("error"), [reason, ...place] = error.split("\n");
-    if (box.dataset.told === error) return;
-    box.dataset.told = error;
-    box.querySelector("p").textContent = reason;
-    box.querySelector("pre").textContent = place.join("\n");
+/** Seconds, as one says them. */
+function duration(seconds) {
+    if (seconds < 100) return `${seconds.toFixed(1)} s`;
+    const minutes = Math.floor(seconds / 60);
+    return minutes < 100 ? `${minutes} min ${Math.floor(seconds % 60)} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
-function listen() {
-    const events = new EventSource("events");
-    events.onmessage = (e) => told(JSON.parse(e.data));
-    events.onerror = () => {
-        find("state").textContent = "prosim watch has ended, or can't be reached";
-        document.body.dataset.doing = "gone";
-        for (const id of ["stop", "camera", "compare", "home"]) find(id).disabled = true;
-        savable(false);
-    };
+function lost(refused) {
+    const text = refused
+        ? "this prosim watch has ended; one that was started since has printed another address"
+        : "prosim watch has ended, or can't be reached";
+    for (const id of ["state", "said"]) write(find(id), text);
+    document.body.dataset.doing = "gone";
+    for (const id of ["stop", "camera", "compare", "home"]) find(id).disabled = true;
+    for (const input of LAYERS) input.disabled = !input.checked;
+    savable(false);
 }
 
 function savable(on) {
@@ -157,7 +187,7 @@ async function gesture(kind, x, y) {
     sending = false;
 }
 
-const digits = (v) => v === null || v === undefined ? "–" : Number(v.toPrecision(4)).toString();
+const digits = (v, many = 4) => v === null || v === undefined ? "–" : Number(v.toPrecision(many)).toString();
 let details = null, asking = 0;
 
 function tellPixel() {
@@ -166,16 +196,17 @@ function tellPixel() {
     if (image?.channels === 3) {
         const [row, column] = [y * image.height / place.height, x * image.width / place.width].map(Math.floor);
         const at = 3 * (row * image.width + column);
-        lines.push(`RGB ${[0, 1, 2].map((c) => digits(details?.own?.final[c] ?? image.values[at + c])).join(" ")}`);
-    } else if (details?.own) lines.push(`RGB ${details.own.final.map(digits).join(" ")}`);
-    if (details?.path) lines.push(`path ${details.path.final.map(digits).join(" ")}`);
-    if (details?.own?.error !== undefined) lines.push(`error ${digits(details.own.error)}`, `${digits(details.own.samples)} samples`);
+        lines.push(`RGB ${[0, 1, 2].map((c) => digits(details?.own?.final[c] ?? HALVES[image.values[at + c]] * image.unit)).join(" ")}`);
+    } else if (details?.own) lines.push(`RGB ${details.own.final.map((v) => digits(v)).join(" ")}`);
+    if (details?.path) lines.push(`path ${details.path.final.map((v) => digits(v)).join(" ")}`);
+    if (details?.own?.error !== undefined) lines.push(`error ${digits(details.own.error)}`, details.own.samples === 1 ? "1 sample" : `${digits(details.own.samples)} samples`);
     if (details?.seen) lines.push(details.seen);
     find("pixel").textContent = lines.join(" · ");
 }
 
-/** Tells the pixel at once as far as it is known here, and the rest when the pointer rests. */
-function point(pixel) {
+/** Tells the pixel at once as far as it is known here, and the rest when the pointer rests; aloud, where keys move it. */
+function point(pixel, aloud = false) {
+    find("pixel").ariaLive = aloud ? "polite" : "off";
     if (!pixel || !state || (pointed && pixel[0] === pointed[0] && pixel[1] === pointed[1])) return;
     pointed = pixel;
     details = null;
@@ -194,29 +225,55 @@ function ask(pixel) {
     }, 80);
 }
 
-const place = new Place(find("stage"), find("picture"), {camera: () => find("camera").checked, gesture, moved: splitting, point});
+new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // also when the warnings are opened
+
+const place = new Place(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: splitting, point});
 
 find("layers").addEventListener("change", () => refresh());
-find("exposure").addEventListener("input", () => {
+function exposed() {
     find("stops").textContent = stops() > 0 ? `+${stops()}` : String(stops());
+    find("neutral").disabled = stops() === 0;
     TAKES.forEach(draw);
     savable(find("png").hasAttribute("href"));
+}
+find("exposure").addEventListener("input", exposed);
+find("neutral").addEventListener("click", () => {
+    find("exposure").value = 0;
+    find("exposure").focus();
+    exposed();
 });
 find("split").addEventListener("input", splitting);
+find("border").addEventListener("pointerdown", (e) => {
+    e.stopPropagation(); // it is no picture that is moved
+    e.target.setPointerCapture(e.pointerId);
+});
+find("border").addEventListener("pointermove", (e) => {
+    if (!e.target.hasPointerCapture(e.pointerId)) return;
+    const box = find("picture").getBoundingClientRect();
+    find("split").value = 100 * (e.clientX - box.left) / box.width;
+    splitting();
+});
 find("stop").addEventListener("click", () => post(state.doing === "stopped" ? "do/go" : "do/stop"));
-find("compare").addEventListener("change", (e) => post(e.target.checked ? "do/compare" : "do/alone"));
+find("compare").addEventListener("change", (e) => {
+    comparing = e.target.checked;
+    post(comparing ? "do/compare" : "do/alone");
+});
 find("camera").addEventListener("change", (e) => find("stage").classList.toggle("camera", e.target.checked));
 find("fit").addEventListener("click", () => place.fit());
 find("actual").addEventListener("click", () => place.actual());
-find("home").addEventListener("click", () => post("do/home"));
+find("home").addEventListener("click", () => {
+    find("stage").focus(); // the button goes with the view
+    post("do/home");
+});
 find("copy").addEventListener("click", async () => {
     try {
         await navigator.clipboard.writeText(state.view);
         find("copy").textContent = "Copied";
     } catch {
         getSelection().selectAllChildren(find("text"));
-        find("copy").textContent = "Press Ctrl-C";
+        find("copy").textContent = navigator.platform.startsWith("Mac") ? "Press ⌘C" : "Press Ctrl-C";
     }
+    find("said").textContent = find("copy").textContent;
     setTimeout(() => { find("copy").textContent = "Copy the view"; }, 1500);
 });
-listen();
+follow(told, lost);

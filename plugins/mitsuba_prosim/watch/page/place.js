@@ -1,5 +1,8 @@
 // Where the picture lies on its stage: moved and zoomed by pointers, the wheel and keys.
 
+// So few pixels are no movement, as of a hand that clicks.
+const TREMBLE = 3;
+
 /** `gesture(kind, x, y)`: called instead where `camera()` says that the camera is to move: orbit in degrees, pan in parts
  * of the picture, dolly as a factor; `moved()`: after the picture was moved. */
 export class Place {
@@ -8,7 +11,8 @@ export class Place {
         this.pointers = new Map();
         stage.addEventListener("pointerdown", (e) => this.down(e));
         stage.addEventListener("pointermove", (e) => this.move(e));
-        for (const end of ["pointerup", "pointercancel"]) stage.addEventListener(end, (e) => this.pointers.delete(e.pointerId));
+        stage.addEventListener("pointerup", (e) => this.up(e));
+        stage.addEventListener("pointercancel", (e) => this.pointers.delete(e.pointerId));
         stage.addEventListener("wheel", (e) => this.wheel(e), {passive: false});
         stage.addEventListener("contextmenu", (e) => this.camera() && e.preventDefault());
         stage.addEventListener("keydown", (e) => this.key(e));
@@ -21,9 +25,13 @@ export class Place {
         this.fit();
     }
 
+    whole() {
+        const {width, height} = this.stage.getBoundingClientRect(); // clientWidth is rounded
+        return Math.min(width / this.width, height / this.height) || 1;
+    }
+
     fit() {
-        const {clientWidth, clientHeight} = this.stage;
-        this.zoom = Math.min(clientWidth / this.width, clientHeight / this.height) || 1;
+        this.zoom = this.whole();
         this.centre();
         this.fitted = true;
     }
@@ -34,15 +42,18 @@ export class Place {
     }
 
     centre() {
-        this.x = (this.stage.clientWidth - this.zoom * this.width) / 2;
-        this.y = (this.stage.clientHeight - this.zoom * this.height) / 2;
+        const {width, height} = this.stage.getBoundingClientRect();
+        this.x = (width - this.zoom * this.width) / 2;
+        this.y = (height - this.zoom * this.height) / 2;
         this.put();
     }
 
     put() {
         this.picture.style.width = `${this.zoom * this.width}px`;
         this.picture.style.height = `${this.zoom * this.height}px`;
-        this.picture.style.transform = `translate(${this.x}px, ${this.y}px)`;
+        // Not by a transform: thus its pixels lie on those of the screen.
+        this.picture.style.left = `${this.x}px`;
+        this.picture.style.top = `${this.y}px`;
         this.picture.classList.toggle("large", this.zoom * devicePixelRatio >= 2);
         this.moved();
     }
@@ -57,7 +68,8 @@ export class Place {
     }
 
     scale(factor, x = this.stage.clientWidth / 2, y = this.stage.clientHeight / 2) {
-        const zoom = Math.min(Math.max(this.zoom * factor, 0.02), 64), ratio = zoom / this.zoom;
+        const zoom = Math.min(Math.max(this.zoom * factor, Math.min(0.02, this.whole())), Math.max(64, this.whole()));
+        const ratio = zoom / this.zoom;
         this.zoom = zoom;
         this.shift((x - this.x) * (1 - ratio), (y - this.y) * (1 - ratio));
     }
@@ -71,19 +83,26 @@ export class Place {
 
     down(e) {
         this.stage.focus({preventScroll: true});
-        this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
+        this.pointers.set(e.pointerId, {at: [e.clientX, e.clientY], still: true});
         try { this.stage.setPointerCapture(e.pointerId); } catch { /* it is gone already */ }
     }
 
-    move(e) {
+    up(e) {
         const last = this.pointers.get(e.pointerId);
-        if (!last) {
+        this.pointers.delete(e.pointerId);
+        if (last?.still) this.point(this.pixel(e.clientX, e.clientY)); // a finger can't point but by touching
+    }
+
+    move(e) {
+        const pointer = this.pointers.get(e.pointerId);
+        if (!pointer) {
             this.point(this.pixel(e.clientX, e.clientY));
             return;
         }
-        const dx = e.clientX - last[0], dy = e.clientY - last[1];
-        const other = [...this.pointers].find(([id]) => id !== e.pointerId)?.[1];
-        this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
+        const last = pointer.at, dx = e.clientX - last[0], dy = e.clientY - last[1];
+        if (pointer.still && Math.hypot(dx, dy) < TREMBLE) return;
+        const other = [...this.pointers].find(([id]) => id !== e.pointerId)?.[1].at;
+        Object.assign(pointer, {at: [e.clientX, e.clientY], still: false});
         if (other) {
             const before = Math.hypot(last[0] - other[0], last[1] - other[1]);
             const factor = Math.hypot(e.clientX - other[0], e.clientY - other[1]) / Math.max(before, 1);
@@ -102,7 +121,8 @@ export class Place {
 
     wheel(e) {
         e.preventDefault();
-        const factor = Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015));
+        // Two fingers on a pad come as a wheel with Ctrl.
+        const factor = Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : e.ctrlKey ? 0.01 : 0.0015));
         const box = this.stage.getBoundingClientRect();
         if (this.camera()) this.gesture("dolly", 1 / factor, 0);
         else this.scale(factor, e.clientX - box.left, e.clientY - box.top);
@@ -123,7 +143,7 @@ export class Place {
         e.preventDefault();
         if (!this.camera()) {
             const box = this.stage.getBoundingClientRect();
-            this.point(this.pixel(box.left + box.width / 2, box.top + box.height / 2));
+            this.point(this.pixel(box.left + box.width / 2, box.top + box.height / 2), true);
         }
     }
 }

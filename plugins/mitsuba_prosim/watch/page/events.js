@@ -1,0 +1,44 @@
+// What the server says, for as long as it is there.
+
+// Milliseconds: after so many without a word the server has gone, which says so much more often; and between two looks
+// of a page that is not seen.
+const SILENCE = 40000, SELDOM = 3000;
+
+/** Calls `told(state)` with the state and each newer one, and `lost(refused)` when nothing is heard: for good where it is
+ * refused. A page that is not seen asks now and then only: a browser has few connections for all its pages here. */
+export function follow(told, lost) {
+    let events = null, silence = 0, again = 0;
+
+    function listen() {
+        stop();
+        events = new EventSource("events");
+        events.addEventListener("here", heard);
+        events.onmessage = (e) => {
+            heard();
+            told(JSON.parse(e.data));
+            if (!document.hidden) return;
+            stop();
+            again = setTimeout(listen, SELDOM);
+        };
+        events.onerror = () => {
+            const refused = events.readyState === EventSource.CLOSED;
+            if (refused) stop(); // it is not asked again
+            lost(refused);
+        };
+        heard();
+    }
+
+    function heard() {
+        clearTimeout(silence);
+        silence = setTimeout(() => { lost(false); listen(); }, SILENCE);
+    }
+
+    function stop() {
+        clearTimeout(silence);
+        clearTimeout(again);
+        events?.close();
+    }
+
+    document.addEventListener("visibilitychange", listen);
+    listen();
+}

@@ -1,0 +1,25 @@
+// Messages of the translator: sentences, which go on in the next line, and quoted lines with their carets, which do not.
+
+/** Writes messages into a box, unless they are there. */
+export function tell(box, text) {
+    if (box.dataset.told === text) return;
+    box.dataset.told = text;
+    box.replaceChildren();
+    for (const line of text.split("\n").filter((line) => line.trim())) {
+        const kind = /^\s/.test(line) ? "PRE" : "P";
+        if (kind === "PRE" && box.lastChild?.tagName === kind) box.lastChild.textContent += `\n${line}`;
+        else box.appendChild(document.createElement(kind)).textContent = line;
+    }
+    showCarets(box);
+}
+
+/** Moves quoted lines that are too long so that their carets are seen. */
+export function showCarets(box) {
+    for (const quoted of box.querySelectorAll("pre")) {
+        const lines = quoted.textContent.split("\n"), caret = Math.max(...lines.map((line) => line.search(/\^~*\s*$/)));
+        const width = quoted.scrollWidth / Math.max(...lines.map((line) => line.length));
+        quoted.scrollLeft = width * caret - quoted.clientWidth / 2;
+        if (quoted.scrollWidth > quoted.clientWidth) quoted.tabIndex = 0; // keys move it, too
+        else quoted.removeAttribute("tabindex");
+    }
+}

@@ -14,7 +14,7 @@ import pytest
 from little import LITTLE
 from mitsuba_prosim import denoising
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
-from mitsuba_prosim.watch import due
+from mitsuba_prosim.watch import due, easel
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
 from mitsuba_prosim.watch.named import Files
@@ -338,6 +338,23 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("compared", [False, True])
+def test_the_part_that_is_done_never_falls(
+    path, tmp_path, monkeypatch, estimates_that_fall, all_portions_seen, compared
+):
+    """Nor does that of two images which grow side by side."""
+    all_portions_seen(1500)
+    monkeypatch.setattr(easel, "REPORT", 0)
+    wished = threading.Event()
+    with running(path, monkeypatch, tmp_path, wished.wait) as studio:
+        studio.desk.compare(compared)
+        wished.set()
+        until(is_done(studio))
+        parts = [state.part for state, _ in studio.board.said]
+        assert parts == sorted(parts) and len(set(parts)) > 6 and parts[-1] == 1
+        assert set(studio.board.pictures) == ({"own", "path"} if compared else {"own"})
 
 
 def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):

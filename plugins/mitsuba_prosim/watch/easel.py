@@ -32,6 +32,11 @@ class Easel:
         """Whether all images are."""
         return all(take.done for take in self.takes.values())
 
+    @property
+    def part(self) -> float:
+        """The part of all images that is done, 0 to 1."""
+        return sum(take.part for take in self.takes.values()) / len(self.takes)
+
     def begin(self, **takes: Take) -> None:
         """Has these images from now on, from when the seconds count."""
         self._begun = time.perf_counter()
@@ -52,9 +57,9 @@ class Easel:
         with self._due.drawing():
             self._board.say({"own": picture}, layers=("final",), seconds=self._seconds(), **said)
 
-    def step(self, name: str, between: Callable[[str, float], None]) -> bool:
+    def step(self, name: str, between: Callable[[str], None]) -> bool:
         """Another wave of an image, if it is not done, and its picture; returns whether there was one. ``between``:
-        called between portions with the name and the part done; what it raises ends the image.
+        called between portions with the name; what it raises ends the image.
         """
         take = self.takes[name]
         self.more()
@@ -79,12 +84,12 @@ class Easel:
             self._board.say(pictures, layers=tuple(pictures["own"].layers), seconds=self._seconds(), **said)
         self._newest = True
 
-    def report(self, name: str, part: float) -> None:
+    def report(self, name: str) -> None:
         """Says the part that is done, and shows the image, as often as there is time for it."""
         now = time.perf_counter()
         if now - self._reported > REPORT:
             self._reported = now
-            self._board.say(part=part, seconds=self._seconds())
+            self._board.say(part=self.part, seconds=self._seconds())
         if self._due and not self._newest and self._board.followed:
             self.show(name)
 

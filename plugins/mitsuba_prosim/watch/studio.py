@@ -186,12 +186,12 @@ class Studio:
         self._easel.begin(own=own)
         if compared and takes.alone(own.integrator) is None:
             self._easel.takes["path"] = takes.rival(subject, own.integrator, self._spp, self._seed)
-        self.board.say(self._easel.pictures(), compared="path" in self._easel.takes)
+        self.board.say(self._easel.pictures(), compared="path" in self._easel.takes, part=self._easel.part)
 
     def _why_black(self, subject: Subject, picture: Picture) -> str | None:
         return black.why(subject.scene, subject.sensor, picture.layers["final"], ON_THE_PAGE)
 
-    def _between(self, name: str, part: float) -> None:
+    def _between(self, name: str) -> None:
         """Between two portions of a wave: errands, a stop, something else to be seen, or more of the same."""
         self._easel.more()
         self.desk.run_errands()
@@ -202,7 +202,7 @@ class Studio:
             self.board.say(doing="rendering")
         if self.desk.superseded:
             raise SupersededError
-        self._easel.report(name, part)
+        self._easel.report(name)
 
     def _close(self) -> None:
         self._easel.takes = {}

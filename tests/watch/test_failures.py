@@ -33,7 +33,7 @@ def running(path):
         yield studio
         assert thread.is_alive()
     finally:
-        studio.leave()
+        studio.desk.leave()
         thread.join(30)
 
 
@@ -43,7 +43,7 @@ def is_(studio, doing, saves=0):
 
 def save(studio, path, text):
     path.write_text(text)
-    studio.saved()
+    studio.desk.saved()
 
 
 def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
@@ -55,11 +55,11 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
 
     def asked(words):
         assert words in studio.board.state.error
-        studio.compare(True)
-        studio.stop()
-        studio.stop(False)
-        assert studio.errand(lambda subject: subject.seen(4, 3)).result(20).startswith("Sphere")
-        studio.compare(False)
+        studio.desk.compare(True)
+        studio.desk.stop()
+        studio.desk.stop(False)
+        assert studio.desk.errand(lambda subject: subject.seen(4, 3)).result(20).startswith("Sphere")
+        studio.desk.compare(False)
         assert studio.board.state.doing == "failed" and words in studio.board.state.error
 
     with running(path) as studio:
@@ -70,7 +70,7 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
             save(studio, path, XML.replace("INTEGRATOR", ""))
             is_(studio, "failed", 1)
             asked("KeyError: 'unforeseen'")
-        studio.move(lambda camera: camera.orbited(10, 0))
+        studio.desk.move(lambda camera: camera.orbited(10, 0))
         is_(studio, "done", 1)
         assert studio.board.state.integrator == "path" and studio.board.state.error is None
 
@@ -80,15 +80,15 @@ def test_a_camera_that_is_moved_and_back_before_it_is_looked_at(variant_rgb, tmp
     path.write_text(LITTLE)
 
     def there_and_back(take, between):
-        def moved(part):
+        def moved(*said):
             if studios:
-                studios.pop().move(lambda camera: camera.orbited(10, 0))
-            between(part)
+                studios.pop().desk.move(lambda camera: camera.orbited(10, 0))
+            between(*said)
 
         try:
             return step(take, moved)
         except SupersededError:
-            studio.home()
+            studio.desk.home()
             raise
 
     monkeypatch.setattr(Take, "step", there_and_back)
@@ -110,9 +110,30 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
     with running(path) as studio:
         is_(studio, "done")
         assert "no bitmap" in studio.board.state.alone
-        studio.compare(True)
+        studio.desk.compare(True)
         is_(studio, "done")
         assert set(studio.board.pictures) == {"own"} and studio.board.state.error is None
+
+
+def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkeypatch):
+    """Where there is a crop window, and so no picture before the first wave."""
+    path = tmp_path / "scene.xml"
+    window = '<integer name="crop_width" value="4"/><integer name="crop_height" value="3"/></film>'
+    path.write_text(XML.replace("INTEGRATOR", '<integrator type="prosim"/>').replace("</film>", window))
+    with running(path) as studio:
+        studio.desk.compare(True)
+        until(lambda: studio.board.state.doing == "done" and studio.board.state.compared)
+        before, say, seen = dict(studio.board.state.pictures), studio.board.say, []
+
+        def heard(*said, **changes):
+            say(*said, **changes)
+            seen.append(dict(studio.board.state.pictures))
+
+        monkeypatch.setattr(studio.board, "say", heard)
+        save(studio, path, path.read_text().replace('z="5"', 'z="6"'))
+        is_(studio, "done", 1)
+    later = [pictures for pictures in seen if pictures["own"] != before["own"]]
+    assert "path" in later[-1] and before["path"] not in [pictures.get("path") for pictures in later]
 
 
 def test_links_that_go_around(variant_rgb, tmp_path):

@@ -29,7 +29,7 @@ def change(state: mi.parser.ParserState, parameters: Mapping[str, Any]) -> str |
     put within ``prosim_adaptive`` for that, or None.
 
     Those of :data:`SAMPLING` are the outermost integrator's, the others those of every ``prosim``. Raises ValueError
-    where there is no integrator that has them, or where it can't go so deep.
+    where there is no integrator that has them, or where it can't go so deep. What is no scene is left as it is.
     """
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
     others = {name: value for name, value in parameters.items() if name not in SAMPLING}
@@ -46,11 +46,11 @@ def change(state: mi.parser.ParserState, parameters: Mapping[str, Any]) -> str |
                 f"the deepest level is to be {level}, and a tree of rays has levels 0 to {DEEPEST_TREE}; any other "
                 "goes with --paths, which follows every path of light"
             )
-    if not sampling:
-        return None
     outermost = _outermost(state)
-    props = None if outermost is None else state.nodes[outermost].props
-    if props is not None and props.plugin_name() in ("prosim", "prosim_adaptive"):
+    if not sampling or outermost is None:
+        return None
+    props = state.nodes[outermost].props
+    if props.plugin_name() in ("prosim", "prosim_adaptive"):
         _give(props, sampling)
         return None
     if not set(sampling) & set(ENOUGH):
@@ -69,18 +69,13 @@ def _outermost(state: mi.parser.ParserState) -> int | None:
     return next((index for index in children if state.nodes[index].type == mi.ObjectType.Integrator), None)
 
 
-def _wrap(state: mi.parser.ParserState, index: int | None, parameters: Mapping[str, Any]) -> str:
-    """Puts ``prosim_adaptive`` around the integrator of that index, or around Mitsuba's default one where the scene has
-    none; returns the name of what is within.
-    """
+def _wrap(state: mi.parser.ParserState, index: int, parameters: Mapping[str, Any]) -> str:
+    """Puts ``prosim_adaptive`` around the integrator of that index; returns the name of what is within."""
     names = [
         name
         for name, value in state.root.props.items()
         if isinstance(value, mi.Properties.ResolvedReference) and value.index() == index
     ]
-    if index is None:
-        index = _add(state, mi.Properties("path"), state.root)
-        names = ["integrator"]
     props = mi.Properties("prosim_adaptive")
     props["nested"] = mi.Properties.ResolvedReference(index)
     _give(props, parameters)

@@ -72,6 +72,16 @@ def test_a_log_says_now_and_then_how_far_it_is(capsys):
     assert 20 < len(said) < 30 and re.fullmatch(r"rendering by turns: \d\d %, 5\d:\d\d passed, 0\d:\d\d left", said[-1])
 
 
+def test_what_a_log_says_is_done_is_never_less(capsys):
+    """Of an estimate that has become worse the time left alone tells."""
+    now = [0.0]
+    lines = Lines(lambda: now[0])
+    for now[0], done in [(0, 0), (20, 0.5), (40, 0.25), (60, 0.75)]:
+        lines("rendering", done)
+    said = [line.partition(" passed")[0] for line in capsys.readouterr().err.splitlines()]
+    assert said == [f"rendering: {part} %, {time}" for part, time in [(50, "00:20"), (50, "00:40"), (75, "01:00")]]
+
+
 def test_the_bar_of_a_step_that_had_begun_before(monkeypatch):
     """A reference, half of which was kept: the time left is by what is made of it now, and the bar never goes back."""
     now, shown = 1000.0, io.StringIO()

@@ -40,6 +40,7 @@ class Lines:
         self.clock = clock
         self.begun = self.last = clock()
         self.doing: str | None = None
+        self.most = 0.0  # that has been said to be done of it
         self.left = Left(clock)
 
     def __call__(self, doing: str, done: float) -> None:
@@ -47,13 +48,14 @@ class Lines:
         now = self.clock()
         if doing != self.doing:
             self.left = self.left if self.doing is None else Left(self.clock)
-            self.doing = doing
+            self.doing, self.most = doing, 0.0
         left = self.left(done)
         if now - self.last < min(max(self.SHORTEST, self.SHARE * (now - self.begun)), self.LONGEST):
             return
         self.last = now
+        self.most = max(self.most, done)  # an estimate that has become worse is seen in the time left alone
         print(
-            f"{doing}: {100 * done:.0f} %, {tqdm.format_interval(now - self.begun)} passed{left}",
+            f"{doing}: {100 * self.most:.0f} %, {tqdm.format_interval(now - self.begun)} passed{left}",
             file=sys.stderr,
             flush=True,
         )

@@ -7,6 +7,7 @@ import numpy as np
 import prosim_scene
 import pytest
 from little import LITTLE, until
+from mitsuba_prosim.compare.scenes import sky
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
 from mitsuba_prosim.watch.named import spoken_of
 from mitsuba_prosim.watch.studio import Studio, SupersededError
@@ -113,6 +114,9 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
         studio.desk.compare(True)
         is_(studio, "done")
         assert set(studio.board.pictures) == {"own"} and studio.board.state.error is None
+        background = studio.desk.errand(lambda subject: subject.scene.integrator().background).result(20)
+        with pytest.raises(ValueError, match="Checkerboard can't light the scene .* a colour or a bitmap"):
+            sky(background)  # as prosim compare has it
 
 
 def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkeypatch):

@@ -50,12 +50,8 @@ class Scene(ABC):
             return seen_by(self.scene(sampler).sensors()[0] if lit else self.load(sampler).sensors()[0], shared)
         if not lit:
             return self.load(None)
-        if self.background.is_spatially_varying():
-            light = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(self.background)["data"])}
-        else:
-            light = {"type": "constant", "radiance": self.background}
         unlit = self.scene(None)
-        return seen_by(unlit.sensors()[0], unlit, background=light)
+        return seen_by(unlit.sensors()[0], unlit, background=sky(self.background))
 
     def contestant(self, spec: Spec, transport: str, **overrides: Any) -> Contestant:
         """The :class:`Contestant` that ``spec`` describes, under a ``transport``: "scene" (what the scene file says),
@@ -122,6 +118,23 @@ class FileScene(Scene):
         return (
             f"{digest.hexdigest()} {file.resolution} {sorted(file.definitions.items())} {mi.variant()} {mi.__version__}"
         )
+
+
+def can_light(background: Any) -> bool:
+    """Whether a background, a texture or None, can be made an emitter, where it is to be one."""
+    return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
+
+
+def sky(background: mi.Texture) -> dict[str, Any]:
+    """The emitter that a background is to other integrators. Raises ValueError for a texture that is no bitmap."""
+    if not can_light(background):
+        raise ValueError(
+            f"a background of {background.class_name()} can't light the scene for other integrators; expected a "
+            "colour or a bitmap"
+        )
+    if background.is_spatially_varying():
+        return {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
+    return {"type": "constant", "radiance": background}
 
 
 def seen_by(sensor: mi.Sensor, scene: mi.Scene, **more: Any) -> mi.Scene:

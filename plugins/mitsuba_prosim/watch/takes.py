@@ -9,7 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..compare.scenes import seen_by
+from ..compare.scenes import can_light, seen_by, sky
 from ..registry import create
 from ..rendering.plan import SAMPLING
 from ..rendering.snapshot import Snapshot
@@ -121,8 +121,7 @@ def alone(integrator: Any) -> str | None:
     """Why an image can't be compared with that of ``path``, if it can't."""
     if name(integrator) == "path":
         return "this is the path tracer already"
-    background = getattr(integrator, "background", None)
-    if background is not None and background.is_spatially_varying() and "data" not in mi.traverse(background):
+    if not can_light(getattr(integrator, "background", None)):
         return "path can't be lit by this background, which is no bitmap"
     return None
 
@@ -135,8 +134,5 @@ def rival(subject: Subject, integrator: Any, spp: int, seed: int) -> Take:
     path = create("prosim_adaptive", nested=create("path"), **sampling)
     scene, background = subject.scene, getattr(integrator, "background", None)
     if background is not None:
-        sky: dict[str, Any] = {"type": "constant", "radiance": background}
-        if background.is_spatially_varying():
-            sky = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
-        scene = seen_by(subject.sensor, scene, background=sky)
+        scene = seen_by(subject.sensor, scene, background=sky(background))
     return Take(path, scene, subject.sensor, spp, seed)

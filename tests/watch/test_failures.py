@@ -115,7 +115,7 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
         is_(studio, "done")
         assert set(studio.board.pictures) == {"own"} and studio.board.state.error is None
         background = studio.desk.errand(lambda subject: subject.scene.integrator().background).result(20)
-        with pytest.raises(ValueError, match="Checkerboard can't light the scene .* a colour or a bitmap"):
+        with pytest.raises(ValueError, match=r"Checkerboard can't light the scene .* a colour or a bitmap"):
             sky(background)  # as prosim compare has it
 
 

@@ -226,6 +226,14 @@ def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
         assert other in files.known()  # that it is included is known by the error alone
 
 
+def test_words_that_name_what_can_be_no_file(tmp_path):
+    """A scene may have any: what follows the files goes on."""
+    (loop := tmp_path / "loop.png").symlink_to("loop.png")
+    files = Files(tmp_path / "scene.xml")
+    files.failed('"loop.png" is no image; At "wo\0od.xml" (line 1, col 2)')
+    assert files.missing() == {loop} and all("\0" not in str(path) for path in files.known())
+
+
 def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
     """Also where the view is another one; and a mistake takes no view away that was moved."""
     studios = []

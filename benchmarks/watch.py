@@ -89,7 +89,7 @@ class Watched:
     def save(self):
         """``{state: seconds}`` after a save."""
         before, board = self.studio.board.state.saves, self.studio.board
-        self.studio.saved()
+        self.studio.desk.saved()
         while board.state.saves == before or board.state.doing != "done":
             time.sleep(0.02)
         found = {state: time - self.times["saved"] for state, time in self.times.items()}
@@ -109,7 +109,7 @@ class Watched:
             assert np.array_equal(image, self.studio.board.pictures["own"].layers["final"])
             return {"final": took}
 
-        return self.studio.errand(rendered).result()
+        return self.studio.desk.errand(rendered).result()
 
 
 def turns(watched, address, rounds, typical):
@@ -194,7 +194,7 @@ def main():
                 else:
                     turns(watched, address, arguments.rounds, typical)
             finally:
-                watched.studio.leave()
+                watched.studio.desk.leave()
 
         with server.served(watched.studio, lambda exposure: {}, server.bound(0)) as address:
             other = threading.Thread(target=work, args=(address,))

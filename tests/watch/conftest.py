@@ -17,6 +17,18 @@ def address(scene):
         yield address
 
 
+@pytest.fixture
+def estimates_that_fall(variant_rgb, monkeypatch):
+    """Integrators that take back half of what they tell, as one does that finds that there is more to do."""
+    from mitsuba_prosim.rendering.integrator import WaveIntegrator
+
+    def told(tell):
+        return tell and (lambda part: (tell(part), tell(part / 2)))
+
+    progress = property(lambda self: told(self.__dict__["tell"]), lambda self, tell: self.__dict__.update(tell=tell))
+    monkeypatch.setattr(WaveIntegrator, "progress", progress, raising=False)
+
+
 @pytest.fixture(scope="module")
 def browser():
     from playwright.sync_api import sync_playwright

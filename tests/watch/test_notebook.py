@@ -7,6 +7,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import ipywidgets
 import mitsuba as mi
 import mitsuba_prosim
 import nbformat
@@ -16,6 +17,7 @@ import pytest
 from little import LITTLE
 from mitsuba_prosim.watch import cells, notebook
 from mitsuba_prosim.watch.picture import coloured, palest
+from mitsuba_prosim.watch.portions import Growing
 from mitsuba_prosim.watch.takes import Take
 from mitsuba_prosim.watch.turns import Turns
 from nbclient import NotebookClient
@@ -143,6 +145,21 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch
 
     monkeypatch.setattr(Take, "step", step)
     assert repr(asyncio.run(wrong())) == "<not rendered: too much>"
+
+
+@pytest.mark.slow
+def test_the_part_that_is_done_never_falls(path, monkeypatch, estimates_that_fall):
+    parts = []
+
+    class Bar(ipywidgets.FloatProgress):
+        def __init__(self, **options):
+            super().__init__(**options)
+            self.observe(lambda change: parts.append(change.new), "value")
+
+    monkeypatch.setattr(ipywidgets, "FloatProgress", Bar)
+    monkeypatch.setattr(Growing, "bound", lambda *_: 1500)
+    mitsuba_prosim.show(path)
+    assert parts == sorted(parts) and len(parts) > 6
 
 
 @pytest.mark.notebook

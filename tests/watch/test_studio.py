@@ -14,7 +14,7 @@ import pytest
 from little import LITTLE
 from mitsuba_prosim import denoising
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
-from mitsuba_prosim.watch import due
+from mitsuba_prosim.watch import due, easel
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
 from mitsuba_prosim.watch.named import Files
@@ -59,7 +59,7 @@ def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
     try:
         yield studio
     finally:
-        studio.leave()
+        studio.desk.leave()
         thread.join(30)
         assert not thread.is_alive()
 
@@ -94,7 +94,7 @@ def is_done(studio):
 def save(studio, path, text):
     """Saves, and waits until it is opened."""
     path.write_text(text)
-    studio.saved()
+    studio.desk.saved()
     saves = studio.board.state.saves
     until(lambda: studio.board.state.saves != saves)
 
@@ -117,11 +117,11 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
         assert [len(layers) for layers in seen(studio).values()] == [1, 3, 3]
         studio.board.followed = True
         before = studio.board.pictures["own"]
-        studio.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
+        studio.desk.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
         save(studio, path, path.read_text())
         until(is_done(studio))
-        kernels = studio.errand(lambda _: dr.kernel_history()).result(20)
-        studio.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, False)).result(20)
+        kernels = studio.desk.errand(lambda _: dr.kernel_history()).result(20)
+        studio.desk.errand(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, False)).result(20)
         assert len(kernels) > 20 and all(kernel.get("cache_hit", True) for kernel in kernels)
         image = final(studio)
         pictures = seen(studio)
@@ -170,7 +170,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         save(studio, path, RED.replace("10000 NULL", '10000 "../secret.png"'))
         until(lambda: "'../secret.png' lies outside the scene's folder" in (studio.board.state.error or ""))
         path.unlink()
-        studio.saved()
+        studio.desk.saved()
         until(lambda: studio.board.state.doing == "missing")
         assert studio.board.state.error is None and final(studio) is red
         dark = RED.replace("600000 600000 600000", "0 0 0").replace("20000 20000 20000", "0 0 0")
@@ -182,7 +182,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         until(lambda: studio.board.state.doing == "rendering" and studio.board.state.layers != ("final",))
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
-            studio.saved()
+            studio.desk.saved()
         until(lambda: studio.board.state.saves == 56 and is_done(studio)())
         assert studio.board.state.error is None and studio.board.state.black is None
         assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
@@ -195,7 +195,7 @@ def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypa
     mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
     with (
         running(path, monkeypatch, tmp_path) as studio,
-        watched(studio.files.known, studio.saved, studio.files.missing),
+        watched(studio.files.known, studio.desk.saved, studio.files.missing),
     ):
         until(lambda: "'pictures/wood.png' does not exist" in (studio.board.state.error or ""))
         wood.parent.mkdir()
@@ -241,7 +241,7 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
     def opened():
         if studios[0].board.state.saves == 0:
             path.write_text(BLUE)
-            studios[0].saved()
+            studios[0].desk.saved()
 
     def wait_for_studio():
         until(lambda: studios)
@@ -251,7 +251,7 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
         studios.append(studio)
         until(lambda: studio.board.state.saves == 1 and is_done(studio)())
         assert final(studio)[20, 30, 2] > final(studio)[20, 30, 0]
-        studio.move(lambda camera: camera.orbited(40, 10))
+        studio.desk.move(lambda camera: camera.orbited(40, 10))
         until(lambda: studio.board.state.view is not None and is_done(studio)())
         view = studio.board.state.view
         save(studio, path, BLUE.replace("kd", "kkd"))
@@ -276,7 +276,7 @@ def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path,
     def turned(text):
         """What is seen when the scene is open, and nobody knows it yet; None where it is the picture of before."""
         before = studio.board.pictures["own"]
-        gone[:] = [studio.errand(weakref.ref).result(20)]
+        gone[:] = [studio.desk.errand(weakref.ref).result(20)]
         save(studio, path, text)
         until(lambda: studio.board.state.doing in ("done", "failed"))
         return there[-1] if there[-1] is not before else None
@@ -301,7 +301,7 @@ def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path,
         mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.9), write_async=False)
         assert not turned(right)
         # The camera was moved, and stays where it is.
-        studio.move(lambda camera: camera.orbited(40, 10))
+        studio.desk.move(lambda camera: camera.orbited(40, 10))
         until(lambda: studio.board.state.view is not None and is_done(studio)())
         assert not turned(right.replace("64 48", "32 24")) and "RESOLUTION 32 24" in studio.board.state.view
         assert turned(home) and studio.board.state.view is None
@@ -316,18 +316,18 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
     path.write_text(LONG)
     with running(path, monkeypatch, tmp_path) as studio:
         until(lambda: studio.board.state.layers == ("final", "error", "samples"))
-        studio.stop()
+        studio.desk.stop()
         until(lambda: studio.board.state.doing == "stopped")
         number = studio.board.pictures["own"].number
-        words = studio.errand(lambda subject: (subject.seen(30, 20), subject.seen(1, 1))).result(20)
+        words = studio.desk.errand(lambda subject: (subject.seen(30, 20), subject.seen(1, 1))).result(20)
         assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
         assert studio.board.pictures["own"].number == number and studio.board.state.doing == "stopped"
-        studio.stop(False)
+        studio.desk.stop(False)
         until(lambda: studio.board.state.doing == "rendering")
         save(studio, path, RED)
         until(is_done(studio))
         home = final(studio)
-        studio.move(lambda camera: camera.orbited(40, 10))
+        studio.desk.move(lambda camera: camera.orbited(40, 10))
         until(lambda: studio.board.state.view is not None and is_done(studio)())
         view, moved = studio.board.state.view, final(studio)
         assert not np.allclose(moved, home, atol=0.05)
@@ -338,14 +338,31 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert np.mean(np.abs(final(studio) - moved)) < 0.02
         save(studio, path, RED)
         until(lambda: is_done(studio)() and np.array_equal(final(studio), home))
-        studio.compare(True)
+        studio.desk.compare(True)
         until(lambda: "path" in studio.board.pictures and is_done(studio)())
         path_image = final(studio, "path")
-        assert studio.errand(lambda subject: subject.seen(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
+        assert studio.desk.errand(lambda subject: subject.seen(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
         assert np.array_equal(final(studio), home)
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("compared", [False, True])
+def test_the_part_that_is_done_never_falls(
+    path, tmp_path, monkeypatch, estimates_that_fall, all_portions_seen, compared
+):
+    """Nor does that of two images which grow side by side."""
+    all_portions_seen(1500)
+    monkeypatch.setattr(easel, "REPORT", 0)
+    wished = threading.Event()
+    with running(path, monkeypatch, tmp_path, wished.wait) as studio:
+        studio.desk.compare(compared)
+        wished.set()
+        until(is_done(studio))
+        parts = [state.part for state, _ in studio.board.said]
+        assert parts == sorted(parts) and len(set(parts)) > 6 and parts[-1] == 1
+        assert set(studio.board.pictures) == ({"own", "path"} if compared else {"own"})
 
 
 def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
@@ -370,8 +387,8 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
             assert {path, wood} <= studio.files.known()
             before = final(studio)
-            assert studio.errand(lambda subject: subject.seen(7, 5)).result(20).startswith("Sphere ball, ")
-            studio.move(lambda camera: camera.panned(0.3, 0))
+            assert studio.desk.errand(lambda subject: subject.seen(7, 5)).result(20).startswith("Sphere ball, ")
+            studio.desk.move(lambda camera: camera.panned(0.3, 0))
             until(lambda studio=studio: studio.board.state.view is not None and is_done(studio)())
             assert "<matrix" in studio.board.state.view
             assert not np.array_equal(final(studio), before)

@@ -134,8 +134,8 @@ def watch(
             with (
                 log(verbose),
                 session.threads(threads),
-                changes.watched(shown.files.known, shown.saved, shown.files.missing),
-                interruptible(shown.leave),
+                changes.watched(shown.files.known, shown.desk.saved, shown.files.missing),
+                interruptible(shown.desk.leave),
             ):
                 shown.run()
 

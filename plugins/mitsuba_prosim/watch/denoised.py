@@ -25,13 +25,12 @@ class DenoisedTake(Take):
         super().__init__(integrator, scene, sensor, spp, seed)
         halves.check(sensor.film())
         self._steps: Iterator[None] | None = None
-        self._between: Callable[[float], None] | None = None
         self._first: dict[str, np.ndarray] = {}
         self._final: dict[str, np.ndarray] = {}
         self._samples = 0.0
         self._noise: float | None = None
 
-    def step(self, between: Callable[[float], None]) -> bool:
+    def step(self, between: Callable[[], None]) -> bool:
         """Another wave of the first half, then of the second one; in the end both are denoised."""
         self._between = between
         self._steps = self._steps or self._work()
@@ -81,7 +80,7 @@ class DenoisedTake(Take):
             _, spp = stack.enter_context(halves.halved(self.integrator, self.sensor, self.spp))
             waves = self.integrator.waves(self.scene, self.sensor, seed, spp)
             while True:
-                self.integrator.progress = part(self._between, begin, begin + 0.48)
+                self.integrator.progress = part(self.tell, begin, begin + 0.48)
                 try:
                     snapshot = next(waves, None)
                 finally:

@@ -181,8 +181,8 @@ class View:
     def _work(self, pause: Callable[[], None]) -> None:
         """The waves, in the turns' thread."""
 
-        def between(part: float) -> None:
-            self._part.value = part
+        def between() -> None:
+            self._part.value = self._take.part
             if self._due:
                 self._look()
             pause()

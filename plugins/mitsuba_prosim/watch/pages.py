@@ -16,8 +16,9 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
+from .board import Board
 from .camera import Camera
-from .studio import Studio
+from .desk import Desk
 
 #: The page's files, and nothing else that there is on the disk.
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
@@ -40,16 +41,18 @@ GESTURES: dict[str, Callable[[Camera, float, float], Camera]] = {
 
 
 class Pages:
-    """The answers to every page that shows ``studio``; ``encode`` makes the files that are saved."""
+    """The answers to every page, which shows what is on ``board``, and wishes at ``desk``; ``encode`` makes the files
+    that are saved.
+    """
 
-    def __init__(self, studio: Studio, encode: Encoder) -> None:
-        self._studio, self._board, self._encode = studio, studio.board, encode
+    def __init__(self, desk: Desk, board: Board, encode: Encoder) -> None:
+        self._desk, self._board, self._encode = desk, board, encode
         self._actions: dict[str, Callable[[], None]] = {
-            "stop": lambda: studio.stop(True),
-            "go": lambda: studio.stop(False),
-            "compare": lambda: studio.compare(True),
-            "alone": lambda: studio.compare(False),
-            "home": studio.home,
+            "stop": lambda: desk.stop(True),
+            "go": lambda: desk.stop(False),
+            "compare": lambda: desk.compare(True),
+            "alone": lambda: desk.compare(False),
+            "home": desk.home,
         }
         folder = files(__package__).joinpath("page")
         self._content = {file.name: file.read_bytes() for file in folder.iterdir() if file.name.endswith(tuple(TYPES))}
@@ -116,7 +119,7 @@ class Pages:
         found: dict[str, Any] = {}
         for name, picture in self._board.pictures.items():
             found[name] = picture.at(x, y, (width, height))
-        seen = self._studio.errand(lambda subject: subject.seen(x, y) if subject is not None else "")
+        seen = self._desk.errand(lambda subject: subject.seen(x, y) if subject is not None else "")
         found["seen"] = await asyncio.wait_for(asyncio.wrap_future(seen), PATIENCE)
         return JSONResponse(found)
 
@@ -129,7 +132,7 @@ class Pages:
             raise HTTPException(400) from None
         if not self._board.pictures or suffix not in (".exr", ".png"):
             raise HTTPException(404)
-        making = self._studio.errand(lambda _: self._encode(exposure))
+        making = self._desk.errand(lambda _: self._encode(exposure))
         made = await asyncio.wait_for(asyncio.wrap_future(making), PATIENCE)
         name = (self._board.state.scene.rpartition(".")[0] or "picture") + suffix
         plain, whole = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII), quote(name, safe="", errors="replace")
@@ -158,5 +161,5 @@ class Pages:
             raise HTTPException(400) from None
         if x != x or y != y or (gesture is GESTURES["dolly"] and not x > 0):
             raise HTTPException(400)
-        self._studio.move(lambda camera: gesture(camera, x, y))
+        self._desk.move(lambda camera: gesture(camera, x, y))
         return Response(status_code=204)

@@ -34,8 +34,9 @@ def bound(port: int) -> socket.socket:
 def served(studio: Studio, encode: pages.Encoder, sock: socket.socket) -> Iterator[str]:
     """Serves the page in a thread of its own, for a while; yields its address."""
     token = secrets.token_urlsafe(24)
+    routes = pages.Pages(studio.desk, studio.board, encode).routes()
     config = uvicorn.Config(
-        Guard(Starlette(routes=[Mount(f"/{token}", routes=pages.Pages(studio, encode).routes())]), token),
+        Guard(Starlette(routes=[Mount(f"/{token}", routes=routes)]), token),
         log_config=None,
         log_level="critical",
         access_log=False,

@@ -37,12 +37,20 @@ class Take:
         self._waves: Iterator[Snapshot] | None = None
         self._snapshot: Snapshot | None = None  # after a wave
         self._coarse: np.ndarray | None = None
+        self._part = 0.0
+        self._between: Callable[[], None] | None = None
 
-    def step(self, between: Callable[[float], None]) -> bool:
-        """Another wave; returns whether there was one. ``between``: called with the part done, between portions; what
-        it raises ends the image.
+    @property
+    def part(self) -> float:
+        """The part that is done, 0 to 1. It never falls: an estimate that has become worse is not shown."""
+        return 1.0 if self.done else self._part
+
+    def step(self, between: Callable[[], None]) -> bool:
+        """Another wave; returns whether there was one. ``between``: called between portions; what it raises ends the
+        image.
         """
-        self.integrator.progress = between
+        self._between = between
+        self.integrator.progress = self.tell
         if self._waves is None:
             self._waves = self.integrator.waves(self.scene, self.sensor, self.seed, self.spp)
         self._snapshot = None
@@ -52,6 +60,12 @@ class Take:
             self.integrator.progress = None
         self.done = self._snapshot is None
         return not self.done
+
+    def tell(self, part: float) -> None:
+        """Is called between portions with the part that is done, as far as the integrator knows."""
+        self._part = max(self._part, part)
+        if self._between is not None:
+            self._between()
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
         """What there is to see after a wave, or between two portions of one, as :class:`.Picture` has it. Within the

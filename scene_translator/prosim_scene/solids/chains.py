@@ -15,8 +15,9 @@ have in common. That is settled by :func:`_associative`, which else leaves the r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -47,14 +48,14 @@ class _Operand:
 def evaluate(operands: Sequence[tuple[str, Value]]) -> Value:
     """The value of a chain: signs, "+" or "-", and operands; the first one is positive."""
     chain = [_operand(sign == "+", value) for sign, value in operands]
-    order = _rounds(chain)
-    if order.max() >= DEEP:
+    order = list(takewhile(lambda number: number < DEEP, _rounds(chain)))
+    if len(order) < len(chain):
         chain = _not_covered(chain)
-        order = _rounds(chain)
-    count = int(order.max()) + 1
+        order = list(_rounds(chain))
+    count = max(order) + 1
     taken: list[list[list[Part]]] = [[] for _ in range(count)]
     added: list[list[Value]] = [[] for _ in range(count)]
-    for one, number in zip(chain, order.tolist()):
+    for one, number in zip(chain, order):
         if one.added:
             added[number].append(one.value)
         else:
@@ -85,15 +86,15 @@ def _operand(added: bool, value: Value) -> _Operand:
     return _Operand(added, value, parts, low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf))
 
 
-def _rounds(chain: list[_Operand]) -> np.ndarray:
-    """The number of each operand's round."""
+def _rounds(chain: list[_Operand]) -> Iterator[int]:
+    """The number of each operand's round, in turn."""
     adds = np.array([one.added for one in chain])
     low, high = (np.asfortranarray(ends) for ends in ([one.low for one in chain], [one.high for one in chain]))
     order = np.zeros(len(chain), int)
-    for i in range(1, len(chain)):
+    for i in range(len(chain)):
         near = touching(low[:i], high[:i], (low[i], high[i]))
         order[i] = (order[near] + (adds[near] & ~adds[i])).max(initial=0)
-    return order
+        yield int(order[i])
 
 
 def _not_covered(chain: list[_Operand]) -> list[_Operand]:

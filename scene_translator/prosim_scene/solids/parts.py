@@ -98,11 +98,12 @@ def boxes(parts: list[Part]) -> tuple[np.ndarray, np.ndarray]:
 def union(operands: Iterable[list[Part]]) -> list[Part]:
     """Union of solids."""
     parts = _different([p for operand in operands for p in operand])
-    while True:
+    while len(parts) > 1:
         groups = _components(parts)
         if len(groups) == len(parts):
-            return parts
+            break
         parts = [p for group in groups for p in (_merge(group) if len(group) > 1 else group)]
+    return parts
 
 
 def difference(minuend: list[Part], subtrahend: list[Part]) -> list[Part]:

@@ -49,4 +49,6 @@ def components(low: np.ndarray, high: np.ndarray) -> np.ndarray:
             np.minimum.at(label, np.maximum(a, b), np.minimum(a, b))
             while (label[label] != label).any():
                 label = label[label]
+        if not label.any():
+            break  # all are connected
     return label

@@ -17,6 +17,7 @@ from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
 from mitsuba_prosim.watch import due, easel
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
+from mitsuba_prosim.watch.desk import Desk
 from mitsuba_prosim.watch.named import Files
 from mitsuba_prosim.watch.portions import Growing
 from mitsuba_prosim.watch.studio import Studio
@@ -346,6 +347,15 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
+
+
+def test_errands_that_nobody_waits_for_any_more():
+    """As of a page that has asked for a pixel while a large scene was opened; they are no end of the studio."""
+    desk, done = Desk(), []
+    assert desk.errand(done.append).cancel()
+    failed, last = desk.errand(lambda _: 1 / 0), desk.errand(lambda subject: subject)
+    desk.run_errands()
+    assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
 
 
 @pytest.mark.parametrize("compared", [False, True])

@@ -45,7 +45,7 @@ async def opened(editor, text, uri=URI):
 async def told(editor, uri=URI):
     """What is published next."""
     editor.diagnostics.pop(uri, None)
-    for _ in range(1000):
+    for _ in range(6000):
         if uri in editor.diagnostics:
             return editor.diagnostics[uri]
         await asyncio.sleep(0.005)

@@ -1,5 +1,6 @@
 """What the functions of a target know of the translation."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -43,7 +44,7 @@ class Context:
         if not name:
             raise error("this file name is empty; expected an image file", *path)
         try:
-            full = (self.folder / name.replace("\\", "/")).resolve()
+            full = Path(os.path.realpath(self.folder / name.replace("\\", "/")))  # links may lead in a circle
             exists = full.is_file()
         except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
             raise error(

@@ -20,7 +20,7 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
     Raises OSError; then nothing has changed.
     """
     if path.is_symlink():
-        path, folder = path.resolve(), None
+        path, folder = Path(os.path.realpath(path)), None
     refuse_special(path)
     part = (folder or path.parent) / f"{PART}{secrets.token_hex(6)}"
     try:

@@ -4,12 +4,10 @@ import threading
 from contextlib import contextmanager
 
 import numpy as np
-import prosim_scene
 import pytest
 from little import LITTLE, until
 from mitsuba_prosim.compare.scenes import sky
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
-from mitsuba_prosim.watch.named import spoken_of
 from mitsuba_prosim.watch.studio import Studio, SupersededError
 from mitsuba_prosim.watch.takes import Take
 
@@ -138,14 +136,3 @@ def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkey
         is_(studio, "done", 1)
     later = [pictures for pictures in seen if pictures["own"] != before["own"]]
     assert "path" in later[-1] and before["path"] not in [pictures.get("path") for pictures in later]
-
-
-def test_links_that_go_around(variant_rgb, tmp_path):
-    """As an error speaks of them, and where a scene of the language names them."""
-    around = tmp_path / "around"
-    around.symlink_to(around)
-    assert around in spoken_of("'around' can't be read", tmp_path / "scene.xml")
-    path = tmp_path / "little.scn"
-    path.write_text(LITTLE.replace("10000 NULL", '10000 "around"'))
-    with pytest.raises(prosim_scene.SceneError, match=r"scn:6:29: the image 'around' does not exist"):
-        SceneFile(path, tmp_path)

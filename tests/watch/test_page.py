@@ -237,8 +237,8 @@ def test_stop_and_go_on(page, scene):
 
 
 def test_stopped_within_the_first_wave(page, scene):
-    """The picture has what there is by then, no maps, and pixels that are still coarse."""
-    scene.write_text(LONG.replace("64 48", "400 300"))
+    """The picture has what there is by then, no maps, and pixels that are still coarse. It is a long one."""
+    scene.write_text(LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 400").replace("64 48", "400 300"))
     until(lambda: page.evaluate("document.getElementById('own').width") > 64)
     page.click("#stop")
     is_(page, "stopped")

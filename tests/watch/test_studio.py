@@ -17,6 +17,7 @@ from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
 from mitsuba_prosim.watch import due, easel
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
+from mitsuba_prosim.watch.desk import Desk
 from mitsuba_prosim.watch.named import Files
 from mitsuba_prosim.watch.portions import Growing
 from mitsuba_prosim.watch.studio import Studio
@@ -226,6 +227,14 @@ def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
         assert other in files.known()  # that it is included is known by the error alone
 
 
+def test_words_that_name_what_can_be_no_file(tmp_path):
+    """A scene may have any: what follows the files goes on."""
+    (loop := tmp_path / "loop.png").symlink_to("loop.png")
+    files = Files(tmp_path / "scene.xml")
+    files.failed('"loop.png" is no image; At "wo\0od.xml" (line 1, col 2)')
+    assert files.missing() == {loop} and all("\0" not in str(path) for path in files.known())
+
+
 def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
     """Also where the view is another one; and a mistake takes no view away that was moved."""
     studios = []
@@ -338,6 +347,15 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
+
+
+def test_errands_that_nobody_waits_for_any_more():
+    """As of a page that has asked for a pixel while a large scene was opened; they are no end of the studio."""
+    desk, done = Desk(), []
+    assert desk.errand(done.append).cancel()
+    failed, last = desk.errand(lambda _: 1 / 0), desk.errand(lambda subject: subject)
+    desk.run_errands()
+    assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
 
 
 @pytest.mark.parametrize("compared", [False, True])

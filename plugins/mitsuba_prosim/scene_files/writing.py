@@ -115,7 +115,7 @@ def scratch() -> Iterator[Path]:
 
 def _target(path: Path) -> Path:
     """The file itself, where ``path`` is a link. Raises OSError where a device or a pipe would be replaced."""
-    target = path.resolve() if path.is_symlink() else path
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
     refuse_special(target)
     return target
 

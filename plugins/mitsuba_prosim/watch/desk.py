@@ -93,6 +93,8 @@ class Desk:
         with self._changed:
             errands, self._errands = self._errands, []
         for work, future in errands:
+            if not future.set_running_or_notify_cancel():
+                continue  # who has sent it has not waited so long, as while a large scene was opened
             try:
                 future.set_result(work(self.subject))
             except Exception as error:  # noqa: BLE001 (whoever has sent it is told)

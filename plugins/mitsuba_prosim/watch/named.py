@@ -18,8 +18,8 @@ LONGEST = 256
 
 
 def places(path: Path) -> set[Path]:
-    """Where a file lies, and where that which it may be a link to does."""
-    return {path.absolute(), Path(os.path.realpath(path))}  # unlike resolve(), for links that go around, too
+    """Where a file lies, and where that which it may be a link to does; of links that lead to each other, one."""
+    return {path.absolute(), Path(os.path.realpath(path))}
 
 
 def spoken_of(words: str, scene: Path) -> frozenset[Path]:
@@ -27,7 +27,7 @@ def spoken_of(words: str, scene: Path) -> frozenset[Path]:
     text of ``scene`` names them.
     """
     names = [found[2] for found in QUOTED.finditer(words)] + pointing.files(words)
-    names = [name for name in names if len(name) < LONGEST]
+    names = [name for name in names if len(name) < LONGEST and "\0" not in name]
     if scene.suffix.lower() != ".xml":  # what a translation names so is its own
         names = [name for name in names if not Path(name).is_absolute()]
     return frozenset(place for name in names for place in places(scene.parent / name))

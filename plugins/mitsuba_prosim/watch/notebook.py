@@ -25,10 +25,10 @@ from .turns import Turns
 #: Seconds that the notebook has for itself after each turn of the work.
 BREATH = 0.005
 
-
 #: What zlib does for a picture of which the next wave makes another: the least, as it takes the longest of all.
 PASSING = 1
 
+#: Map -> what it is called beside its scale.
 MAPS = {"error": "Standard error of the luminance", "samples": "Samples of a pixel"}
 
 

@@ -1,6 +1,8 @@
 """What only shows when the tree is evaluated."""
 
+import faulthandler
 import json
+import os
 import sys
 import tempfile
 import warnings
@@ -28,9 +30,15 @@ def evaluate(document: Document, folder: Path | None) -> list[Said]:
 
 
 def main() -> None:
-    """Evaluates the scene that comes by standard input, and tells by standard output; see :mod:`.apart`."""
+    """Evaluates the scene that comes by standard input, and tells by standard output; see :mod:`.apart`. Ends the
+    process with 1 after as many seconds as that says.
+    """
     scene = json.load(sys.stdin)
     path = Path(scene["path"]) if scene["path"] else None
-    _, document = judge(Reading(scene["text"], str(path or "<string>")))
-    found = evaluate(document, path and path.parent) if document is not None else []
+    with open(os.devnull, "w") as nowhere:
+        # No signal, nor a thread of Python's: an operation on solids may let neither in.
+        faulthandler.dump_traceback_later(scene["seconds"], exit=True, file=nowhere)
+        _, document = judge(Reading(scene["text"], str(path or "<string>")))
+        found = evaluate(document, path and path.parent) if document is not None else []
+        faulthandler.cancel_dump_traceback_later()
     print(json.dumps([asdict(one) for one in found]))

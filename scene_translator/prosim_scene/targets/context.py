@@ -44,7 +44,7 @@ class Context:
         if not name:
             raise error("this file name is empty; expected an image file", *path)
         try:
-            full = Path(os.path.realpath(self.folder / name.replace("\\", "/")))  # also where links go around
+            full = Path(os.path.realpath(self.folder / name.replace("\\", "/")))  # links may lead in a circle
             exists = full.is_file()
         except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
             raise error(

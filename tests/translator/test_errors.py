@@ -168,8 +168,8 @@ WRONG = [
     (5, "SURFACE 0 pigment red", 11, ["unknown word 'pigment'", "as in SURFACE 0 kd = 1 0 0"]),
     (4, "CSG-TREE TORUS 0", 10, ["unknown word 'TORUS'", "the solids are CUBE, SPHERE, CYLINDER and CONE"]),
     (5, "SURFACE 0 { kd = .5 .5 .5 }", 11, ["found 'kd = .5 .5 .5' in braces", "blocks need none"]),
-    (6, "TRANSFORM 0 SCALE (3 3 3);", 26, ["found ';'; a statement ends without a mark"]),
-    (5, "SURFACE 0 kd 1 0 0; # red", 18, ["found '0;'; a statement ends without a mark"]),
+    (6, "TRANSFORM 0 SCALE (3 3 3);", 26, ["found ';'; a statement ends where the next one begins"]),
+    (5, "SURFACE 0 kd 1 0 0; # red", 18, ["found '0;'; a statement ends where the next one begins"]),
     (1, "% a scene", 1, ["found '%'; expected a remark to begin with #"]),
     (1, "! a scene", 1, ["found '!'; expected a remark to begin with #"]),
     # trees in parentheses and infix trees

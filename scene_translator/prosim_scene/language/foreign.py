@@ -7,7 +7,7 @@ from .definitions import NUMBER
 BRACES = "braces hold arithmetic, as in {360 * $frame / 48}"
 NO_BLOCKS = f"{BRACES}, and blocks need none: a statement goes on up to the next one"
 SPACED = "expected numbers with nothing but spaces between them"
-ENDLESS = "a statement ends without a mark, where the next one begins"
+ENDLESS = "a statement ends where the next one begins, without a mark"
 REMARK = "expected a remark to begin with #, or to stand in parentheses"
 #: Numbers between commas, or between spaces. Where both are there, a comma may be a point, as in 0,5 0,5.
 ONE = NUMBER.pattern

@@ -98,8 +98,8 @@ def nearest(word: str, words: list[str], cutoff: float = 0.7) -> str:
 
 
 def meant(word: str, fitting: set[str], within: str = "") -> str:
-    """A hint, or else the nearest word of the language, of the roles that fit before all others; ``within``: the name of
-    the statement that the word stands in.
+    """A hint, or else the nearest word of the language, of the roles that fit before all others; ``within``: the name
+    of the statement that the word stands in.
     """
     known = [spelling for row in WORDS if row.role in fitting for spelling in row.spellings]
     if "TEXTURE_NAME" in fitting:

@@ -79,13 +79,11 @@ class Commands(click.Group):
         except click.UsageError as error:
             if error.ctx is not None:
                 known = {name for option in error.ctx.command.params for name in option.opts}
+                message, said = error.message, None
                 if isinstance(error, click.NoSuchOption):
-                    message, said = error.message, guesses.meant(error.option_name, known)
-                else:
-                    message, said = (
-                        f"{error.format_message().rstrip('.')}.",
-                        guesses.meant_by_plus(error.message, known),
-                    )
+                    said = guesses.meant(error.option_name, known)
+                elif said := guesses.meant_by_plus(error.message, known):
+                    message = f"{error.format_message().rstrip('.')}."
                 if said:
                     raise click.UsageError(f"{message} {said}", error.ctx) from None
             raise

@@ -256,7 +256,10 @@ def translation(command: Callable, of_xml: Collection[str] = ()) -> Callable:
             for name in (name for name in ("light_units", "tolerance", "allow_outside") if name not in of_xml):
                 if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
                     option = "--" + name.replace("_", "-")
-                    raise click.UsageError(f"{option} is for scenes in the thesis's language, and {scene} is XML.")
+                    free = " It may name any file without that option." if name == "allow_outside" else ""
+                    raise click.UsageError(
+                        f"{option} is for scenes in the thesis's language, and {scene} is XML.{free}"
+                    )
         return command(scene=scene, **options)
 
     for option in reversed(

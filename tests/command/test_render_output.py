@@ -75,6 +75,11 @@ def test_output_of_another_kind(palito, command, name, says):
     assert names(palito.parent) == ["listing.scn"]
 
 
+def test_a_folder_whose_name_is_too_long(palito):
+    done = prosim("translate", palito, "-o", palito.with_name("a" * 260))
+    assert done.exit_code == 2 and "File name too long" in done.stderr
+
+
 def test_the_scene_is_not_overwritten(palito):
     scene = palito.rename(palito.with_name("listing.png"))
     done = prosim("render", scene)

@@ -17,6 +17,7 @@ from click.core import ParameterSource
 
 from ..rendering.part import Part
 from ..scene_files import opening, session
+from ..scene_files.plugins import with_nearest
 from ..scene_files.pointing import pointed
 
 #: More than any machine has processors.
@@ -46,7 +47,7 @@ def wrong_input() -> Iterator[None]:
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
     except (RuntimeError, TypeError, ValueError, OSError) as error:
-        raise InputError(pointed(session.message(error))) from None
+        raise InputError(pointed(with_nearest(session.message(error)))) from None
 
 
 def choose_variant(name: str | None) -> str:

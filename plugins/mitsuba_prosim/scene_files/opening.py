@@ -17,6 +17,7 @@ from .. import registry
 from . import integrators, session
 from .confinement import Confinement
 from .digest import digest, named_files
+from .whole import check_images
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -129,7 +130,11 @@ class SceneFile:
             return list(named_files(self.state, self.changes["definitions"], self._begin))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
-        """Makes a scene, with another sampler of equal sample count if one is named."""
+        """Makes a scene, with another sampler of equal sample count if one is named.
+
+        Raises what Mitsuba does, ValueError where an integrator can't be put within ``prosim_adaptive``, and
+        :class:`prosim_scene.SceneError` for an image that is not whole, at its place in the text.
+        """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:
             if node.type == mi.ObjectType.Sampler and sampler:
@@ -141,6 +146,8 @@ class SceneFile:
             try:
                 return instantiate(state)
             except RuntimeError as error:
+                if self.document is not None:
+                    check_images(self.document)
                 if self.wrapped and "prosim_adaptive" in str(error):
                     raise ValueError(
                         f"{self.path}: the integrator {self.wrapped} can't be rendered within prosim_adaptive, as "

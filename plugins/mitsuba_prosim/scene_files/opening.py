@@ -12,6 +12,7 @@ from typing import Any, cast
 import mitsuba as mi
 import prosim_scene
 from prosim_scene.language.document import Document
+from prosim_scene.view import misfit
 
 from .. import registry
 from . import integrators, session
@@ -175,7 +176,7 @@ class SceneFile:
             raise ValueError(f"{self.path}: {error}") from None
 
     def _warn_of_distortion(self, width: int, height: int) -> None:
-        """Where pixels of this resolution are not square: by more than rounding, and than the eye forgives."""
+        """Where pixels of this resolution are not square, see :func:`prosim_scene.view.misfit`."""
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
                 left, right, bottom, top = (
@@ -183,17 +184,9 @@ class SceneFile:
                     for name, default in (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))
                 )
                 ratio = (right - left) / (top - bottom)
-                rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
-                if not rounding and abs(width / (height * ratio) - 1) > 0.01:
-                    shape = "square" if ratio == 1 else f"{ratio:.4g} times as wide as high"
-                    warnings.warn(
-                        prosim_scene.SceneWarning(
-                            f"{self.path}: {width}x{height} pixels distort the image, because the scene's window is "
-                            f"{shape}; {width}x{max(round(width / ratio), 1)} or "
-                            f"{max(round(height * ratio), 1)}x{height} would not"
-                        ),
-                        stacklevel=3,
-                    )
+                wrong = misfit(width, height, ratio)
+                if wrong is not None:
+                    warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=3)
 
     def _search_paths(self):
         return session.resolving(self._resolver)

@@ -75,6 +75,16 @@ def misfit(width: int, height: int, ratio: float) -> str | None:
     )
 
 
+def warn_of_distortion(document: Document) -> None:
+    """Says by a SceneWarning where a scene's own RESOLUTION and WINDOW do not fit each other."""
+    given = document.scene.view
+    umin, vmin, umax, vmax = given.window
+    wrong = misfit(*given.resolution, (umax - umin) / (vmax - vmin))
+    if wrong is not None:
+        known = document.given("view", "resolution")
+        document.warn(wrong, "view", "resolution" if known else "window")
+
+
 def camera(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
     """The :class:`Camera` of a scene, with its own resolution or another; a degenerate view is a SceneError."""
     view = document.scene.view

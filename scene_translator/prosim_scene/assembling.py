@@ -57,6 +57,8 @@ def assemble(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
     camera = view.camera(document, options.resolution)
+    if options.resolution is None and options.target == "prosim":  # stock says what it makes of the pixels
+        view.warn_of_distortion(document)
     single.check_transforms(document)
     triangles = tessellate(
         document,

@@ -61,6 +61,30 @@ class Camera:
         return np.stack([self.u, self.v, -self.n])
 
 
+def misfit(width: int, height: int, ratio: float) -> str | None:
+    """What is wrong with an image of so many pixels where the window is ``ratio`` times as wide as high: None unless
+    they are distorted by more than rounding, and than the eye forgives (a hundredth).
+    """
+    rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
+    if rounding or abs(width / (height * ratio) - 1) <= 0.01:
+        return None
+    shape = "square" if ratio == 1 else f"{ratio:.4g} times as wide as high"
+    return (
+        f"{width}x{height} pixels distort the image, because the scene's window is {shape}; "
+        f"{width}x{max(round(width / ratio), 1)} or {max(round(height * ratio), 1)}x{height} would not"
+    )
+
+
+def warn_of_distortion(document: Document) -> None:
+    """Says by a SceneWarning where a scene's own RESOLUTION and WINDOW do not fit each other."""
+    given = document.scene.view
+    umin, vmin, umax, vmax = given.window
+    wrong = misfit(*given.resolution, (umax - umin) / (vmax - vmin))
+    if wrong is not None:
+        known = document.given("view", "resolution")
+        document.warn(wrong, "view", "resolution" if known else "window")
+
+
 def camera(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
     """The :class:`Camera` of a scene, with its own resolution or another; a degenerate view is a SceneError."""
     view = document.scene.view

@@ -189,6 +189,23 @@ def test_nothing_is_seen_beyond_far_clip(variant_rgb, sensor, hidden):
     assert np.all(image(3.0) == 0) and np.allclose(image(7.0), 0.5, atol=1e-5)
 
 
+@pytest.mark.parametrize("light", [{}, {"light": {"type": "prosim_point"}}], ids=["no light", "a point"])
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+def test_a_scene_without_surfaces_shows_its_background(monkeypatch, variant, light):
+    """In the tree and along paths; Dr.Jit has nothing to dispatch to, unless the process holds another scene."""
+    mi.set_variant(variant)
+    monkeypatch.setattr("drjit.dispatch", lambda *args: pytest.fail("asks for a BSDF where there is none"))
+    ours = {
+        "type": "prosim",
+        "ambient": {"type": "rgb", "value": 1.0},
+        "background": {"type": "rgb", "value": [0.25, 0.5, 0.75]},
+    }
+    empty = {name: part for name, part in card(BLACK, **light).items() if name not in ("card", "ball")}
+    for integrator in (ours, ours | {"max_level": -1, "diffuse_bounces": -1}, {"type": "prosim_adaptive", "of": ours}):
+        image = np.array(mi.render(mi.load_dict(empty | {"integrator": integrator}), spp=4))[..., :3]
+        assert np.allclose(image, [0.25, 0.5, 0.75], atol=1e-6)
+
+
 def test_a_scene_is_looked_through_once_a_render_in_scalar_variants(monkeypatch):
     mi.set_variant("scalar_rgb")
     looked = []

@@ -100,6 +100,32 @@ def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
     assert tuple(only_the_sensor(path).film().size()) == (400, 250)
 
 
+@pytest.mark.parametrize(
+    "given, word, shape, others",
+    [
+        ("RESOLUTION 300 400 WINDOW -4 -3 4 3", "RESOLUTION", "1.333 times as wide as high", "300x225 or 533x400"),
+        ("WINDOW -4 -3 4 3", "WINDOW", "1.333 times as wide as high", "500x375 or 667x500"),
+        ("RESOLUTION 400 300", "RESOLUTION", "square", "400x400 or 300x300"),
+        ("RESOLUTION 520 240 WINDOW -12.4 -5.2 12.4 6.2", "", "", ""),  # by less than a hundredth
+        ("WINDOW -9 -9 9 9", "", "", ""),
+    ],
+)
+def test_a_window_that_does_not_fit_its_resolution_is_said(given, word, shape, others, tmp_path, recwarn):
+    """By prosim_scene alone for the scene's own numbers: others are told who asks for them."""
+    scene = tmp_path / "view.scn"
+    scene.write_text(f"LIGHTS POINT position 0 9 9\nVIEW {given}\nCSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END\n")
+    prosim_scene.check(scene, resolution=(300, 400))
+    prosim_scene.check(scene, target="stock")
+    assert not any("distort" in str(w.message) for w in recwarn)
+    recwarn.clear()
+    prosim_scene.check(scene)
+    said = [str(w.message) for w in recwarn]
+    assert len(said) == bool(word)
+    if word:
+        assert f"pixels distort the image, because the scene's window is {shape}; {others} would not" in said[0]
+        assert said[0].splitlines()[1][said[0].splitlines()[2].index("^") :].startswith(word)
+
+
 def test_window_sensor_and_crop(variant):
     film = {"type": "hdrfilm", "width": 30, "height": 20, "filter": {"type": "box"}}
     full = mi.load_dict({"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5, "film": film})

@@ -12,11 +12,13 @@ from typing import Any, cast
 import mitsuba as mi
 import prosim_scene
 from prosim_scene.language.document import Document
+from prosim_scene.view import misfit
 
 from .. import registry
 from . import integrators, session
 from .confinement import Confinement
 from .digest import digest, named_files
+from .whole import check_images
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -129,7 +131,11 @@ class SceneFile:
             return list(named_files(self.state, self.changes["definitions"], self._begin))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
-        """Makes a scene, with another sampler of equal sample count if one is named."""
+        """Makes a scene, with another sampler of equal sample count if one is named.
+
+        Raises what Mitsuba does, ValueError where an integrator can't be put within ``prosim_adaptive``, and
+        :class:`prosim_scene.SceneError` for an image that is not whole, at its place in the text.
+        """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:
             if node.type == mi.ObjectType.Sampler and sampler:
@@ -141,6 +147,8 @@ class SceneFile:
             try:
                 return instantiate(state)
             except RuntimeError as error:
+                if self.document is not None:
+                    check_images(self.document)
                 if self.wrapped and "prosim_adaptive" in str(error):
                     raise ValueError(
                         f"{self.path}: the integrator {self.wrapped} can't be rendered within prosim_adaptive, as "
@@ -168,7 +176,7 @@ class SceneFile:
             raise ValueError(f"{self.path}: {error}") from None
 
     def _warn_of_distortion(self, width: int, height: int) -> None:
-        """Where pixels of this resolution are not square: by more than rounding, and than the eye forgives."""
+        """Where pixels of this resolution are not square, see :func:`prosim_scene.view.misfit`."""
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
                 left, right, bottom, top = (
@@ -176,17 +184,9 @@ class SceneFile:
                     for name, default in (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))
                 )
                 ratio = (right - left) / (top - bottom)
-                rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
-                if not rounding and abs(width / (height * ratio) - 1) > 0.01:
-                    shape = "square" if ratio == 1 else f"{ratio:.4g} times as wide as high"
-                    warnings.warn(
-                        prosim_scene.SceneWarning(
-                            f"{self.path}: {width}x{height} pixels distort the image, because the scene's window is "
-                            f"{shape}; {width}x{max(round(width / ratio), 1)} or "
-                            f"{max(round(height * ratio), 1)}x{height} would not"
-                        ),
-                        stacklevel=3,
-                    )
+                wrong = misfit(width, height, ratio)
+                if wrong is not None:
+                    warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=3)
 
     def _search_paths(self):
         return session.resolving(self._resolver)

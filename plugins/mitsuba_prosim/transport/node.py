@@ -49,7 +49,7 @@ def shade(
     if idle(surface_inside):
         return ray.throughput * L, Node(ray, si, None, False)
     bsdf = si.bsdf()
-    if settings.ambient is not None:
+    if settings.ambient is not None and stage.facts.surfaces:
         L += ambient_term(stage, si, bsdf, surface_inside)
     L += direct_light(stage, ray, si, bsdf, points, surface_inside, scattered)
     if stage.caustics is not None:

@@ -20,6 +20,8 @@ class SceneFacts:
     """Facts about a scene, gathered once a render."""
 
     lights: Lights
+    #: Whether there is any surface: without one Dr.Jit has no BSDF to dispatch to.
+    surfaces: bool
     #: Whether any surface has a specular lobe of reflection, of transmission.
     reflects: bool
     refracts: bool
@@ -67,6 +69,7 @@ class SceneFacts:
             glossy = (lobes.specular(),)
         return cls(
             lights,
+            bool(scene.shapes()),
             reflects,
             refracts,
             lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..language.document import Document
 from ..language.messages import quote
 from ..model import Scene
-from .pictures import BEGINNINGS, is_picture
+from .pictures import BEGINNINGS, is_picture, located
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Context:
         if not name:
             raise error("this file name is empty; expected an image file", *path)
         try:
-            full = Path(os.path.realpath(self.folder / name.replace("\\", "/")))  # links may lead in a circle
+            full = Path(os.path.realpath(located(self.folder, name)))  # links may lead in a circle
             exists = full.is_file()
         except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
             raise error(

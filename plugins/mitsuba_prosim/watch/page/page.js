@@ -91,7 +91,7 @@ function splitting() {
 
 // ---- what is told
 
-const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "stopped", done: "done", missing: "the file has gone; its last picture is shown until it is there again", failed: "not rendered: the scene is wrong"};
+const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "stopped", done: "done", missing: "the file has gone; its last picture is shown until it is there again", failed: "not rendered; the next save is awaited"};
 
 function told(news) {
     state = news;

@@ -306,6 +306,10 @@ def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path,
         until(lambda: studio.board.state.view is not None and is_done(studio)())
         assert not turned(right.replace("64 48", "32 24")) and "RESOLUTION 32 24" in studio.board.state.view
         assert turned(home) and studio.board.state.view is None
+        with monkeypatch.context() as patch:  # what fails of it alone is no failure of the scene
+            patch.setattr("mitsuba_prosim.watch.studio.glimpse", lambda *_: mi.load_dict({"type": "unforeseen"}))
+            assert not turned(right) and studio.board.state.doing == "done"
+        assert turned(home)
         full.append(True)
         before, state = studio.board.pictures["own"], studio.board.state
         assert turned(right.replace("64 48", "32 24")).size == (32, 24)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -139,10 +140,12 @@ class Studio:
         if last is None or last.file.document is None:
             return None
         document = last.file.read()
-        seen = glimpse(last, document, wish.camera)
-        if seen is not None:
-            take, size = seen
-            self._easel.first(take, size=size, view=None, black=None, part=0.0, samples=None, noise=None)
+        # What is wrong with the view, or with the file, is said where the scene is opened.
+        with suppress(Exception):
+            seen = glimpse(last, document, wish.camera)
+            if seen is not None:
+                take, size = seen
+                self._easel.first(take, size=size, view=None, black=None, part=0.0, samples=None, noise=None)
         return document
 
     def _look(self, wish: Wish, subject: Subject) -> None:

@@ -146,6 +146,14 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
     assert np.array_equal(np.array(mi.render(scene)), image)
 
 
+def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb, path, tmp_path):
+    """And not one of them in each pixel."""
+    path.write_text(RED.replace("kd = 0.6 0.2 0.1 ks = .3 .3 .3 n = 20", "material dieletrico bk7"))
+    scene = SceneFile(path, tmp_path / "again").load()
+    coarse = Take(scene.integrator(), scene, scene.sensors()[0], 0, 0).coarse()
+    assert np.mean(coarse.min(axis=2) < 0.2 * coarse.max(axis=2)) < 0.05
+
+
 def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
     """And never two renders at once."""
     free, step = threading.Lock(), Take.step

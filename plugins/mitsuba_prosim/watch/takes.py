@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from math import isnan
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..registry import create
 from ..rendering.plan import SAMPLING
 from ..rendering.snapshot import Snapshot
 from ..scene_files import rendering
+from ..transport.dispersion import disperses
 from .picture import of_snapshot, over
 from .portions import Growing
 
@@ -90,10 +92,13 @@ class Take:
         return reached.samples, None if isnan(reached.noise) else reached.noise
 
     def coarse(self) -> np.ndarray:
-        """The colours of one sample of each pixel, while the film has few; to be seen before there are others."""
+        """The colours of one sample of each pixel, while the film has few; to be seen before there are others. Behind
+        glass that disperses a sample has one colour, so that a pixel has a row of a pattern with as many as there are.
+        """
+        each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         taker, self.integrator.taker = self.integrator.taker, None  # so few samples say nothing of their speed
         try:
-            snapshot = next(self.integrator.waves(self.scene, self.sensor, self.seed, 1))
+            snapshot = next(self.integrator.waves(self.scene, self.sensor, self.seed, each**2))
             self._coarse = of_snapshot(snapshot)["final"]
             return self._coarse
         finally:

@@ -76,11 +76,16 @@ class Commands(click.Group):
         """Runs the command; where that has not an option which it is given, the error says which may be meant."""
         try:
             return super().invoke(ctx)
-        except click.NoSuchOption as error:
+        except click.UsageError as error:
             if error.ctx is not None:
                 known = {name for option in error.ctx.command.params for name in option.opts}
-                if said := guesses.meant(error.option_name, known):
-                    raise click.UsageError(f"{error.message} {said}", error.ctx) from None
+                message, said = error.message, None
+                if isinstance(error, click.NoSuchOption):
+                    said = guesses.meant(error.option_name, known)
+                elif said := guesses.meant_by_plus(error.message, known):
+                    message = f"{error.format_message().rstrip('.')}."
+                if said:
+                    raise click.UsageError(f"{message} {said}", error.ctx) from None
             raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -94,7 +94,7 @@ def translate(
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
     result = folder / f"{stem}.xml"
-    if result.exists() and source_path.exists() and result.samefile(source_path):
+    if os.path.exists(result) and source_path.exists() and result.samefile(source_path):
         raise SceneError(
             f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
             "such as .scn, or choose another folder",

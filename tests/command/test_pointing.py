@@ -29,6 +29,22 @@ def test_places_in_xml_have_a_caret(tmp_path, old, new, line, under):
     quoted, caret = done.output.splitlines()[-2:]
     assert quoted.startswith(f"    {line}") and caret.strip() == "^"
     assert quoted[caret.index("^") :].startswith(under)
+    assert ('"spheree" not found! Did you mean sphere?\n' in done.output) == ("spheree" in new)
+
+
+def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
+    from mitsuba_prosim.scene_files.plugins import with_nearest
+
+    words = 'failed to instantiate {} plugin of type "{}": [PluginManager] Plugin "{}" not found!'
+    for kind, name, meant in [
+        ("bsdf", "roughconductorr", " Did you mean roughconductor?"),
+        ("bsdf", "prosim_composit", " Did you mean prosim_composite?"),
+        ("rfilter", "mitchel", " Did you mean mitchell?"),
+        ("shape", "roughconductorr", ""),
+        ("bsdf", "xyzzy", ""),
+    ]:
+        said = words.format(kind, name, name)
+        assert with_nearest(f"{said}\nmore") == f"{said}{meant}\nmore"
 
 
 def test_what_can_not_be_shown_is_said_alone(tmp_path):

@@ -140,6 +140,12 @@ def test_an_option_that_there_is_not(palito):
     ]:
         done = prosim(command, palito, option, 500)
         assert done.exit_code == 2 and f"No such option '{option}'. {hint}" in done.stderr
+    for options, hint in [
+        (["+W320", "+H240"], "Got unexpected extra arguments (+W320 +H240). The size of the image is --resolution WxH"),
+        (["+A0.3"], "Got unexpected extra argument (+A0.3). Samples are --samples N"),
+    ]:
+        done = prosim("render", palito, *options)
+        assert done.exit_code == 2 and hint in done.stderr
     for command, option in (("format", "--width"), ("doctor", "--variant"), ("translate", "--format")):
         done = prosim(command, palito, option)
         assert done.exit_code == 2 and f"No such option '{option}'.\n" in done.stderr

@@ -49,7 +49,7 @@ from tqdm.auto import tqdm
         (["--max-samples", "4", "-m", "scalar_rgb"], "--max-samples: scalar_rgb"),
         (["--light-units", "radiance"], "--light-units is for scenes in the thesis's language"),
         (["--tolerance", "1"], "--tolerance is for"),
-        (["--allow-outside"], "--allow-outside is for"),
+        (["--allow-outside"], "is XML. It may name any file without that option."),
     ],
 )
 def test_wrong_use(scene, arguments, says):

@@ -34,6 +34,30 @@ def test_output_folder(scene):
         assert names(scene.parent / folder) == ["scene.exr", "scene.png"]
 
 
+def test_names_that_are_nearly_ours(tmp_path, monkeypatch):
+    """A name twice with a suffix, one that ends before it, and the user's folder, which no shell has put in."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for given, name in (("x.exr.png", "x"), ("x.", "x"), ("x.y.", "x.y"), ("a.b.exr", "a.b")):
+        assert output.stem(f"{tmp_path}/{given}", tmp_path / "scene", (".exr", ".png")) == tmp_path / name
+        assert output.stem(f"~/{given}", tmp_path / "scene", (".exr", ".png")) == tmp_path / name
+
+
+@pytest.mark.parametrize(
+    "command, given, says",
+    [
+        ("render", "", "expected a name or a folder, found nothing"),
+        ("translate", "", "expected a name or a folder, found nothing"),
+        ("render", "{}/a/b/x", "there is no folder '{}/a'; one new folder is made"),
+        ("translate", "{}/a/b", "there is no folder '{}/a'; one new folder is made"),
+        ("compare", "{}/a/b/", "there is no folder '{}/a'; one new folder is made"),
+    ],
+)
+def test_what_is_no_place_for_an_image(palito, command, given, says):
+    done = prosim(command, palito, "-o", given.format(palito.parent))
+    assert done.exit_code == 2 and says.format(palito.parent) in done.stderr
+    assert names(palito.parent) == ["listing.scn"]
+
+
 @pytest.mark.parametrize(
     "command, name, says",
     [
@@ -49,6 +73,11 @@ def test_output_of_another_kind(palito, command, name, says):
     done = prosim(command, palito, "-o", palito.with_name(name))
     assert done.exit_code == 2 and says in done.stderr
     assert names(palito.parent) == ["listing.scn"]
+
+
+def test_a_folder_whose_name_is_too_long(palito):
+    done = prosim("translate", palito, "-o", palito.with_name("a" * 260))
+    assert done.exit_code == 2 and "File name too long" in done.stderr
 
 
 def test_the_scene_is_not_overwritten(palito):
@@ -101,12 +130,18 @@ def test_nothing_that_the_image_is_made_of_is_overwritten(palito, variant_rgb):
 
 @pytest.mark.parametrize(
     "place, says",
-    [("/proc/image", "/proc"), ("a" * 252, "too long"), ("é" * 126, "too long, at most"), ("scene.xml/a", "no folder")],
+    [
+        ("/proc/image", "/proc: no file of .* it takes no new files"),
+        ("a" * 252, "too long"),
+        ("a" * 260, "too long, at most"),
+        ("é" * 126, "too long, at most"),
+        ("scene.xml/a", "no folder"),
+    ],
 )
 def test_what_cannot_be_written_is_found_before_the_render(scene, monkeypatch, place, says):
     monkeypatch.setattr(rendering, "render", lambda *_: pytest.fail("has rendered"))
     done = prosim("render", scene, "-o", scene.parent / place)
-    assert done.exit_code == 2 and says in done.stderr
+    assert done.exit_code == 2 and re.search(says, done.stderr)
     assert names(scene.parent) == ["scene.xml"]
 
 

@@ -13,6 +13,7 @@ import pytest_lsp
 from lsprotocol import types as lsp
 from prosim_scene.editor import server
 from prosim_scene.editor.opened import Opened
+from pygls.exceptions import JsonRpcException
 from test_editor import SCENE, large
 
 URI = "file:///nowhere/scene.scn"
@@ -201,8 +202,10 @@ async def test_an_editor_renames_and_lays_out(editor):
     assert "".join(lines) == SCENE.replace("SPHERE 1 CYLINDER 1", "SPHERE 12 CYLINDER 12").replace(
         "SURFACE 1", "SURFACE 12"
     ).replace("TRANSFORM 1", "TRANSFORM 12")
-    assert await editor.text_document_rename_async(lsp.RenameParams(document, at, "0")) is None
-    assert "there already" in editor.messages[-1].message
+    for new, why in ("0", "there already"), ("x y", "'x y' is no index"):
+        with pytest.raises(JsonRpcException, match=why) as refused:
+            await editor.text_document_rename_async(lsp.RenameParams(document, at, new))
+        assert refused.value.code == lsp.LSPErrorCodes.RequestFailed
     options = lsp.FormattingOptions(4, True)
     (tidy,) = await editor.text_document_formatting_async(lsp.DocumentFormattingParams(document, options))
     assert tidy.new_text == prosim_scene.format(SCENE)

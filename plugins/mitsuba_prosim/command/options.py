@@ -17,6 +17,7 @@ from click.core import ParameterSource
 
 from ..rendering.part import Part
 from ..scene_files import opening, session
+from ..scene_files.plugins import with_nearest
 from ..scene_files.pointing import pointed
 
 #: More than any machine has processors.
@@ -46,7 +47,7 @@ def wrong_input() -> Iterator[None]:
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
     except (RuntimeError, TypeError, ValueError, OSError) as error:
-        raise InputError(pointed(session.message(error))) from None
+        raise InputError(pointed(with_nearest(session.message(error)))) from None
 
 
 def choose_variant(name: str | None) -> str:
@@ -256,7 +257,10 @@ def translation(command: Callable, of_xml: Collection[str] = ()) -> Callable:
             for name in (name for name in ("light_units", "tolerance", "allow_outside") if name not in of_xml):
                 if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
                     option = "--" + name.replace("_", "-")
-                    raise click.UsageError(f"{option} is for scenes in the thesis's language, and {scene} is XML.")
+                    free = " It may name any file without that option." if name == "allow_outside" else ""
+                    raise click.UsageError(
+                        f"{option} is for scenes in the thesis's language, and {scene} is XML.{free}"
+                    )
         return command(scene=scene, **options)
 
     for option in reversed(

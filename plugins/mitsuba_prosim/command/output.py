@@ -48,26 +48,58 @@ def stem(output: str | None, default: Path, suffixes: Collection[str], source: P
     """Path without suffix of what is written with all of ``suffixes``.
 
     ``output``: what ``-o`` says, a file with one of them or without, or a folder; None for ``default``. Raises
-    BadParameter where it says another kind of file, a device, or the ``source`` of what is written.
+    BadParameter where it says nothing, another kind of file, a device, the ``source`` of what is written, or more than
+    one folder that is not there.
     """
     if output is None:
         return default
-    path = Path(output)
+    path = Path(expanded(output))
     if output.endswith(("/", os.sep)) or os.path.isdir(path):
-        return path / default.name
+        return _in_new_folder(output, path / default.name)
     suffix = path.suffix.lower()
     if suffix in suffixes:
-        return path.with_suffix("")
+        while path.suffix.lower() in suffixes:  # image.exr.png
+            path = path.with_suffix("")
+        return _in_new_folder(output, path)
     kinds = " and ".join(suffixes)
     wrong = None
-    if suffix and source is not None and path.exists() and path.samefile(source):
+    there = os.path.exists(path)
+    if suffix and source is not None and there and path.samefile(source):
         wrong = f"this is the scene itself, and what is written is {kinds}; give their name, or a folder."
     elif suffix in KNOWN:
         wrong = f"what is written is {kinds}, not {suffix}."
-    elif output == "-" or (path.exists() and not path.is_file()):
+    elif output == "-" or (there and not path.is_file()):
         wrong = f"what is written is {kinds}, which are files; give their name, or a folder."
     if wrong is not None:
         raise click.BadParameter(f"{output!r}: {wrong}", param_hint="-o")
+    if name := path.name.rstrip("."):  # a name that ends before its suffix
+        path = path.with_name(name)
+    return _in_new_folder(output, path)
+
+
+def expanded(output: str) -> str:
+    """What ``-o`` says, with the user's folder for ``~``, which the shell leaves as it is in quotes and after ``=``.
+
+    Raises BadParameter where it says nothing.
+    """
+    if not output:
+        raise click.BadParameter("expected a name or a folder, found nothing.", param_hint="-o")
+    return os.path.expanduser(output)
+
+
+def refuse_folders(output: str, folder: Path) -> None:
+    """Raises BadParameter where more than the folder would have to be made: most likely its name is mistyped."""
+    above = folder.parent
+    if not os.path.lexists(folder) and not os.path.lexists(above):
+        raise click.BadParameter(
+            f"{output!r}: there is no folder {str(above)!r}; one new folder is made, in one that is there.",
+            param_hint="-o",
+        )
+
+
+def _in_new_folder(output: str, path: Path) -> Path:
+    """The path, whose folder may be a new one; raises BadParameter as above."""
+    refuse_folders(output, path.parent)
     return path
 
 

@@ -11,20 +11,21 @@ import prosim_scene
 from . import stand_in
 from .arguments import LANGUAGE
 from .options import InputError, defines, translation
-from .output import KNOWN
+from .output import KNOWN, expanded, refuse_folders
 
 
 class Folder(click.Path):
-    """A folder, to be made if need be, whose name is not that of another kind of file."""
+    """A folder, to be made in one that is there if need be, whose name is not that of another kind of file."""
 
     def __init__(self):
         super().__init__(file_okay=False, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The folder's path."""
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        path = Path(os.fsdecode(super().convert(expanded(os.fsdecode(value)), param, ctx)))
         if path.suffix.lower() in KNOWN and not path.exists():
             self.fail(f"{str(path)!r}: name the folder; the file in it is called after the scene.", param, ctx)
+        refuse_folders(os.fsdecode(value), path)
         return path
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import re
 from abc import ABC, abstractmethod
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 
-from .. import registry
 from ..scene_files import opening
+from ..scene_files.plugins import nearest
 from .runs import Contestant
 
 #: How a contestant is said.
@@ -199,9 +197,7 @@ def unknown(spec: Spec, error: RuntimeError) -> str | None:
     kinds = {spec.integrator: mi.ObjectType.Integrator, spec.sampler: mi.ObjectType.Sampler}
     if not found or (name := found[1]) not in kinds:
         return None
-    names = [path.stem for path in Path(mi.__file__).parent.glob("plugins/*.so")]
-    near = difflib.get_close_matches(name, {*names, *registry.PLUGINS}, n=9)
-    meant = next((one for one in near if mi.PluginManager.instance().plugin_type(one) == kinds[name]), None)
+    meant = nearest(name, kinds[name].name.lower())
     return f"{spec.text!r}: there is no {kinds[name].name.lower()} {name!r}." + (
         f" Did you mean {meant}?" if meant else f" What is compared is {FORM}, such as path:multijitter."
     )

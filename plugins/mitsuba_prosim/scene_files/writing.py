@@ -50,9 +50,9 @@ def check(paths: Iterable[Path], size: int) -> None:
             with _Parts() as parts:
                 _allocate(parts.new(folder)[0], size)
         except OSError as error:
-            raise OSError(
-                error.errno, f"no file of {size} bytes can be written there: {error.strerror}", str(folder)
-            ) from None
+            # the folder is there: it is the system's own, such as /proc
+            why = "it takes no new files" if error.errno == errno.ENOENT else error.strerror
+            raise OSError(error.errno, f"no file of {size} bytes can be written there: {why}", str(folder)) from None
 
 
 def write(contents: Mapping[Path, Content]) -> list[Path]:

@@ -16,6 +16,7 @@ from prosim_scene.language.document import Document
 
 from ..denoising import layers
 from ..scene_files import black, session
+from ..scene_files.plugins import with_nearest
 from ..scene_files.pointing import pointed
 from . import takes
 from .board import Board, State
@@ -251,7 +252,7 @@ class Studio:
 
     def _fail(self, error: BaseException) -> None:
         self._close()
-        missing, words = not self._path.exists(), session.message(error)
+        missing, words = not self._path.exists(), with_nearest(session.message(error))
         if self.desk.subject is None:
             self.files.failed(words)
         self.board.say(doing="missing" if missing else "failed", error=None if missing else pointed(words, self._path))

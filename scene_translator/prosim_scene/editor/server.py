@@ -7,6 +7,7 @@ from time import perf_counter
 from urllib.parse import unquote
 
 from lsprotocol import types as lsp
+from pygls.exceptions import JsonRpcException
 from pygls.lsp.server import LanguageServer
 from pygls.protocol import LanguageServerProtocol, lsp_method
 
@@ -217,15 +218,14 @@ def prepare_rename(ls: SceneServer, params: lsp.PrepareRenameParams) -> lsp.Rang
 
 @server.feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
 def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-    """Another name for an index, a texture or a name, everywhere."""
+    """Another name for an index, a texture or a name, everywhere; raises JsonRpcException, which says why not."""
     if (found := symbol(ls, params.text_document, params.position)) is None:
         return None
     document, here = found
     try:
         everywhere = places.renamed(document.reading, here.symbol, params.new_name)
     except ValueError as error:
-        ls.window_show_message(lsp.ShowMessageParams(lsp.MessageType.Error, str(error)))
-        return None
+        raise JsonRpcException(str(error), lsp.LSPErrorCodes.RequestFailed) from None
     new = "$" + params.new_name.removeprefix("$") if here.symbol.kind == "name" else params.new_name
     edits = [lsp.TextEdit(document.range(one.start, one.end), new) for one in everywhere]
     return lsp.WorkspaceEdit({document.uri: edits})

@@ -7,6 +7,7 @@ from .definitions import NUMBER
 BRACES = "braces hold arithmetic, as in {360 * $frame / 48}"
 NO_BLOCKS = f"{BRACES}, and blocks need none: a statement goes on up to the next one"
 SPACED = "expected numbers with nothing but spaces between them"
+ENDLESS = "a statement ends where the next one begins, without a mark"
 REMARK = "expected a remark to begin with #, or to stand in parentheses"
 #: Numbers between commas, or between spaces. Where both are there, a comma may be a point, as in 0,5 0,5.
 ONE = NUMBER.pattern
@@ -16,13 +17,24 @@ BRACKETS = re.compile(r"[<\[]([^<>\[\]\n]*)(?:[>\]]|$)", re.MULTILINE)
 #: A tag of XML.
 TAG = re.compile(r"<[\w?!/]*[^\W\d]|<[?!/]")
 #: What begins a block: nothing up to the line's end, or a word and what cannot follow it in arithmetic.
-BLOCK = re.compile(r"(?:\s|[-+*]\s)*(?:$|<|[^\W\d][\w-]*(?:\s+[\w.<\"]|\s*$))")
+BLOCK = re.compile(r"(?:\s|[-+*]\s)*(?:$|<|[^\W\d][\w-]*(?:\s+[\w.<\"]|\s*=|\s*$))")
+#: What may follow the last mark of a line.
+REST_OF_LINE = re.compile(r"[^\S\n]*(?:$|#|//)", re.MULTILINE)
 #: Remarks that do something in other languages: their word, and the name and the value that some of them give.
 DIRECTIVE = re.compile(
     r"#\s*(?:(?P<gives>declare|local)\s+(?P<name>\w+)\s*=\s*(?P<value>[^;\n]*)"
     r"|(?P<defines>define)\s+(?P<macro>\w+)\s+(?P<text>[-+.\d\"(][^\n]*)"
     r"|(?P<includes>include)\s*[\"<]|(?P<makes>macro)\s+\w+\s*\()"
+    r"|#(?:(?P<loops>while|for)\s*\(|(?P<chooses>if|ifdef|ifndef|elseif|switch)\s*\(|(?P<versions>version)\s+[\d.])"
 )
+#: What the language lacks, by the group of a directive that would be for it.
+LACKS = {
+    "includes": "a scene is one file",
+    "makes": "the language has no macros",
+    "loops": "the language has no loops, and what repeats is written out",
+    "chooses": "the language has no conditions",
+    "versions": "the language has no versions",
+}
 
 
 def spaced(text: str) -> str | None:
@@ -34,8 +46,10 @@ def word(text: str, start: int, found: str) -> str | None:
     """What to say of a word that has no place where it stands, which is at ``start`` of a text; None of most."""
     if TAG.match(text, start):
         return "that is no scene in this language; expected a name that ends in .xml of a file in Mitsuba's"
-    if text.startswith("--", start) or "//" in found or "/*" in found:
+    if text.startswith("--", start) or "//" in found or "/*" in found or found[0] in "%!":
         return REMARK
+    if found[-1] == ";" and REST_OF_LINE.match(text, start + len(found)):
+        return ENDLESS
     if found[0] in "<[":
         inside = BRACKETS.match(text, start)
         numbers = spaced(inside[1]) if inside else None
@@ -57,7 +71,8 @@ def remark(text: str) -> str | None:
     if found is None:
         return None
     begin = "this line is a remark, as all that begins with # is"
-    if found["includes"] or found["makes"]:
-        return f"{begin}; {'a scene is one file' if found['includes'] else 'the language has no macros'}"
+    for group, lack in LACKS.items():
+        if found[group]:
+            return f"{begin}; {lack}"
     name, value = (found["name"], found["value"]) if found["gives"] else (found["macro"], found["text"])
     return f"{begin}; a name gets its value by DEFAULT ${name} = {value.strip()[:60]}, and is written ${name}"

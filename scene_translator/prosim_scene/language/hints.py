@@ -6,6 +6,9 @@ from .messages import CLIP, listing, quote
 from .names import ALIASES, BUILT_IN, GLASSES, METALS
 from .words import WORDS, canonical, fold, of_role
 
+COLOURS = (
+    "color colour cor rgb red green blue white black yellow grey gray vermelho verde azul branco preto amarelo cinza"
+)
 #: How the language says what other languages, and newcomers, say with other words.
 SAID = (
     ("for glass: material dieletrico n-refr = 1.5, or its name, as in material dieletrico bk7",
@@ -20,10 +23,14 @@ SAID = (
     ("the camera is VIEW, with OBS, VRP and WINDOW", "camera lookat look-at sensor"),
     ("the field of view follows from WINDOW and the distance from OBS to VRP", "fov zoom"),
     ("colours are three numbers from 0 to 1, such as kd = 1 0 0",
-     "color colour cor rgb red green blue white black yellow grey gray vermelho verde azul branco preto amarelo cinza"),
+     COLOURS),
     ("for a box: CUBE", "box block caixa bloco"),
     ("for a ball: SPHERE", "ball bola globe"),
     ("for a plane: CUBE, made flat by SCALE", "plane plano floor chao ground wall parede"),
+    ("the solids are CUBE, SPHERE, CYLINDER and CONE, and what +, - and * make of these",
+     "torus toro donut rosca prism prisma pyramid piramide tetrahedron blob lathe sor text mesh malha"),
+    ("what a surface looks like is said by its index, as in SURFACE 0 kd = 1 0 0, or SURFACE 0 material condutor ouro",
+     "pigment finish interior"),
     ("a union is +, before its operands", "union uniao"),
     ("a difference is -, before its operands", "difference diferenca subtract"),
     ("an intersection is *, before its operands", "intersection intersecao intersect"),
@@ -35,17 +42,47 @@ SAID = (
     ("for off: FALSE, as in DO-SHADOW FALSE", "off desligado desligada disable disabled"),
     ("the index of refraction is n-refr, as in n-refr = 1.5", "ior eta index indice int_ior refraction refracao"),
 )  # fmt: skip
+#: Name of a statement -> what words mean within it that mean something else elsewhere, or nothing.
+WITHIN = {
+    "view": (
+        ("the place of the eye is OBS x y z, such as OBS 0 16 40",
+         "location pos position posicao origin from center centre centro lugar place"),
+        ("the point that the eye looks at is VRP x y z, such as VRP 0 0 0",
+         "look_at lookat look-at target to alvo direction direcao focus"),
+        ("the field of view follows from WINDOW and the distance from OBS to VRP", "angle angulo"),
+        ("what is upwards in the image is VUP x y z, such as VUP 0 1 0", "up sky"),
+        ("the size of the image is RESOLUTION width height, such as RESOLUTION 640 480", "size width height tamanho"),
+    ),
+    "background": (
+        ("its colour is three numbers on a scale of 65535, such as BACKGROUND 65535 65535 65535 for white", COLOURS),
+    ),
+    "ambient": (
+        ("its colour is three numbers on a scale of 65535, such as AMBIENT 6000 6000 6000 for a dark grey", COLOURS),
+    ),
+    "lights": (
+        ("the colour of a light is three numbers on a scale of 65535, such as Intensity 65535 65535 65535 for white",
+         COLOURS),
+    ),
+}  # fmt: skip
 #: The textures that exist without a statement, by all their names.
 TEXTURES = [*BUILT_IN, *ALIASES]
 #: Role of a word that may be followed by a name -> what that is the name of, and all names.
 NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
 HINTS = {word: said for said, words in SAID for word in words.split()}
+HINTS_WITHIN = {
+    statement: {word: said for said, words in rows for word in words.split()} for statement, rows in WITHIN.items()
+}
 
 
-def hint(word: str) -> str:
-    """``; `` and how the language says what a word means elsewhere, or nothing."""
-    text = HINTS.get(fold(word))
+def hint(word: str, within: str = "") -> str:
+    """``; `` and how the language says what a word means elsewhere, and ``within`` a statement there; or nothing."""
+    text = HINTS_WITHIN.get(within, {}).get(fold(word)) or HINTS.get(fold(word))
     return f"; {text}" if text else ""
+
+
+def hint_within(word: str, within: str) -> str:
+    """``; `` and what a word of other statements is most likely meant for ``within`` this one, or nothing."""
+    return hint(word, within) if fold(word) in HINTS_WITHIN.get(within, {}) else ""
 
 
 def nearest(word: str, words: list[str], cutoff: float = 0.7) -> str:
@@ -60,8 +97,10 @@ def nearest(word: str, words: list[str], cutoff: float = 0.7) -> str:
     return f"; did you mean {folded[near[0]]!r}?" if near else ""
 
 
-def meant(word: str, fitting: set[str]) -> str:
-    """A hint, or else the nearest word of the language, of the roles that fit before all others."""
+def meant(word: str, fitting: set[str], within: str = "") -> str:
+    """A hint, or else the nearest word of the language, of the roles that fit before all others; ``within``: the name
+    of the statement that the word stands in.
+    """
     known = [spelling for row in WORDS if row.role in fitting for spelling in row.spellings]
     if "TEXTURE_NAME" in fitting:
         known += TEXTURES
@@ -69,7 +108,7 @@ def meant(word: str, fitting: set[str]) -> str:
         if fitting & {material, "MATERIAL"} and fold(word) in names:
             return f"; did you mean '{canonical(material, '')} {word}'?"
     every = [spelling for row in WORDS for spelling in row.spellings]
-    return hint(word) or nearest(word, known) or nearest(word, every)
+    return hint(word, within) or nearest(word, known) or nearest(word, every)
 
 
 def unknown_name(role: str, word: str) -> str | None:

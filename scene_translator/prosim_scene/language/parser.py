@@ -8,7 +8,7 @@ from lark import Token, Tree, UnexpectedToken
 from . import foreign, lexer
 from .automaton import Parser
 from .definitions import Definitions
-from .hints import TEXTURES, hint, meant, nearest, unknown_name
+from .hints import TEXTURES, hint, hint_within, meant, nearest, unknown_name
 from .messages import CLIP, Place, SceneError, Source, listing, quote
 from .quantities import Numbers
 from .words import OPERATORS, ROLES, STATEMENT_OF, STATEMENTS, canonical, fold, is_statement, meanings, row
@@ -73,7 +73,7 @@ def _reason(source: Source, token: Token, expected: set[str], pieces: list[Token
     lacking = _lacking(pieces)
     if token.type == "WORD":
         fitting = expected & {"BOOL"} if lacking else expected
-        near = BRACES if lacking and ARITHMETIC.search(token) else meant(token, fitting)
+        near = BRACES if lacking and ARITHMETIC.search(token) else meant(token, fitting, _within(pieces))
         return f"unknown word {quote(token)}{lacking or f'; expected {names}'}{near}"
     return found + (lacking or _unclosed(source, expected, pieces) or _misplaced(token, expected, pieces, names))
 
@@ -87,6 +87,8 @@ def _misplaced(token: Token, expected: set[str], pieces: list[Token], names: str
     owner = STATEMENT_OF.get(token.type)
     if owner and owner != _statement(pieces):
         owner = canonical(owner)
+        if here := hint_within(token, _within(pieces)):
+            return f", a word of {owner}{here}"
         return f", a word of {owner}; expected it after {owner}, before any other statement"
     if token.type in ROLES and token.type not in STATEMENTS and "NUMBER" not in expected:
         return f", which has no place here; expected {names}{LIGHT if 'LIGHT' in expected else hint(token)}"
@@ -148,6 +150,11 @@ def _named(source: Source, token: Token, pieces: list[Token]) -> str:
     line = re.split(r'[\n"#()]', source.text[here.end : here.end + CLIP], maxsplit=1)[0].split()
     more = itertools.takewhile(lambda word: not (word.isupper() and is_statement(word)), line)
     return f'NAME "{" ".join([*source.text[start : here.end].split(), *more])}"'
+
+
+def _within(pieces: list[Token]) -> str:
+    """The name of the statement that the last piece stands in; empty before the first."""
+    return next((row(piece).name for piece in reversed(pieces[:-1]) if piece.type in STATEMENTS), "")
 
 
 def _statement(pieces: list[Token]) -> str:

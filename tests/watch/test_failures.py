@@ -118,10 +118,11 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
 
 
 def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkeypatch):
-    """Where there is a crop window, and so no picture before the first wave."""
+    """Where there is a crop window, and so no picture before the first wave; and channels that path's has not."""
     path = tmp_path / "scene.xml"
     window = '<integer name="crop_width" value="4"/><integer name="crop_height" value="3"/></film>'
-    path.write_text(XML.replace("INTEGRATOR", '<integrator type="prosim"/>').replace("</film>", window))
+    maps = '<integrator type="prosim"><string name="aovs" value="samples,sn:sh_normal"/></integrator>'
+    path.write_text(XML.replace("INTEGRATOR", maps).replace("</film>", window))
     with running(path) as studio:
         studio.desk.compare(True)
         until(lambda: studio.board.state.doing == "done" and studio.board.state.compared)

@@ -14,7 +14,7 @@ import pytest
 from little import LITTLE
 from mitsuba_prosim import denoising
 from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
-from mitsuba_prosim.watch import due, easel
+from mitsuba_prosim.watch import due, easel, takes
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
 from mitsuba_prosim.watch.desk import Desk
@@ -144,6 +144,14 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
             assert np.array_equal(layers[name][~new], begun[name][~new])
     scene = SceneFile(path, tmp_path / "again").load()
     assert np.array_equal(np.array(mi.render(scene)), image)
+
+
+def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb, path, tmp_path):
+    """And not one of them in each pixel."""
+    path.write_text(RED.replace("kd = 0.6 0.2 0.1 ks = .3 .3 .3 n = 20", "material dieletrico bk7"))
+    scene = SceneFile(path, tmp_path / "again").load()
+    coarse = Take(scene.integrator(), scene, scene.sensors()[0], 0, 0).coarse()
+    assert np.mean(coarse.min(axis=2) < 0.2 * coarse.max(axis=2)) < 0.05
 
 
 def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
@@ -306,6 +314,10 @@ def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path,
         until(lambda: studio.board.state.view is not None and is_done(studio)())
         assert not turned(right.replace("64 48", "32 24")) and "RESOLUTION 32 24" in studio.board.state.view
         assert turned(home) and studio.board.state.view is None
+        with monkeypatch.context() as patch:  # what fails of it alone is no failure of the scene
+            patch.setattr("mitsuba_prosim.watch.studio.glimpse", lambda *_: mi.load_dict({"type": "unforeseen"}))
+            assert not turned(right) and studio.board.state.doing == "done"
+        assert turned(home)
         full.append(True)
         before, state = studio.board.pictures["own"], studio.board.state
         assert turned(right.replace("64 48", "32 24")).size == (32, 24)
@@ -347,6 +359,46 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
+
+
+def test_compared_within_a_wave(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+    """And no more: the other image waits where it is, and both come to the bytes that they have alone."""
+    all_portions_seen(6000)
+    path.write_text(RED.replace("NSAMPLES: 2", "NSAMPLES: 4"))
+    tell, asked, order = Take.tell, [], []
+
+    def told(take, part):
+        name = takes.name(take.integrator)
+        order.append(name)
+        if asked and (name, part < 1) == (asked[0][0], True):
+            studio.desk.compare(asked.pop(0)[1])
+        tell(take, part)
+
+    monkeypatch.setattr(Take, "tell", told)
+    asked += [("prosim", True)]
+    with running(path, monkeypatch, tmp_path) as studio:
+        until(is_done(studio))
+        first, path_first = final(studio), final(studio, "path")
+        begun = next(k for k, (_, pictures) in enumerate(studio.board.said) if "path" in pictures)
+        seconds = [state.seconds for state, _ in studio.board.said if state.doing == "rendering"]
+        assert studio.board.said[begun][0].layers == ("final",) and order[:2] == ["prosim", "path"]
+        assert seconds == sorted(seconds)
+        # Dropped, taken again and dropped where either is within a wave.
+        asked += [("prosim", False), ("prosim", True), ("path", False), ("prosim", True)]
+        save(studio, path, path.read_text())
+        until(lambda: not asked and is_done(studio)())
+        assert np.array_equal(final(studio), first) and np.array_equal(final(studio, "path"), path_first)
+        asked += [("path", False)]
+        save(studio, path, path.read_text())
+        until(lambda: not asked and is_done(studio)())
+        assert np.array_equal(final(studio), first) and set(studio.board.pictures) == {"own"}
+    monkeypatch.undo()
+    fresh = SceneFile(path, tmp_path / "again").load()
+    own = Take(fresh.integrator(), fresh, fresh.sensors()[0], 0, 0)
+    for take, image in ((own, first), (takes.rival(own), path_first)):
+        while take.step(lambda: None):
+            last = take.layers()["final"]
+        assert np.array_equal(last, image)
 
 
 def test_errands_that_nobody_waits_for_any_more():

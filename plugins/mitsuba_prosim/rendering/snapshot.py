@@ -100,5 +100,5 @@ class Snapshot:
 def put(state: State, film: mi.Film) -> None:
     """Makes the image of ``state`` what ``film`` holds."""
     image = state.image()
-    film.clear()
+    film.prepare(state.aov_names)  # another image on this film may have had others meanwhile
     film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))

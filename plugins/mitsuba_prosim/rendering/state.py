@@ -188,6 +188,12 @@ class State:
                 self._add(image, self.outer, band, self.estimate)
         return image
 
+    @property
+    def aov_names(self) -> list[str]:
+        """Names of what the film has beside its own channels, as the integrator's ``aov_names()``."""
+        names = self.estimator.channels.names
+        return [*names[names.index("W") + 1 :], *self.own_aovs]
+
     def black(self) -> Image:
         """The image of no samples."""
         return Image(self.plan.window, self.estimator.channels.names, len(self.own_aovs))

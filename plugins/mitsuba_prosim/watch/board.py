@@ -31,8 +31,8 @@ class State:
     #: The numbers of the newest pictures, by the name of the take.
     pictures: Mapping[str, int] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
-    #: The part of all images that is done, 0 to 1; samples of a pixel in the mean; the noise, where it is measured; and
-    #: seconds.
+    #: The part of all images that is done, 0 to 1; of the scene's own the samples of a pixel in the mean, and the
+    #: noise, where it is measured; and seconds.
     part: float = 0.0
     samples: float | None = None
     noise: float | None = None

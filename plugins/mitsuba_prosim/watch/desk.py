@@ -106,6 +106,11 @@ class Desk:
         return self._wish.stopped and not self.superseded
 
     @property
+    def compared(self) -> bool:
+        """Whether the image of ``path`` is wished, too."""
+        return self._wish.compared
+
+    @property
     def superseded(self) -> bool:
         """Whether something else is wished than what is being rendered."""
         wish, shown = self._wish, self.shown

@@ -25,6 +25,7 @@ class Easel:
         self.takes: dict[str, Take] = {}
         self._due = Due()
         self._number, self._reported, self._begun = 0, 0.0, 0.0
+        self._said = 0.0  # seconds
         self._newest = False  # whether all that was taken is to be seen
 
     @property
@@ -39,7 +40,12 @@ class Easel:
 
     def begin(self, **takes: Take) -> None:
         """Has these images from now on, from when the seconds count."""
-        self._begun = time.perf_counter()
+        self._begun, self._said = time.perf_counter(), 0.0
+        self.takes = takes
+
+    def go_on(self, **takes: Take) -> None:
+        """Has these images from now on; the seconds count on from those that were said last."""
+        self._begun = time.perf_counter() - self._said
         self.takes = takes
 
     def pictures(self) -> Mapping[str, Picture]:
@@ -94,7 +100,8 @@ class Easel:
             self.show(name)
 
     def _seconds(self) -> float:
-        return time.perf_counter() - self._begun
+        self._said = time.perf_counter() - self._begun
+        return self._said
 
     def _next_number(self) -> int:
         self._number += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,10 @@ NOWHERE = Camera(np.eye(4), 1.0, np.array([0.0, 1.0, 0.0]), (1.0, 1.0))
 
 class SupersededError(Exception):
     """Something else is wished than what is being rendered."""
+
+
+class DroppedError(Exception):
+    """The image that is being rendered is compared with no more."""
 
 
 class Studio:
@@ -136,10 +141,12 @@ class Studio:
         if last is None or last.file.document is None:
             return None
         document = last.file.read()
-        seen = glimpse(last, document, wish.camera)
-        if seen is not None:
-            take, size = seen
-            self._easel.first(take, size=size, view=None, black=None, part=0.0, samples=None, noise=None)
+        # What is wrong with the view, or with the file, is said where the scene is opened.
+        with suppress(Exception):
+            seen = glimpse(last, document, wish.camera)
+            if seen is not None:
+                take, size = seen
+                self._easel.first(take, size=size, view=None, black=None, part=0.0, samples=None, noise=None)
         return document
 
     def _look(self, wish: Wish, subject: Subject) -> None:
@@ -178,27 +185,37 @@ class Studio:
         """Another wave of each image that is not done."""
         desk, easel = self.desk, self._easel
         if wish.compared != desk.shown.compared:
-            self._compare(subject, wish.compared)
+            self._compare(wish.compared)
         desk.shown = replace(desk.shown, stopped=wish.stopped)
         if wish.stopped and not easel.done:
             self.board.say(doing="stopped")
             return
-        for name in easel.takes:
-            if easel.step(name, self._between):
-                why = self._why_black(subject, self.board.pictures[name]) if name == "own" else self.board.state.black
-                self.board.say(black=why, **easel.reached())
+        for name in ("own", "path"):
+            self._step(name, subject)
         if easel.done:
             self.board.say(doing="done", part=1.0, **easel.reached())
         else:
             self.board.say(doing="rendering")
 
-    def _compare(self, subject: Subject, compared: bool) -> None:
+    def _step(self, name: str, subject: Subject) -> None:
+        """Another wave of an image, where there is one that is not done."""
+        easel = self._easel
+        if name not in easel.takes:
+            return
+        try:
+            if easel.step(name, self._between):
+                why = self._why_black(subject, self.board.pictures[name]) if name == "own" else self.board.state.black
+                self.board.say(black=why, **easel.reached())
+        except DroppedError:
+            self._compare(False)  # who has it no more may want it again by now
+
+    def _compare(self, compared: bool) -> None:
         self.desk.shown = replace(self.desk.shown, compared=compared)
         own = self._easel.takes["own"]
-        self._easel.begin(own=own)
+        self._easel.go_on(own=own)
         pictures = self._easel.pictures()  # what another scene's path has come to is none of these
         if compared and takes.alone(own.integrator) is None:
-            self._easel.takes["path"] = takes.rival(subject, own.integrator, self._spp, self._seed)
+            self._easel.takes["path"] = takes.rival(own)
         self.board.say(pictures, compared="path" in self._easel.takes, part=self._easel.part)
 
     def _why_black(self, subject: Subject, picture: Picture) -> str | None:
@@ -215,7 +232,20 @@ class Studio:
             self.board.say(doing="rendering")
         if self.desk.superseded:
             raise SupersededError
+        if self.desk.compared != self.desk.shown.compared:
+            self._compare_between(name)
         self._easel.report(name)
+
+    def _compare_between(self, name: str) -> None:
+        """What is compared, or not any more, between two portions of a wave: where that is of the scene's own image, it
+        waits while ``path`` has its first wave.
+        """
+        if name == "path":
+            raise DroppedError
+        subject, compared = self.desk.subject, self.desk.compared
+        if subject is not None and subject.whole:  # within a wave the film has no crop window
+            self._compare(compared)
+            self._step("path", subject)
 
     def _close(self) -> None:
         self._easel.takes = {}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from math import isnan
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -14,9 +15,9 @@ from ..registry import create
 from ..rendering.plan import SAMPLING
 from ..rendering.snapshot import Snapshot
 from ..scene_files import rendering
+from ..transport.dispersion import disperses
 from .picture import of_snapshot, over
 from .portions import Growing
-from .subject import Subject
 
 #: Into how many parts a step of about a second is cut where portions can't be measured.
 STEPS = 4
@@ -32,6 +33,8 @@ class Take:
         else:  # it is seeded anew for each portion, so that these have to be the same each time
             per_pixel = spp or integrator.samples**2
             integrator.band = max(2**10, rendering.samples_of_a_step() // STEPS // per_pixel)
+        #: How it samples; what makes halves of it changes that of the integrator for a while.
+        self.sampling = {name: getattr(integrator, name) for name in (*SAMPLING, "channels")}
         self.done = False
         self.scene, self.sensor, self.spp, self.seed = scene, sensor, spp, seed
         self._waves: Iterator[Snapshot] | None = None
@@ -89,10 +92,13 @@ class Take:
         return reached.samples, None if isnan(reached.noise) else reached.noise
 
     def coarse(self) -> np.ndarray:
-        """The colours of one sample of each pixel, while the film has few; to be seen before there are others."""
+        """The colours of one sample of each pixel, while the film has few; to be seen before there are others. Behind
+        glass that disperses a sample has one colour, so that a pixel has a row of a pattern with as many as there are.
+        """
+        each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         taker, self.integrator.taker = self.integrator.taker, None  # so few samples say nothing of their speed
         try:
-            snapshot = next(self.integrator.waves(self.scene, self.sensor, self.seed, 1))
+            snapshot = next(self.integrator.waves(self.scene, self.sensor, self.seed, each**2))
             self._coarse = of_snapshot(snapshot)["final"]
             return self._coarse
         finally:
@@ -126,13 +132,12 @@ def alone(integrator: Any) -> str | None:
     return None
 
 
-def rival(subject: Subject, integrator: Any, spp: int, seed: int) -> Take:
-    """The image of Mitsuba's ``path``, sampled as ``integrator`` is, and lit by its background, which is no source to
-    ``prosim``.
+def rival(own: Take) -> Take:
+    """The image of Mitsuba's ``path``, sampled as ``own`` is, and lit by its background, which is no source to
+    ``prosim``. It may be begun, and grow, while ``own`` is between two portions, unless there is a crop window.
     """
-    sampling = {name: getattr(integrator, name) for name in (*SAMPLING, "channels")}
-    path = create("prosim_adaptive", nested=create("path"), **sampling)
-    scene, background = subject.scene, getattr(integrator, "background", None)
+    path = create("prosim_adaptive", nested=create("path"), **own.sampling)
+    scene, background = own.scene, getattr(own.integrator, "background", None)
     if background is not None:
-        scene = seen_by(subject.sensor, scene, background=sky(background))
-    return Take(path, scene, subject.sensor, spp, seed)
+        scene = seen_by(own.sensor, scene, background=sky(background))
+    return Take(path, scene, own.sensor, own.spp, own.seed)

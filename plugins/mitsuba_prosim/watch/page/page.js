@@ -95,12 +95,12 @@ const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "s
 
 function told(news) {
     state = news;
-    const parts = [WORDS[state.doing]], percent = `${Math.round(100 * state.part)} %`;
+    const parts = [WORDS[state.doing]], whose = state.compared ? `${state.integrator}: ` : "", percent = `${Math.round(100 * state.part)} %`;
     write(find("scene"), state.scene);
     document.title = ({rendering: `${percent} `, failed: "wrong: ", missing: "gone: "}[state.doing] ?? "") + state.scene;
-    if (state.doing === "rendering" && state.part > 0.01) parts.push(percent);
+    if (state.doing === "rendering" && state.part > 0.01) parts.push(state.compared ? `${percent} of both` : percent);
     if (!["failed", "missing"].includes(state.doing)) {
-        if (state.samples) parts.push(`${state.samples.toFixed(1)} samples a pixel`);
+        if (state.samples) parts.push(`${whose}${state.samples.toFixed(1)} samples a pixel`);
         if (state.noise !== null) parts.push(`noise ${state.noise.toPrecision(2)}`);
         if (state.seconds) parts.push(duration(state.seconds));
     }
@@ -127,7 +127,7 @@ function told(news) {
     find("camera").disabled = !state.movable;
     find("compare").disabled = state.alone !== null || !state.integrator;
     find("compare").parentElement.title = state.alone ?? "";
-    // It is heard after the wave.
+    // It is heard between two portions, with a crop window after the wave.
     if (comparing === state.compared || !["rendering", "stopped"].includes(state.doing)) comparing = null;
     find("compare").checked = comparing ?? state.compared;
     find("splitting").hidden = !state.compared;

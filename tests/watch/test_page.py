@@ -293,6 +293,7 @@ def test_camera_and_comparison(page):
     page.check("#compare", force=True)
     until(lambda: page.is_visible("#path") and page.get_attribute("#path", "data-number") is not None)
     until(lambda: shown(page, "path").shape == home.shape)
+    until(lambda: "prosim: " in page.inner_text("#state") and "samples a pixel" in page.inner_text("#state"))
     page.focus("#split")
     page.keyboard.press("Home")
     assert "0 0 0 0%" in (page.get_attribute("#path", "style") or "") or "inset(0px" in page.get_attribute(

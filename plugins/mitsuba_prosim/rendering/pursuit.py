@@ -144,7 +144,7 @@ class Pursuit:
     def _next(self, samples: float) -> mi.UInt32:
         """The counts that the next wave leads to."""
         state, target = self.state, self.target
-        most, goal = self.GROWTH * samples, 0.0
+        most, goal = self.GROWTH * samples, None
         if target.seconds:
             share = 0.9 if target.left < target.seconds / 5 else 0.5  # the last takes all
             most = min(most, samples + self.speed * target.left * share)
@@ -155,11 +155,7 @@ class Pursuit:
             goal = now / (way if way < 2 else way**0.7)
 
         after = self._by_effort()
-
-        def reaches(effort: float) -> bool:
-            counts = mi.Float(after(effort))
-            return mean(counts) >= most or (target.noisy and mean(self.variance / counts) <= goal)
-
+        reaches = self._reaching(after, most, goal)
         # What the pixels need may be judged higher now than before: so not from where it was.
         effort = state.decisions.effort
         state.decisions.effort = least(reaches, effort / 4 if self.policy.judgements > 1 else effort)
@@ -231,12 +227,20 @@ class Pursuit:
         """The counts with which the noise is what was asked for, as far as can be known."""
         now, work, after = self.state.estimate.count, self.target.work(self.state, self.AIM), self._by_effort()
         goal, most = mean(self.variance / mi.Float(now)) / max(work, 1e-24), mean(now) * work
+        return after(least(self._reaching(after, most, goal), self.state.decisions.effort))
+
+    def _reaching(
+        self, after: Callable[[float], mi.UInt32], most: float, goal: float | None
+    ) -> Callable[[float], bool]:
+        """What says whether the counts ``after`` an effort are ``most`` in the mean, or leave a variance of ``goal`` or
+        less, if there is one.
+        """
 
         def reaches(effort: float) -> bool:
             counts = mi.Float(after(effort))
-            return mean(counts) >= most or mean(self.variance / counts) <= goal
+            return mean(counts) >= most or (goal is not None and mean(self.variance / counts) <= goal)
 
-        return after(least(reaches, self.state.decisions.effort))
+        return reaches
 
 
 def in_full_sets(have: np.ndarray, want: np.ndarray, most: int, maps: int, photons: int) -> int:

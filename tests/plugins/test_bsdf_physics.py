@@ -166,20 +166,27 @@ def test_paint_keeps_the_sum_of_textures(variant_rgb):
 
 @each([b for b in ROUGH + SMOOTH if b["type"] != "prosim_phong"])
 def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
-    """With one specular component enabled, a sample weighs at most F (or 1 - F) of its facet."""
+    """With one specular component enabled, a sample weighs at most F (or 1 - F) of its facet.
+
+    F has a vertical tangent at the critical angle, so the tolerance is on the cosine: a few units in its last place, by
+    which processors differ.
+    """
     kind = bsdf["type"]
     bsdf = mi.load_dict(bsdf)
     wi = directions(50000, 3, kind == "prosim_dielectric")
     si = curves.interaction(wi)
     bs, weight = bsdf.sample(only(SPECULAR), si, *uniform(50000, 4))
     cos = dr.dot(wi, dr.normalize(wi + bs.wo))
-    if kind == "prosim_lambertian":
-        bound = mi.Color3f(0)
-    elif kind == "prosim_conductor":
-        bound = fresnel.conductor(cos, mi.Color3f(COPPER["eta"]["value"]), mi.Color3f(COPPER["k"]["value"]))
-    else:
+
+    def reflected(cos):
+        if kind == "prosim_lambertian":
+            return mi.Color3f(0)
+        if kind == "prosim_conductor":
+            return fresnel.conductor(cos, mi.Color3f(COPPER["eta"]["value"]), mi.Color3f(COPPER["k"]["value"]))
         eta = mi.traverse(bsdf)["eta"]
-        bound = mi.Color3f(fresnel.dielectric(dr.mulsign(cos, wi.z), eta)) * (0.6 if kind == "prosim_composite" else 1)
+        return mi.Color3f(fresnel.dielectric(dr.mulsign(cos, wi.z), eta)) * (0.6 if kind == "prosim_composite" else 1)
+
+    bound = dr.maximum(reflected(dr.maximum(cos - 1e-6, 0)), reflected(dr.minimum(cos + 1e-6, 1)))
     assert dr.all(weight <= bound * (1 + 1e-4) + 1e-5, axis=None)
     if kind == "prosim_dielectric":
         bs, weight = bsdf.sample(only(TRANSMITTED), si, *uniform(50000, 4))

@@ -20,13 +20,13 @@ def address(scene):
 @pytest.fixture
 def estimates_that_fall(variant_rgb, monkeypatch):
     """Integrators that take back half of what they tell, as one does that finds that there is more to do."""
-    from mitsuba_prosim.engine.integrator import WaveIntegrator
+    from mitsuba_prosim.engine.integrator import ProgressiveIntegrator
 
     def told(tell):
         return tell and (lambda part: (tell(part), tell(part / 2)))
 
     progress = property(lambda self: told(self.__dict__["tell"]), lambda self, tell: self.__dict__.update(tell=tell))
-    monkeypatch.setattr(WaveIntegrator, "progress", progress, raising=False)
+    monkeypatch.setattr(ProgressiveIntegrator, "progress", progress, raising=False)
 
 
 @pytest.fixture(scope="module")

@@ -142,9 +142,9 @@ def halved(integrator: Any, sensor: mi.Sensor, spp: int) -> Iterator[tuple[Any, 
     Our own integrators get patterns of about N²/2, with twice the variance where noise or a threshold is asked for,
     and half of the time.
     """
-    from ..engine.integrator import WaveIntegrator
+    from ..engine.integrator import ProgressiveIntegrator
 
-    if not isinstance(integrator, WaveIntegrator) or not is_jit():
+    if not isinstance(integrator, ProgressiveIntegrator) or not is_jit():
         yield integrator, ((spp or sensor.sampler().sample_count()) + 1) // 2
         return
     if spp:

@@ -107,9 +107,9 @@ class Take:
 
 def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
     """``integrator``, within ``prosim_adaptive`` if it knows no waves, and its samples per pixel."""
-    from ..engine.integrator import WaveIntegrator
+    from ..engine.integrator import ProgressiveIntegrator
 
-    if isinstance(integrator, WaveIntegrator):
+    if isinstance(integrator, ProgressiveIntegrator):
         return integrator, spp
     within = create("prosim_adaptive", nested=integrator, adaptive="none")
     return within, spp or sensor.sampler().sample_count()

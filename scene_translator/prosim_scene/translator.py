@@ -103,7 +103,10 @@ def translate(
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:
-        relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
+        try:
+            relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
+        except ValueError:  # on another drive of Windows
+            relative = path.resolve().as_posix()
         if not xml.can_say(relative):
             raise ValueError(f"the path {relative!r} cannot stand in XML; expected printable characters, in UTF-8")
         return relative

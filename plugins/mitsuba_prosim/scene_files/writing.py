@@ -7,6 +7,7 @@ import os
 import secrets
 import shutil
 import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,10 +16,8 @@ from pathlib import Path
 
 from prosim_scene.replacing import PART, refuse_special
 
-try:
+if sys.platform != "win32":  # where nobody can remove a file that is open: that is its lock
     import fcntl
-except ImportError:  # Windows, where nobody can remove a file that is open: that is its lock
-    fcntl = None  # type: ignore[assignment]
 
 #: How the names begin of folders for a while, and of those of what could not be written where it should.
 SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"
@@ -111,9 +110,11 @@ def scratch() -> Iterator[Path]:
     place = Path(tempfile.gettempdir())
     for folder in place.glob(SCRATCH + "*"):
         _remove_leftover(folder)
-    with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=place, ignore_cleanup_errors=True) as name:
-        with _locked(Path(name, LOCK)):
-            yield Path(name)
+    with (
+        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=place, ignore_cleanup_errors=True) as name,
+        _locked(Path(name, LOCK)),
+    ):
+        yield Path(name)
 
 
 def _target(path: Path) -> Path:
@@ -180,7 +181,7 @@ def _locked(path: Path) -> Iterator[None]:
     leftovers stay.
     """
     with open(path, "xb") as file:
-        if fcntl is not None:
+        if sys.platform != "win32":
             with suppress(OSError):
                 fcntl.flock(file, fcntl.LOCK_EX)
         yield
@@ -203,6 +204,6 @@ def _remove_leftover(path: Path) -> None:
 def _remove_unlocked(path: Path) -> None:
     """Removes a file, if it is there. Raises OSError where somebody has locked it."""
     with suppress(FileNotFoundError), ExitStack() as until:
-        if fcntl is not None:
+        if sys.platform != "win32":
             fcntl.flock(until.enter_context(open(path, "rb")), fcntl.LOCK_EX | fcntl.LOCK_NB)
         path.unlink()

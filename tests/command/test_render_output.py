@@ -14,7 +14,7 @@ import OpenEXR
 import pytest
 from mitsuba_prosim.command import making, output
 from mitsuba_prosim.command.interrupts import interruptible
-from mitsuba_prosim.rendering.plan import Plan
+from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene_files import rendering, writing
 from running import XML, names, pixels, prosim
 from tqdm.auto import tqdm

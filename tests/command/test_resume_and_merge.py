@@ -11,7 +11,7 @@ import sys
 import OpenEXR
 import pytest
 from mitsuba_prosim.command import resume
-from mitsuba_prosim.rendering.record import Record
+from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.saved import files
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene_files import writing

@@ -19,10 +19,10 @@ from mitsuba_prosim.caustics.sources import Sources, Start, left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import Landed
 from mitsuba_prosim.command.sampled import parameters
+from mitsuba_prosim.engine import cutting
+from mitsuba_prosim.engine.pursuit import in_full_sets
+from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.light.table import Lights
-from mitsuba_prosim.rendering import cutting
-from mitsuba_prosim.rendering.pursuit import in_full_sets
-from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
 from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side

@@ -9,7 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from mitsuba_prosim import saved
-from mitsuba_prosim.rendering.record import Record
+from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.saved import files, origin
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene_files import digest, opening, writing

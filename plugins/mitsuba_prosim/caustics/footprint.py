@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from ..rendering.camera import uncropped
+from ..engine.camera import uncropped
 
 #: Where a camera has no pixels to speak of (a meter of one ray): that part of the scene's radius.
 LEAST = 1e-5

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import mitsuba as mi
 
-from ..rendering.part import Part
-from ..rendering.record import Record
+from ..engine.part import Part
+from ..engine.record import Record
 from ..saved.keeper import Keeper
 from ..scene_files import black, images, opening, rendering
 from . import denoised, reached

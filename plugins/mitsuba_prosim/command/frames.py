@@ -15,7 +15,7 @@ import OpenEXR
 from prosim_scene.language.definitions import FRAME, TIME
 
 from .. import saved
-from ..rendering.record import Record
+from ..engine.record import Record
 from ..saved import origin
 from ..scene_files import opening
 from .job import Job

@@ -12,7 +12,7 @@ import mitsuba as mi
 from prosim_scene import Kept
 from prosim_scene.language.document import Document
 
-from ..rendering.record import Record
+from ..engine.record import Record
 from ..scene_files import opening
 
 

@@ -15,9 +15,9 @@ import click
 import mitsuba as mi
 from tqdm.auto import tqdm
 
-from ..rendering.part import Part
-from ..rendering.record import Record
-from ..rendering.state import KEPT
+from ..engine.part import Part
+from ..engine.record import Record
+from ..engine.state import KEPT
 from ..saved.keeper import Keeper
 from ..scene_files import opening, rendering, session, writing
 from . import denoised, reached, tev

@@ -15,7 +15,7 @@ import mitsuba as mi
 import prosim_scene
 from click.core import ParameterSource
 
-from ..rendering.part import Part
+from ..engine.part import Part
 from ..scene_files import opening, session
 from ..scene_files.plugins import with_nearest
 from ..scene_files.pointing import pointed

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from ..rendering.record import Record
+from ..engine.record import Record
 from ..scene_files import writing
 from . import origin
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..rendering.record import Record
+from ..engine.record import Record
 from ..scene_files import writing
 from . import files
 

@@ -8,8 +8,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..rendering.part import Part
-from ..rendering.record import Record
+from ..engine.part import Part
+from ..engine.record import Record
 
 
 def tells_progress(integrator: mi.Integrator) -> bool:

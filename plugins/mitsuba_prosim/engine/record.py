@@ -36,7 +36,7 @@ ALIGNED = 64
 
 @dataclass(frozen=True)
 class Record:
-    """A :class:`~mitsuba_prosim.rendering.state.State` between two steps, as NumPy arrays, to the bit.
+    """A :class:`~mitsuba_prosim.engine.state.State` between two steps, as NumPy arrays, to the bit.
 
     ``facts``: what can be said in words and numbers (they are JSON); ``pixels``: name -> values of all pixels that are
     known, shape (height, width); ``twin``: name -> values of the twin's pixels, shape (pixels,); ``image``: name ->

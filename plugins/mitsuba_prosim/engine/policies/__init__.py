@@ -1,13 +1,13 @@
 """Which pixels get how many samples (sections 4.2.1.1, 5.3.2): one policy a file.
 
-A policy is made from a :class:`~mitsuba_prosim.rendering.plan.Plan` and a threshold. It has
+A policy is made from a :class:`~mitsuba_prosim.engine.plan.Plan` and a threshold. It has
 
 ``first``
     the number of samples in the first wave, which every pixel gets;
 ``reach``
     how many pixels around a pixel it looks at;
 ``need(estimate, width, height)``
-    from the :class:`~mitsuba_prosim.rendering.estimate.Estimate` of a rectangle after that wave, its pixels row by row:
+    from the :class:`~mitsuba_prosim.engine.estimate.Estimate` of a rectangle after that wave, its pixels row by row:
     how many samples each pixel should have in the end, a ``mi.Float``, to be rounded up to whole passes and cut to what
     the plan allows;
 ``judgements``

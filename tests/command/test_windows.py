@@ -11,51 +11,15 @@ import pytest
 from running import XML
 
 #: What Windows lacks. (``os.set_blocking`` it has from Python 3.12 on; before, the signal module needs none there.)
-MODULES = ["fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"]
-OS = [
-    "O_NOFOLLOW",
-    "WNOHANG",
-    "chown",
-    "fchmod",
-    "fork",
-    "getegid",
-    "geteuid",
-    "getgid",
-    "getloadavg",
-    "getpgid",
-    "getuid",
-    "killpg",
-    "mkfifo",
-    "pathconf",
-    "posix_fallocate",
-    "posix_spawn",
-    "pread",
-    "pwrite",
-    "sched_getaffinity",
-    "setsid",
-    "sysconf",
-    "uname",
-]
-SIGNALS = [
-    "SIGALRM",
-    "SIGCHLD",
-    "SIGCONT",
-    "SIGHUP",
-    "SIGKILL",
-    "SIGPIPE",
-    "SIGQUIT",
-    "SIGSTOP",
-    "SIGTSTP",
-    "SIGUSR1",
-    "SIGUSR2",
-    "SIGWINCH",
-    "alarm",
-    "pause",
-    "pthread_sigmask",
-    "setitimer",
-    "siginterrupt",
-    "sigwait",
-]
+MODULES = "fcntl grp posix pty pwd resource syslog termios tty"
+OS = """
+    O_NOFOLLOW WNOHANG chown fchmod fork getegid geteuid getgid getloadavg getpgid getuid killpg mkfifo pathconf
+    posix_fallocate posix_spawn pread pwrite sched_getaffinity setsid sysconf uname
+    """
+SIGNALS = """
+    SIGALRM SIGCHLD SIGCONT SIGHUP SIGKILL SIGPIPE SIGQUIT SIGSTOP SIGTSTP SIGUSR1 SIGUSR2 SIGWINCH alarm pause
+    pthread_sigmask setitimer siginterrupt sigwait
+    """
 
 WINDOWS = f"""if True:
     import builtins, contextlib, importlib, os, pkgutil, signal, sys
@@ -68,7 +32,7 @@ WINDOWS = f"""if True:
             importlib.import_module(name)
 
     OURS = ("mitsuba_prosim", "prosim_scene", "prosim_start")
-    for module, names in ((os, {OS}), (signal, {SIGNALS})):
+    for module, names in ((os, {OS.split()}), (signal, {SIGNALS.split()})):
         for name in names:
             if hasattr(module, name):
                 delattr(module, name)
@@ -76,7 +40,7 @@ WINDOWS = f"""if True:
     original = builtins.__import__
 
     def importing(name, globals=None, *rest):
-        if name.partition(".")[0] in {MODULES} and (globals or {{}}).get("__name__", "").startswith(OURS):
+        if name.partition(".")[0] in {MODULES.split()} and (globals or {{}}).get("__name__", "").startswith(OURS):
             raise ModuleNotFoundError(f"Windows has no {{name}}", name=name)
         return original(name, globals, *rest)
 

@@ -225,6 +225,24 @@ def test_references_are_kept_and_continued(tmp_path, variant_rgb):
     assert longer.error < first.error
 
 
+def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, monkeypatch):
+    """What a scene includes counts as its own text does, and so does whatever renders it."""
+    head, body, tail = SCENE.partition('<shape type="sphere">')
+    (tmp_path / "balls.xml").write_text('<scene version="3.0.0">' + body + tail)
+    (tmp_path / "scene.xml").write_text(head + '<include filename="balls.xml"/></scene>')
+
+    def key():
+        return FileScene(SceneFile(tmp_path / "scene.xml", tmp_path)).key
+
+    first = key()
+    assert key() == first
+    monkeypatch.setattr("mitsuba_prosim.saved.origin.__version__", "0.0")
+    assert key() != first
+    monkeypatch.undo()
+    (tmp_path / "balls.xml").write_text('<scene version="3.0.0">' + body + tail.replace("30, 30, 30", "20, 20, 20"))
+    assert key() != first
+
+
 def test_references_that_can_not_be_kept(tmp_path, monkeypatch, capsys):
     """That is seen before they are rendered."""
     (tmp_path / "file").touch()

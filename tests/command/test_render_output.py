@@ -236,6 +236,30 @@ def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):
     assert pixels(scene.with_suffix(".exr")).min() > 0
 
 
+def test_a_signal_that_another_handler_hears_stops_nothing(scene, monkeypatch):
+    """Python tells of it by the same way as of those that end a render."""
+    heard, stopped = [], []
+    before = signal.signal(signal.SIGUSR1, lambda *_: heard.append(True))
+    try:
+        with interruptible(lambda: stopped.append(True)) as signals:
+            os.kill(os.getpid(), signal.SIGUSR1)
+        assert heard and not signals and not stopped
+
+        class Bar(tqdm):
+            def update(self, done):
+                os.kill(os.getpid(), signal.SIGUSR1)
+                return super().update(done)
+
+        monkeypatch.setattr(making, "tqdm", Bar)
+        scene.write_text(BANDS)
+        done = prosim("render", scene)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert done.exit_code == 0 and len(heard) > 1
+    header = OpenEXR.File(str(scene.with_suffix(".exr")), header_only=True).header()
+    assert float(header["prosim.samples"]) >= 2
+
+
 def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):
     """It holds up Python's signal handlers until it is done, which would take minutes."""
     scene.write_text(

@@ -49,13 +49,13 @@ class Existing(click.Path, ABC):
         """Its path."""
         path = Path(os.fsdecode(value))
         if path.is_dir():
-            self.fail(f"{str(path)!r} is a folder.{did_you_mean(self.within(path))}", param, ctx)
+            self.fail(f"'{path}' is a folder.{did_you_mean(self.within(path))}", param, ctx)
         if not os.path.lexists(path):
-            nor = "" if path.parent.is_dir() else f" (nor does the folder {str(path.parent)!r})"
-            self.fail(f"File {str(path)!r} does not exist{nor}.{did_you_mean(self.near(path))}", param, ctx)
+            nor = "" if path.parent.is_dir() else f" (nor does the folder '{path.parent}')"
+            self.fail(f"File '{path}' does not exist{nor}.{did_you_mean(self.near(path))}", param, ctx)
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if (what := self.wrong(path)) is not None:
-            self.fail(f"{str(path)!r} is {what}", param, ctx)
+            self.fail(f"'{path}' is {what}", param, ctx)
         return path
 
     @abstractmethod

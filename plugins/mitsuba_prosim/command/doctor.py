@@ -64,7 +64,7 @@ def doctor() -> None:
             advice = "Run: prosim link" if compiler else f"Install {stand_in.COMPILER}, then run: prosim link"
             troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). {advice}")
     else:
-        say("mitsuba", "the mitsuba command can run plugins written in Python on Linux only; use prosim render")
+        say("mitsuba", "the mitsuba command runs plugins written in Python on Linux only; use prosim render")
 
     lacking = missing_packages()
     say(

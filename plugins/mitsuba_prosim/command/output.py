@@ -71,7 +71,7 @@ def stem(output: str | None, default: Path, suffixes: Collection[str], source: P
     elif output == "-" or (there and not path.is_file()):
         wrong = f"what is written is {kinds}, which are files; give their name, or a folder."
     if wrong is not None:
-        raise click.BadParameter(f"{output!r}: {wrong}", param_hint="-o")
+        raise click.BadParameter(f"'{output}': {wrong}", param_hint="-o")
     if name := path.name.rstrip("."):  # a name that ends before its suffix
         path = path.with_name(name)
     return _in_new_folder(output, path)
@@ -92,8 +92,7 @@ def refuse_folders(output: str, folder: Path) -> None:
     above = folder.parent
     if not os.path.lexists(folder) and not os.path.lexists(above):
         raise click.BadParameter(
-            f"{output!r}: there is no folder {str(above)!r}; one new folder is made, in one that is there.",
-            param_hint="-o",
+            f"'{output}': there is no folder '{above}'; one new folder is made, in one that is there.", param_hint="-o"
         )
 
 

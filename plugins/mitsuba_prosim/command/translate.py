@@ -24,7 +24,7 @@ class Folder(click.Path):
         """The folder's path."""
         path = Path(os.fsdecode(super().convert(expanded(os.fsdecode(value)), param, ctx)))
         if path.suffix.lower() in KNOWN and not path.exists():
-            self.fail(f"{str(path)!r}: name the folder; the file in it is called after the scene.", param, ctx)
+            self.fail(f"'{path}': name the folder; the file in it is called after the scene.", param, ctx)
         refuse_folders(os.fsdecode(value), path)
         return path
 

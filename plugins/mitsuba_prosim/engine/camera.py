@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import world_transform
+
 if TYPE_CHECKING:
     #: From time and a number for the wavelengths, the places on the film and on the lens: the ray and its weight.
     RaySampler = Callable[[mi.Float, mi.Float, mi.Point2f, mi.Point2f], tuple[mi.Ray3f, mi.Spectrum]]
@@ -32,7 +34,7 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
     size, near, far = mi.ScalarVector2i(sensor.film().size()), sensor.near_clip(), sensor.far_clip()
     to_camera = mi.perspective_projection(size, size, mi.ScalarVector2i(0), params["x_fov"], near, far).inverse()
-    to_world, near, far = sensor.world_transform(), dr.opaque(mi.Float, near), dr.opaque(mi.Float, far)
+    near, far = dr.opaque(mi.Float, near), dr.opaque(mi.Float, far)
     dr.make_opaque(to_camera, offset)
 
     def sample_ray(
@@ -43,6 +45,7 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
         d = dr.normalize(mi.Vector3f(on_near))
         ray = dr.zeros(mi.Ray3f)
         ray.time, ray.wavelengths = time, wavelengths
+        to_world = world_transform(sensor, time)
         ray.d = to_world @ d
         ray.o = to_world.translation() + ray.d * (near / d.z)
         ray.maxt = (far - near) / d.z

@@ -70,11 +70,13 @@ def test_time_alone_says_what_the_noise_is_at_most(scene, variant_rgb):
     loaded = mi.load_string(NOISY.replace('"path"/>', '"prosim_adaptive"><integrator type="path"/></integrator>'))
     integrator = loaded.integrator()
     integrator.noise, integrator.adaptive = 0.001, "graded"
-    *_, snapshot = integrator.waves(loaded)
-    assert 0.9 < snapshot.noise_at_most() / integrator.reached.noise < 10
+    render = integrator.progressive(loaded)
+    list(render)
+    assert 0.9 < render.noise_at_most() / render.reached.noise < 10
     integrator.noise, integrator.adaptive = 0, "none"
-    *_, snapshot = integrator.waves(loaded, spp=1)
-    assert math.isnan(snapshot.noise_at_most())
+    render = integrator.progressive(loaded, spp=1)
+    list(render)
+    assert math.isnan(render.noise_at_most())
 
 
 def test_an_integrator_that_takes_no_samples_from_a_sensor(scene):

@@ -44,7 +44,7 @@ class Job:
         except (KeyError, TypeError):
             raise ValueError(
                 "this state was not kept by prosim render, so the command can't know what it is of; go on with it "
-                "where it comes from, by integrator.waves(begin=...)"
+                "where it comes from, by integrator.progressive(begin=...)"
             ) from None
 
     def about(self, file: opening.SceneFile) -> dict[str, Any]:

@@ -33,7 +33,8 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
     size, near, far = mi.ScalarVector2i(sensor.film().size()), sensor.near_clip(), sensor.far_clip()
-    to_camera = mi.perspective_projection(size, size, mi.ScalarVector2i(0), params["x_fov"], near, far).inverse()
+    fov = float(params["x_fov"][0])  # a literal, as the kernel of an array would have the size as a constant
+    to_camera = mi.perspective_projection(size, size, mi.ScalarVector2i(0), fov, near, far).inverse()
     near, far = dr.opaque(mi.Float, near), dr.opaque(mi.Float, far)
     dr.make_opaque(to_camera, offset)
 

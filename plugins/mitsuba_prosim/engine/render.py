@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -22,19 +22,10 @@ from .pursuit import Pursuit
 from .record import Record
 from .state import State
 from .target import Target
-from .work import Executor, Local, Pass, WorkItem, image_pass
+from .work import Executor, Local, Pass, Step, WorkItem, image_pass
 
 #: A pass over the image takes so many times the samples that a pixel has, at most.
 GROWTH = 4
-
-
-class Step(NamedTuple):
-    """What :class:`Render` yields after each work item."""
-
-    #: The part of the image that is done, 0 to 1, as far as is known: it may fall.
-    done: float
-    #: Whether a pass over the image is complete: every pixel has a value, and the samples that the pass was to bring.
-    complete: bool
 
 
 @dataclass(frozen=True)
@@ -121,7 +112,7 @@ class Render:
         whole = True
         for work in _guarded(self._passes()):
             if not self._over(work):
-                for _ in self._execute(work):
+                for _ in self.execute(work):
                     yield Step(self._done, False)
             whole = work.whole
             with alone():
@@ -135,7 +126,7 @@ class Render:
         if self.finished and self._done < 1:
             yield Step(1.0, True)
 
-    def _execute(self, work: Pass) -> Iterator[None]:
+    def execute(self, work: Pass) -> Iterator[None]:
         """Takes the samples of a pass, until it is whole or over."""
         begun = time.perf_counter()
         for items in _guarded(work.steps):

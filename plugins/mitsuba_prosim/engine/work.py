@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -25,6 +25,15 @@ FEWEST = 4096
 
 #: From the samples that are still to be asked for: how many the next work item may have; None for any number.
 Limit = Callable[[int], "int | None"]
+
+
+class Step(NamedTuple):
+    """What :class:`.Render` yields after each work item."""
+
+    #: The part of the image that is done, 0 to 1, as far as is known: it may fall.
+    done: float
+    #: Whether a pass over the image is complete: every pixel has a value, and the samples that the pass was to bring.
+    complete: bool
 
 
 @dataclass(frozen=True)

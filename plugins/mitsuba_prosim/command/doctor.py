@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from .. import llvm
 from ..denoising import oidn
-from ..scene_files import session
+from ..scene import session
 from . import stand_in
 from .compare import missing_packages
 from .link import misplaced_folder

@@ -13,7 +13,7 @@ import click
 import mitsuba as mi
 
 from .. import registry
-from ..scene_files import session
+from ..scene import session
 from .stand_in import BUNDLED, compile_stand_in, is_stand_in, plugin_folder
 
 

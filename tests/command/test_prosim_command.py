@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim import llvm
 from mitsuba_prosim.command import compare, doctor
-from mitsuba_prosim.scene_files import session
+from mitsuba_prosim.scene import session
 from mitsuba_prosim.stock_command import stand_ins
 from prosim_start import group, guesses
 from running import PALITO, XML, names, pixels, prosim

@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from .. import llvm
 from ..denoising import oidn
-from ..scene_files import session
+from ..scene import session
 from ..stock_command import stand_ins
 from .compare import missing_packages
 

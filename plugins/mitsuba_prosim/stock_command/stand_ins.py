@@ -14,7 +14,7 @@ from typing import Any
 import mitsuba as mi
 
 from .. import registry
-from ..scene_files import session
+from ..scene import session
 
 SOURCE = Path(__file__).with_name("stand_in.c")
 

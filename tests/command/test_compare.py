@@ -17,7 +17,7 @@ from mitsuba_prosim.command.lines import Lines
 from mitsuba_prosim.command.options import InputError
 from mitsuba_prosim.compare import facts, measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
-from mitsuba_prosim.scene_files.opening import SceneFile
+from mitsuba_prosim.scene.scene_file import SceneFile
 from prosim_start.group import prosim
 
 #: Whether the package that denoises is there: the page has its rows then.

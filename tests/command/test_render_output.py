@@ -15,7 +15,7 @@ import pytest
 from mitsuba_prosim.command import making, output
 from mitsuba_prosim.command.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
-from mitsuba_prosim.scene_files import rendering, writing
+from mitsuba_prosim.scene import atomic, rendering
 from running import XML, names, pixels, prosim
 from tqdm.auto import tqdm
 
@@ -147,15 +147,15 @@ def test_what_cannot_be_written_is_found_before_the_render(scene, monkeypatch, p
 
 def test_an_image_that_cannot_be_written_after_all_is_kept(scene, monkeypatch, tmp_path_factory):
     """On a disk that has become full meanwhile, say."""
-    write, elsewhere = writing.write, tmp_path_factory.mktemp("elsewhere")
+    write, elsewhere = atomic.write, tmp_path_factory.mktemp("elsewhere")
 
     def full(contents):
         if next(iter(contents)).parent == scene.parent:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(scene.parent))
         return write(contents)
 
-    monkeypatch.setattr(writing, "write", full)
-    monkeypatch.setattr(writing.tempfile, "tempdir", str(elsewhere))
+    monkeypatch.setattr(atomic, "write", full)
+    monkeypatch.setattr(atomic.tempfile, "tempdir", str(elsewhere))
     done = prosim("render", scene)
     assert done.exit_code == 1 and "No space left on device" in done.stderr
     folder = next(elsewhere.iterdir())

@@ -10,7 +10,7 @@ import pytest
 from mitsuba_prosim import compat
 from mitsuba_prosim.caustics.footprint import Footprint
 from mitsuba_prosim.caustics.targets import sphere
-from mitsuba_prosim.scene_files.black import why
+from mitsuba_prosim.scene.black import why
 from scenes import mesh, penumbra
 
 #: Parameters of Mitsuba 3.9 -> those of 3.10.

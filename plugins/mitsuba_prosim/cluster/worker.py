@@ -27,7 +27,7 @@ from ..caustics.photons import Photons
 from ..engine.plan import Plan
 from ..engine.policies import POLICIES
 from ..saved import origin
-from ..scene_files import session
+from ..scene import session
 from . import message
 from .parcel import Parcel
 

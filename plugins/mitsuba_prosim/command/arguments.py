@@ -13,13 +13,13 @@ from typing import Any
 
 import click
 
-from ..scene_files import opening
+from ..scene import scene_file
 
 EXR = "an EXR image"
 
 #: What a file begins with that is no scene, and what it is.
 BEGINNINGS = {
-    opening.EXR: EXR,
+    scene_file.EXR: EXR,
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"GIF8": "a GIF image",

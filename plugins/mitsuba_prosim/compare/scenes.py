@@ -10,8 +10,8 @@ from typing import Any
 import mitsuba as mi
 
 from ..saved import origin
-from ..scene_files import opening
-from ..scene_files.plugins import nearest
+from ..scene import scene_file
+from ..scene.plugins import nearest
 from .runs import Contestant
 
 #: How a contestant is said.
@@ -83,10 +83,10 @@ class Scene(ABC):
 class FileScene(Scene):
     """A scene of a file."""
 
-    def __init__(self, file: opening.SceneFile):
+    def __init__(self, file: scene_file.SceneFile):
         self.file = file
         first = file.load()
-        opening.pick_sensor(first, 0)
+        scene_file.pick_sensor(first, 0)
         node = next((n for n in file.state.nodes if n.type == mi.ObjectType.Integrator), None)
         settings = {}
         if node is not None:
@@ -104,7 +104,7 @@ class FileScene(Scene):
         return self.file.load(sampler)
 
 
-def reference_key(file: opening.SceneFile) -> str:
+def reference_key(file: scene_file.SceneFile) -> str:
     """Text that is the same where a reference of ``file`` may be used again: its content, how it was changed, and the
     versions that render it.
     """

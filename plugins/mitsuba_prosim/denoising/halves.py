@@ -13,7 +13,7 @@ import numpy as np
 from ..engine.work import Step
 from ..registry import create
 from ..sampling.hash import combine, hash32
-from ..scene_files import rendering
+from ..scene import rendering
 from ..transport.features import NAMES
 from .denoised import Denoised, denoise
 

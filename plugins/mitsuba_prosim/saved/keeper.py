@@ -14,7 +14,7 @@ import drjit as dr
 
 from ..engine.record import Record
 from ..engine.render import Render
-from ..scene_files import writing
+from ..scene import atomic
 from . import files
 
 
@@ -35,7 +35,7 @@ class Keeper:
         self.wait = self.SHORTEST
         #: Whether it went wrong; and what could not be written in the end.
         self.failed = False
-        self.unwritten: writing.Content | None = None
+        self.unwritten: atomic.Content | None = None
         self.writer: threading.Thread | None = None
 
     def __call__(self, render: Render, last: bool = False) -> None:
@@ -56,7 +56,7 @@ class Keeper:
     def _write(self, record: Record, begun: float, used: float, last: bool) -> None:
         content, start = partial(files.put, record), time.thread_time()
         try:
-            writing.write({self.path: content})
+            atomic.write({self.path: content})
         except OSError as error:
             if last:
                 self.unwritten = content

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..scene_files import pointing
+from ..scene import pointing
 from .changes import stamp
 
 #: What is quoted, as its second group; the apostrophe of "the scene's" is no quote.

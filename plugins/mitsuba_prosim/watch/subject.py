@@ -16,7 +16,7 @@ from prosim_scene.language.document import Document
 from prosim_scene.model import Leaf
 
 from .. import compat, registry
-from ..scene_files.opening import SceneFile
+from ..scene.scene_file import SceneFile
 from .camera import Camera, as_view, as_xml, nearest_axis
 from .changes import stamp
 

@@ -15,7 +15,7 @@ from prosim_scene.language.document import Document
 from prosim_scene.view import misfit
 
 from .. import registry
-from . import integrators, session
+from . import overrides, session
 from .confinement import Confinement
 from .digest import digest, named_files
 from .whole import check_images
@@ -56,7 +56,7 @@ class SceneFile:
         ``integrator``
             Other parameters of the integrator ``prosim`` or ``prosim_adaptive`` instead of the scene's; None takes one
             away. Those that say how much is sampled put any other integrator within ``prosim_adaptive``, see
-            :func:`.integrators.change`.
+            :func:`.overrides.change`.
         ``kept``
             What an earlier translation has left to this one.
         ``confined``
@@ -106,7 +106,7 @@ class SceneFile:
                 width, height = node.props.get("width", 768), node.props.get("height", 576)
                 check_size(width, height)
                 check_crop(crop, width, height)
-        integrators.complete(self.state)
+        overrides.complete(self.state)
         #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
@@ -152,7 +152,7 @@ class SceneFile:
                 if self.wrapped and "prosim_adaptive" in str(error):
                     raise ValueError(
                         f"{self.path}: the integrator {self.wrapped} can't be rendered within prosim_adaptive, as "
-                        f"{', '.join(integrators.ENOUGH[:-1])} or {integrators.ENOUGH[-1]} asks for: "
+                        f"{', '.join(overrides.ENOUGH[:-1])} or {overrides.ENOUGH[-1]} asks for: "
                         f"{session.message(error)}"
                     ) from None
                 raise
@@ -171,7 +171,7 @@ class SceneFile:
 
     def _change_integrator(self, parameters: Mapping[str, Any]) -> str | None:
         try:
-            return integrators.change(self.state, parameters)
+            return overrides.change(self.state, parameters)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
 

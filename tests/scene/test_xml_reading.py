@@ -3,7 +3,7 @@
 import random
 
 import mitsuba as mi
-from mitsuba_prosim.scene_files.xml_reading import UnreadableError, named
+from mitsuba_prosim.scene.xml_reading import UnreadableError, named
 
 #: What values of attributes are made of, and what stands between elements.
 WITHIN = [

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import mitsuba as mi
 import pytest
-from mitsuba_prosim.scene_files import session
-from mitsuba_prosim.scene_files.confinement import LIBRARIES, OutsideError
-from mitsuba_prosim.scene_files.opening import SceneFile
-from mitsuba_prosim.scene_files.xml_reading import UnreadableError
+from mitsuba_prosim.scene import session
+from mitsuba_prosim.scene.confinement import LIBRARIES, OutsideError
+from mitsuba_prosim.scene.scene_file import SceneFile
+from mitsuba_prosim.scene.xml_reading import UnreadableError
 
 INCLUDE, SPECTRUM = (
     '<include filename="{}"/>',

@@ -182,8 +182,7 @@ def test_an_image_goes_on_as_if_there_had_been_nothing_between(variant_rgb):
     render = integrator.progressive(world, seed=3)
     begun, *_ = [render.checkpoint() for _ in render]
     whole = np.array(render.image())
-    for _ in integrator.progressive(world, seed=3, begin=begun):
-        pass
+    integrator.progressive(world, seed=3, begin=begun).run()
     assert np.array_equal(np.array(world.sensors()[0].film().develop()), whole)
     integrator.caustic_photons += 1
     with pytest.raises(ValueError, match="photons of a set: 4096 there, 4097 here"):
@@ -214,9 +213,7 @@ def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
     integrator = world.integrator()
 
     def counts(executor=None):
-        render = integrator.progressive(world, seed=1, executor=executor)
-        for _ in render:
-            pass
+        render = integrator.progressive(world, seed=1, executor=executor).run()
         return np.array(render.state.estimate.count)
 
     assert np.all(counts() == 32) and len(drawn) == 8

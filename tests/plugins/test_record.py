@@ -25,9 +25,7 @@ def loaded(size=40, rfilter="gaussian", film=None, **settings):
 
 def finished(scene, **how):
     """The image, and how far it came."""
-    render = scene.integrator().progressive(scene, seed=3, **how)
-    for _ in render:
-        pass
+    render = scene.integrator().progressive(scene, seed=3, **how).run()
     reached = render.reached
     return np.array(scene.sensors()[0].film().develop()), (reached.samples, str(reached.noise))
 

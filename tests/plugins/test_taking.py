@@ -63,9 +63,7 @@ class Elsewhere:
 
 
 def image(scene, executor=None):
-    render = scene.integrator().progressive(scene, seed=3, executor=executor)
-    for _ in render:
-        pass
+    render = scene.integrator().progressive(scene, seed=3, executor=executor).run()
     return np.array(render.image()), (render.reached.samples, str(render.reached.noise))
 
 

@@ -50,10 +50,7 @@ def passes(scene, seed=0):
 
 def reached(scene, seed=0):
     """How far the image came."""
-    render = scene.integrator().progressive(scene, seed=seed)
-    for _ in render:
-        pass
-    return render.reached
+    return scene.integrator().progressive(scene, seed=seed).run().reached
 
 
 def grow(render, counts, items=1 << 30):

@@ -45,9 +45,7 @@ def render(
             'integrator={"noise": 0.01}: it is put within prosim_adaptive then.'
         )
     with Remote(client or distributed.default_client(), parcel, warnings.warn) as taker:
-        render = integrator.progressive(loaded, chosen, seed, spp, executor=taker)
-        for _ in render:
-            pass
+        render = integrator.progressive(loaded, chosen, seed, spp, executor=taker).run()
         if taker.gone:
             raise ClusterError(taker.gone)
         return render.image()

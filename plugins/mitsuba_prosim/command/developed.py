@@ -64,13 +64,11 @@ def take(
         render = halves.Rendering(scene, sensor, integrator, job.seed, job.spp)
     else:
         render = rendering.progressive(scene, sensor, job.seed, job.spp, **how)
-    for step in render:
+    while not stopped() and (step := next(render, None)) is not None:
         if tell is not None:
             tell(step.done, render)
         if keeper is not None:
             keeper(render)
-        if stopped():
-            break
     render.close()
     if keeper is not None:
         keeper(render, True)

@@ -110,8 +110,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        for _ in self.progressive(scene, sensor, seed, spp):
-            pass
+        self.progressive(scene, sensor, seed, spp).run()
         film = sensor.film()
         with alone():
             image = film.develop() if develop else mi.TensorXf()
@@ -252,9 +251,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
-            render = self._progressive(scene, sensor, seed, spp, None, self.sampling)
-            for _ in render:
-                pass
+            render = self._progressive(scene, sensor, seed, spp, None, self.sampling).run()
         state = render.state
         state.estimator.transport = self.transport(scene, sensor, attached=True)
         return Derivatives(state.plan, state.estimator, state.image(), state.counts())

@@ -50,7 +50,6 @@ class Pursuit:
             self._judge()
         if policy.judgements == 1:
             decisions.need, decisions.variance = self.need, self.variance
-        self.part = 0.0  # that is done, as far as is known
         self.twin = Twin(state) if target.noisy else None
         # Samples of a pixel, in the mean, in a second.
         self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
@@ -59,9 +58,8 @@ class Pursuit:
     def passes(self) -> Iterator[Pass]:
         """The passes over the image; what they say of the progress may fall."""
         state, decisions = self.state, self.state.decisions
-        measured = True
-        if decisions.wanted is None:
-            measured = yield from self._measure(False)
+        if decisions.wanted is None and not (yield from self._measure(False)):
+            return
         while not self.target.over and not self.target.excess(state) <= self.ENOUGH:
             samples = mean(state.estimate.count)
             wanted = decisions.wanted
@@ -82,8 +80,7 @@ class Pursuit:
             more, passed = mean(state.estimate.count) - samples, max(work.seconds, 1e-9)
             self.speed = more / passed
             self._time_photons(more, passed, drawing)
-            measured = work.whole and (yield from self._measure(True))
-            if not measured:
+            if not work.whole or not (yield from self._measure(True)):
                 return
             decisions.wanted = None
 
@@ -113,7 +110,7 @@ class Pursuit:
         def finish() -> None:
             state.noise, state.noise_99 = twin.noise(state)
 
-        work.timed, work.of_image, work.finish, work.progress = True, shown, finish, lambda _: done
+        work.timed, work.of_image, work.finish = True, shown, finish
         yield work
         return work.whole
 
@@ -226,8 +223,7 @@ class Pursuit:
 
         def progress(part: float) -> float:
             by_time = 1 - target.left / target.seconds if target.seconds else 0.0
-            self.part = min(max((passed + wave * part) / max(passed + wave + rest, 1e-9), by_time), 1.0)
-            return self.part
+            return min(max((passed + wave * part) / max(passed + wave + rest, 1e-9), by_time), 1.0)
 
         return progress
 

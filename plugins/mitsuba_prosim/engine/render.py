@@ -89,6 +89,12 @@ class Render:
             self._end()
             raise
 
+    def run(self) -> Render:
+        """Takes all steps, and returns itself."""
+        for _ in self:
+            pass
+        return self
+
     def stop(self) -> None:
         """Ends it after the work item at hand; from any thread."""
         self._stopped = True
@@ -97,8 +103,7 @@ class Render:
         """Ends it with what there is."""
         if not self.ended:
             self.stop()
-            for _ in self:
-                pass
+            self.run()
 
     def _end(self) -> None:
         if not self.ended:
@@ -117,7 +122,7 @@ class Render:
             whole = work.whole
             with alone():
                 if whole:
-                    self._done = work.progress(1.0)
+                    self._progress(work, 1.0)
                     work.finish()
                 complete = (work.of_image or not whole) and bool(dr.all(self.state.counts() > 0))
             if complete:
@@ -138,7 +143,7 @@ class Render:
                         with alone():
                             item.put(sums)
                             dr.sync_thread()  # bounds the memory, and lets progress be true
-                        self._done = work.progress(asked.done(item))
+                        self._progress(work, asked.done(item))
                     work.seconds += time.perf_counter() - begun
                     yield
                     begun = time.perf_counter()
@@ -147,6 +152,9 @@ class Render:
             if not asked.exhausted or asked.out:
                 return
         work.whole = True
+
+    def _progress(self, work: Pass, part: float) -> None:
+        self._done = self._done if work.progress is None else work.progress(part)
 
     def _over(self, work: Pass) -> bool:
         return not work.always and (self._stopped or (work.timed and self.target.over))

@@ -145,8 +145,8 @@ class Pass:
     """
 
     steps: Iterable[Iterator[WorkItem]]
-    #: From the part of the pass that is done to that of the image, both 0 to 1.
-    progress: Callable[[float], float] = lambda done: done
+    #: From the part of the pass that is done to that of the image, both 0 to 1; None: the latter stays.
+    progress: Callable[[float], float] | None = None
     #: Whether the image is to be shown when the pass is whole; and what is done then.
     of_image: bool = True
     finish: Callable[[], None] = lambda: None

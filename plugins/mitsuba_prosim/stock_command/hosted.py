@@ -16,8 +16,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..command import reached
 from ..scene import rendering, scene_file, session
-from . import reached
 
 #: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
 OPTIONS = {

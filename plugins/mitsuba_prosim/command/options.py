@@ -17,8 +17,7 @@ from click.core import ParameterSource
 
 from ..engine.part import Part
 from ..scene import scene_file, session
-from ..scene.plugins import with_nearest
-from ..scene.pointing import pointed
+from ..scene.errors import pointed, with_nearest
 
 #: More than any machine has processors.
 MOST_THREADS = 1024

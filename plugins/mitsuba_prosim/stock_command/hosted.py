@@ -142,7 +142,7 @@ def run(plugin: str, words: Iterable[str]) -> None:
     begun = False
     folders = [folder for folder in options.get("-a", [""])[0].split(";") if folder]
     for path in scenes:
-        with session.search_paths(last=[*folders, os.path.dirname(path) or "."]):
+        with session.resolving(session.resolver(last=[*folders, os.path.dirname(path) or "."])):
             with quiet(not begun):
                 state = scene_file.parse(path, parameters)
             begun = begun or plugin in scene_file.plugin_names(state)

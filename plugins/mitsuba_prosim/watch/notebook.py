@@ -15,8 +15,7 @@ import numpy as np
 import prosim_scene
 
 from ..scene import session
-from ..scene.images import png
-from ..scene.tone import compress
+from ..scene.images import compress, png
 from . import cells, takes
 from .due import Due
 from .picture import HUES, LAYERS, Picture, coloured, palest

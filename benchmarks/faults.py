@@ -52,7 +52,7 @@ FILTERS = ("box", "gaussian")
 
 #: ``prosim`` that writes its state after each portion, which takes a fifth of a second.
 HURRIED = (
-    "from mitsuba_prosim.saved.keeper import Keeper; from mitsuba_prosim.rendering.pace import Pace; "
+    "from mitsuba_prosim.saved.keeper import Keeper; from mitsuba_prosim.engine.pace import Pace; "
     "Keeper.SHORTEST, Keeper.TIMES, Keeper.SHARE = 0, 0, 1e9; Pace.SHORTEST, Pace.LONGEST = 0.1, 0.4; "
     "from prosim_start import main; main()"
 )
@@ -164,7 +164,7 @@ def kill_workers(number: int, folder: Path, size: int, chance: random.Random) ->
 
 def put_parts_together(most: int, folder: Path, size: int, chance: random.Random) -> None:
     from mitsuba_prosim import saved
-    from mitsuba_prosim.rendering.part import Part
+    from mitsuba_prosim.engine.part import Part
 
     for policy, rfilter in itertools.product(("none", "thesis", "neighbours", "graded"), FILTERS):
         loaded: Any = mi.load_file(str(scene(folder, rfilter, size)))

@@ -10,12 +10,12 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mitsuba_prosim.rendering.camera import ray_sampler, uncropped
-from mitsuba_prosim.rendering.error import in_display_units
-from mitsuba_prosim.rendering.estimate import Estimator
-from mitsuba_prosim.rendering.film import Channels
-from mitsuba_prosim.rendering.plan import Plan, Sampling
-from mitsuba_prosim.rendering.state import State
+from mitsuba_prosim.engine.camera import ray_sampler, uncropped
+from mitsuba_prosim.engine.error import in_display_units
+from mitsuba_prosim.engine.estimate import Estimator
+from mitsuba_prosim.engine.film import Channels
+from mitsuba_prosim.engine.plan import Plan, Sampling
+from mitsuba_prosim.engine.state import State
 
 
 def around(where: np.ndarray) -> np.ndarray:

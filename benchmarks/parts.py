@@ -28,7 +28,7 @@ def timed(scene: Any, part: Any = None) -> tuple[float, int]:
 
 def measure(name: str, policy: str, of: int, size: int, n: int, rounds: int) -> None:
     import prosim_scene
-    from mitsuba_prosim.rendering.part import Part
+    from mitsuba_prosim.engine.part import Part
 
     made = prosim_scene.load(EXAMPLES / f"{name}.scn", resolution=(size, size), samples=n)
     made["integrator"]["adaptive"] = policy

@@ -19,13 +19,14 @@ from mitsuba_prosim.caustics.sources import Sources, Start, left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import Landed
 from mitsuba_prosim.command.sampled import parameters
+from mitsuba_prosim.engine import cutting
+from mitsuba_prosim.engine.pursuit import in_full_sets
+from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.light.table import Lights
-from mitsuba_prosim.rendering import cutting
-from mitsuba_prosim.rendering.pursuit import in_full_sets
-from mitsuba_prosim.rendering.record import Record
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
 from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
+from scenes import mesh
 from test_taking import Elsewhere, image
 
 
@@ -623,15 +624,7 @@ def cap(curvature, radius, side, bsdf, rings=8, sectors=96):
     for k in range(rings - 1):
         inner, outer = 1 + k * sectors, 1 + (k + 1) * sectors
         faces += [np.stack([inner + i, outer + i, outer + j]), np.stack([inner + i, outer + j, inner + j])]
-    faces = np.concatenate(faces, axis=1)[::side]
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(bsdf)
-    mesh = mi.Mesh("cap", len(x), faces.shape[1], properties, has_vertex_normals=True)
-    parameters = mi.traverse(mesh)
-    for name, values in (("vertex_positions", p), ("vertex_normals", n), ("faces", faces)):
-        parameters[name] = values.T.ravel()
-    parameters.update()
-    return mesh
+    return mesh(p.T, np.concatenate(faces, axis=1)[::side].T, n.T, bsdf=bsdf)
 
 
 @pytest.mark.slow
@@ -734,10 +727,7 @@ def specks(image, by=0.05):
 
 
 #: name -> head of a figure whose body is painted, on a glossy floor.
-HEADS = {
-    "glass": {"type": "dielectric"},
-    "frosted": {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1},
-}
+HEADS = {"glass": {"type": "dielectric"}, "frosted": {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}}
 
 
 @pytest.mark.parametrize("head", HEADS)
@@ -755,7 +745,10 @@ def test_photons_of_a_large_glossy_floor_are_no_specks(variant_rgb, head):
         head=ball(HEADS[head], (0, 1.25, 0), 0.33),
         lamp=lamp(0.3, 350.0, (-3, 4.5, 3.5)),
     )
-    found = [sum(specks(render(world, k, samples=5, caustics=on, caustic_photons=1 << 18)) for k in range(4)) for on in (True, False)]
+    found = [
+        sum(specks(render(world, k, samples=5, caustics=on, caustic_photons=1 << 18)) for k in range(4))
+        for on in (True, False)
+    ]
     assert found[0] <= found[1] + 2
 
 

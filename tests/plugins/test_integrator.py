@@ -9,8 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
-from mitsuba_prosim.rendering.camera import ray_sampler
-from mitsuba_prosim.rendering.policies import POLICIES
+from mitsuba_prosim.compat import to_world_name
+from mitsuba_prosim.engine.camera import ray_sampler
+from mitsuba_prosim.engine.policies import POLICIES
 from scenes import alone, penumbra, rgb
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
@@ -218,7 +219,7 @@ def test_bands_and_crops_do_not_change_a_bit(variant_rgb, monkeypatch, adaptive,
     assert np.array_equal(whole, image(band=333))
     crop = image(crop_offset_x=7, crop_offset_y=11, crop_width=20, crop_height=9)
     assert np.array_equal(whole[11:20, 7:27], crop)
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
     assert np.array_equal(whole, image())
     assert np.array_equal(whole, image(band=333))
 
@@ -434,7 +435,7 @@ def test_progress_and_cancel(variant_rgb, monkeypatch, kept):
     """What is stopped is a whole image, by one sample where there was none; where sums are not kept, after the first
     wave alone. What was finished before is as it would be.
     """
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     scene = mi.load_dict(penumbra(type="prosim", band=64))
     integrator = scene.integrator()
     done = []
@@ -520,7 +521,8 @@ def test_sources_may_change_between_renderings(variant_rgb):
     scene = mi.load_dict(penumbra(type="prosim", adaptive="none"))
     before = np.array(mi.render(scene))
     params = mi.traverse(scene)
-    params["light.to_world"] = params["light.to_world"] @ mi.Transform4f().scale(2)
+    name = to_world_name(params, "light.")
+    params[name] = params[name] @ mi.Transform4f().scale(2)
     params.update()
     assert np.array(mi.render(scene))[-4:].mean() == pytest.approx(4 * before[-4:].mean(), rel=0.05)
 

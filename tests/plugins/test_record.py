@@ -6,10 +6,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.rendering.decisions import Decisions
-from mitsuba_prosim.rendering.pace import Pace
-from mitsuba_prosim.rendering.part import Part, Tiles
-from mitsuba_prosim.rendering.plan import Rectangle
+from mitsuba_prosim.engine.decisions import Decisions
+from mitsuba_prosim.engine.pace import Pace
+from mitsuba_prosim.engine.part import Part, Tiles
+from mitsuba_prosim.engine.plan import Rectangle
 from mitsuba_prosim.saved.parts import put_together
 from scenes import penumbra
 
@@ -72,7 +72,7 @@ def test_an_image_goes_on_to_the_same_bits(variant_rgb):
     ids=str,
 )
 def test_an_image_goes_on_to_the_same_bits_from_anywhere(variant_rgb, monkeypatch, kept, settings):
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     goes_on_the_same(loaded(band=700, **settings), (0, 0.4, 0.8, 1))
 
 
@@ -112,7 +112,7 @@ def test_what_belongs_to_another_image_is_refused(variant_rgb):
 
 def test_rows_that_were_made_of_fewer_samples_are_made_anew(variant_rgb, monkeypatch):
     """Where sums are not kept: after a wave that was stopped, another one to other counts."""
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
     scene = loaded(size=16, band=64, adaptive="graded")
     through, stopped = (next(scene.integrator().waves(scene, seed=3)).state for _ in range(2))
     counts = [mi.UInt32(np.full(256, n, np.uint32)) for n in (7, 9)]
@@ -201,7 +201,7 @@ def test_any_number_of_parts_makes_the_image(variant_rgb, monkeypatch, adaptive,
         scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, aovs="samples,error", max_level=1)
         with monkeypatch.context() as patch:
             if film:
-                patch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+                patch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
             expected = finished(scene)[0]
             for of in numbers:
                 assert np.array_equal(in_parts(scene, of), expected), of

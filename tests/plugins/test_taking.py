@@ -13,9 +13,9 @@ from mitsuba_prosim.cluster import fleet, message, worker
 from mitsuba_prosim.cluster import sets as photon_sets
 from mitsuba_prosim.cluster.desk import Desk, Ticket
 from mitsuba_prosim.cluster.errand import Errand
-from mitsuba_prosim.rendering import collector
-from mitsuba_prosim.rendering.camera import ray_sampler
-from mitsuba_prosim.rendering.estimate import Estimator
+from mitsuba_prosim.engine import collector
+from mitsuba_prosim.engine.camera import ray_sampler
+from mitsuba_prosim.engine.estimate import Estimator
 from prosim_scene.collector import still
 from scenes import penumbra
 from test_record import CROP, loaded
@@ -121,7 +121,7 @@ def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
 )
 def test_samples_of_all_policies_and_filters(variant_rgb, monkeypatch, rfilter, settings):
     settings = dict(settings)
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", settings.pop("kept", 1 << 30))
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", settings.pop("kept", 1 << 30))
     taken_alike({"size": 24, "rfilter": rfilter, **settings}, most=10000)
 
 

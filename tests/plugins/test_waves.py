@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.rendering.twin import Twin
+from mitsuba_prosim.engine.twin import Twin
 from scenes import alone, penumbra
 from scipy import stats
 
@@ -61,7 +61,7 @@ def test_policies_that_ask_for_the_same_counts_give_the_same_bits(variant_rgb, p
 @pytest.mark.parametrize("kept", [0, 1 << 30])
 def test_stopped_and_taken_up_again_is_run_through(variant_rgb, monkeypatch, kept):
     """After any wave, and within one, whose portions are then partly done."""
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     scene = loaded(COPPER, rfilter="gaussian", band=200)
     through, paused = begun(scene), begun(scene)
     counts = np.random.default_rng(1).integers(5, 60, dr.width(through.estimate.count))
@@ -111,7 +111,7 @@ def test_waves_show_the_image_grow_until_it_is_the_rendered_one(variant_rgb, fil
 @pytest.mark.parametrize("kept, film", [(1 << 30, {"sample_border": True}), (0, {})], ids=["kept", "anew"])
 def test_what_is_seen_between_two_portions(variant_rgb, monkeypatch, kept, film):
     """In the first wave some pixels are as they are at its end; in the others all that there is, if sums are kept."""
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     settings = {"rfilter": "gaussian", "adaptive": "graded", "aovs": "samples,error", "film": film}
     scene, seen = loaded(COPPER, band=200, **settings), []
     integrator = scene.integrator()
@@ -331,7 +331,7 @@ def test_larger_patterns_are_the_same_whether_sums_are_kept_or_not(variant_rgb, 
     """What is taken anew begins with the first samples, which are of the smaller patterns."""
     images = []
     for kept in (1 << 30, 0):
-        monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+        monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
         scene = loaded(COPPER, noise=noise, samples=3, aovs="samples")
         *_, last = scene.integrator().waves(scene)
         assert last.state.plan.before is not None

@@ -20,7 +20,7 @@ def address(scene):
 @pytest.fixture
 def estimates_that_fall(variant_rgb, monkeypatch):
     """Integrators that take back half of what they tell, as one does that finds that there is more to do."""
-    from mitsuba_prosim.rendering.integrator import WaveIntegrator
+    from mitsuba_prosim.engine.integrator import WaveIntegrator
 
     def told(tell):
         return tell and (lambda part: (tell(part), tell(part / 2)))

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..rendering import collector
+from ..engine import collector
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from . import random

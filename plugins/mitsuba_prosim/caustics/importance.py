@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..engine.camera import uncropped
 from ..masks import but_not
-from ..rendering.camera import uncropped
 from ..sampling.hash import combine
 from ..transport import lobes
 from . import photons as grid

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..caustics.caustics import Which
-from ..rendering.taking import Portion
+from ..engine.taking import Portion
 from . import message, worker
 from .parcel import Parcel
 

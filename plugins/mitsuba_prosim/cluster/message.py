@@ -10,10 +10,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..rendering.estimate import Estimate, Estimator
-from ..rendering.plan import Plan, Sampling
-from ..rendering.record import dr_array
-from ..rendering.taking import Portion
+from ..engine.estimate import Estimate, Estimator
+from ..engine.plan import Plan, Sampling
+from ..engine.record import dr_array
+from ..engine.taking import Portion
 from ..sampling.nrook import Permutations
 
 #: What says which samples a plan takes; the seed, which may differ from pixel to pixel, is said beside it.

@@ -11,8 +11,8 @@ import distributed
 import mitsuba as mi
 
 from ..caustics.caustics import Which
-from ..rendering.estimate import Estimate
-from ..rendering.taking import Portion
+from ..engine.estimate import Estimate
+from ..engine.taking import Portion
 from . import worker
 from .desk import Desk, Ticket
 from .errand import Errand, Whole
@@ -34,7 +34,7 @@ AHEAD = 2 * DEPTH
 
 
 class Remote:
-    """Takes samples by the workers of ``client``; a :class:`~mitsuba_prosim.rendering.taking.Taker`.
+    """Takes samples by the workers of ``client``; a :class:`~mitsuba_prosim.engine.taking.Taker`.
 
     Workers come and go, and take part as soon as they have the scene, the ``parcel``; what one takes with it is done by
     others. ``say``: told of workers that can't take part. To be closed in the end.

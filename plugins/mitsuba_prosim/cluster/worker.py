@@ -25,11 +25,11 @@ import prosim_scene
 
 from ..caustics.caustics import Which
 from ..caustics.photons import Photons
-from ..rendering.camera import ray_sampler, uncropped
-from ..rendering.plan import Plan
-from ..rendering.policies import POLICIES
+from ..engine.camera import ray_sampler, uncropped
+from ..engine.plan import Plan
+from ..engine.policies import POLICIES
 from ..saved import origin
-from ..scene_files import session
+from ..scene import session
 from . import message
 from .parcel import Parcel
 

@@ -6,7 +6,7 @@ from math import isnan
 
 import mitsuba as mi
 
-from ..rendering.plan import UNLIMITED
+from ..engine.plan import UNLIMITED
 
 #: An image is as long as was asked for from this part of the time on: its end is aimed at from below.
 IN_TIME = 0.97

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ..rendering.part import Part
+from ..engine.part import Part
 from . import film, tev
 from . import output as files
 from .arguments import SCENE

@@ -12,9 +12,9 @@ from typing import Any
 import click
 
 from .. import saved
-from ..rendering.policies import POLICIES
-from ..rendering.record import Record
-from ..scene_files import session
+from ..engine.policies import POLICIES
+from ..engine.record import Record
+from ..scene import session
 from . import output as files
 from .arguments import SCENE, STATE, pattern
 from .job import Job

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ..rendering.policies import POLICIES
+from ..engine.policies import POLICIES
 from .options import Finite, Whole, aims
 
 #: In the order of the help.

@@ -11,10 +11,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..engine.waves import part
 from ..registry import create
-from ..rendering.waves import part
 from ..sampling.hash import combine, hash32
-from ..scene_files import rendering
+from ..scene import rendering
 from ..transport.features import NAMES
 from .denoised import Denoised, denoise
 
@@ -142,7 +142,7 @@ def halved(integrator: Any, sensor: mi.Sensor, spp: int) -> Iterator[tuple[Any, 
     Our own integrators get patterns of about N²/2, with twice the variance where noise or a threshold is asked for,
     and half of the time.
     """
-    from ..rendering.integrator import WaveIntegrator
+    from ..engine.integrator import WaveIntegrator
 
     if not isinstance(integrator, WaveIntegrator) or not is_jit():
         yield integrator, ((spp or sensor.sampler().sample_count()) + 1) // 2
@@ -174,7 +174,7 @@ def size_of_half(n: float) -> int:
 
 
 def together(first: Any, second: Any) -> Any:
-    """How far two halves came, as :class:`~mitsuba_prosim.rendering.snapshot.Reached`."""
+    """How far two halves came, as :class:`~mitsuba_prosim.engine.snapshot.Reached`."""
     return dataclasses.replace(
         first,
         samples=first.samples + second.samples,

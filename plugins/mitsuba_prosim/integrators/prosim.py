@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from ..engine import collector
+from ..engine.film import aov_values
+from ..engine.integrator import WaveIntegrator
 from ..light.emission import read_emission
 from ..parameters import expose, number, reject, whole
 from ..registry import plugin
-from ..rendering import collector
-from ..rendering.film import aov_values
-from ..rendering.integrator import WaveIntegrator
 from ..sampling.nrook import SamplerPoints
 from ..transport.settings import DEEPEST_TREE, Settings
 from ..transport.transport import Transport
 
 if TYPE_CHECKING:
     from ..caustics.caustics import Caustics
-    from ..rendering.derivatives import Derivatives
+    from ..engine.derivatives import Derivatives
 
 
 @plugin("integrator", "prosim")

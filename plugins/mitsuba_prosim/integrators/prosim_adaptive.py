@@ -6,10 +6,10 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..engine.film import aov_values, with_more_channels
+from ..engine.integrator import WaveIntegrator
 from ..parameters import reject
 from ..registry import plugin
-from ..rendering.film import aov_values, with_more_channels
-from ..rendering.integrator import WaveIntegrator
 from ..transport.nested import Nested
 
 

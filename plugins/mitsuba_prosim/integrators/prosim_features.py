@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import mitsuba as mi
 
+from ..engine import collector
 from ..parameters import describe
 from ..registry import plugin
-from ..rendering import collector
 from ..transport import features
 
 

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..denoising import halves
-from ..rendering.waves import part
+from ..engine.waves import part
 from ..sampling.hash import combine, hash32
 from .picture import of_snapshot
 from .takes import Take

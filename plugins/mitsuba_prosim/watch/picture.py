@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..rendering.snapshot import Snapshot
+from ..engine.snapshot import Snapshot
 
 #: The layers that every picture of a whole size has.
 LAYERS = ("final", "error", "samples")

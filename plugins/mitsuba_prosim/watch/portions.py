@@ -10,9 +10,9 @@ from time import perf_counter as clock
 import drjit as dr
 import mitsuba as mi
 
-from ..rendering.estimate import Estimate
-from ..rendering.taking import Here, Portion
-from ..scene_files import rendering
+from ..engine.estimate import Estimate
+from ..engine.taking import Here, Portion
+from ..scene import rendering
 
 #: Seconds that the samples of a portion take, at least and at most, and their part of the time since the image was
 #: begun: who has waited for it already can wait a little longer.

@@ -11,10 +11,10 @@ import mitsuba as mi
 import numpy as np
 
 from ..compare.scenes import can_light, seen_by, sky
+from ..engine.plan import SAMPLING
+from ..engine.snapshot import Snapshot
 from ..registry import create
-from ..rendering.plan import SAMPLING
-from ..rendering.snapshot import Snapshot
-from ..scene_files import rendering
+from ..scene import rendering
 from ..transport.dispersion import disperses
 from .picture import of_snapshot, over
 from .portions import Growing
@@ -107,7 +107,7 @@ class Take:
 
 def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
     """``integrator``, within ``prosim_adaptive`` if it knows no waves, and its samples per pixel."""
-    from ..rendering.integrator import WaveIntegrator
+    from ..engine.integrator import WaveIntegrator
 
     if isinstance(integrator, WaveIntegrator):
         return integrator, spp

@@ -476,7 +476,7 @@ ROUGHLY = {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.05}
 
 
 @pytest.mark.parametrize(
-    ("glass", "cells"),
+    "glass, cells",
     (({"type": "dielectric"}, 1), ({"type": "dielectric"}, 16), (ROUGHLY, 1)),
     ids=("smooth", "by cells", "rough"),
 )

@@ -6,6 +6,7 @@ of it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import MutableMapping
 from typing import Any
 
@@ -73,3 +74,40 @@ def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
     parameters = mi.traverse(shape)
     name = next((name for name in ("positions", "vertex_positions") if name in parameters), None)
     return None if name is None else np.array(parameters[name], dtype=np.float64).reshape(-1, 3)
+
+
+# ---------------------------------------------------------------- threads
+
+#: With fewer threads Mitsuba 3.9 waits for ever when it reads or writes an EXR.
+EXR_THREADS = 3
+
+
+# ---------------------------------------------------------------- files
+# Mitsuba has no list of what it looks for in its search path.
+
+#: Suffixes of a plugin's file on Linux, macOS and Windows.
+LIBRARIES = (".so", ".dylib", ".dll")
+
+#: Parameter of a plugin -> the files that its value, a name, stands for.
+DATA_FILES = {"material": ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")}
+
+
+# ---------------------------------------------------------------- the words of errors
+# An error has no attributes: what it speaks of is in its words (as of 3.9).
+
+#: The Python traceback that Mitsuba puts in the midst of its own words, and a line of its own source.
+TRACEBACK = re.compile(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?")
+SOURCE_LINE = re.compile(r"\[\w+\.(?:cpp|h):\d+\] ")
+
+#: A place, as file, line and column: `While loading FILE (line 3, col 6)`, `At FILE (...)`, or `Parsing of XML file
+#: "FILE" failed: ... (...)`.
+PLACE = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*?)? \(line (\d+), col (\d+)\)')
+
+#: There is no such plugin: the tag in XML, and the name.
+NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*not found!')
+
+#: Tag in XML -> name of the kind of plugin, where they differ.
+TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}
+
+#: A file ends too early, in most formats of images: bytes that are there, and bytes that should be.
+DAMAGED = re.compile(r"read (\d+) out of (\d+) bytes")

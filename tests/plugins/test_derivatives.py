@@ -446,6 +446,89 @@ def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
     assert dr.grad(loss).array[0] == pytest.approx(seeds @ backward, rel=1e-4)
 
 
+# ------------------------------------------------------------------ of our materials in Mitsuba's prb
+
+
+def below_a_sky(**bsdfs):
+    """Spheres of ``bsdfs`` on a floor, in the light of an envmap with a sun, for ``prb``."""
+    texels = np.random.default_rng(3).uniform(0.2, 1.5, (8, 16, 3)).astype(np.float32)
+    texels[2, 4] = 200
+    T = mi.ScalarTransform4f
+    spheres = {
+        name: {"type": "sphere", "center": [2.1 * i - 1.05 * (len(bsdfs) - 1), 1, 0], "bsdf": bsdf}
+        for i, (name, bsdf) in enumerate(bsdfs.items())
+    }
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prb", "max_depth": 4},
+            "sensor": {
+                "type": "perspective",
+                "fov": 25 * len(bsdfs),
+                "to_world": T().look_at([0, 2, 6], [0, 0.5, 0], [0, 1, 0]),
+                "film": {"type": "hdrfilm", "width": 32, "height": 16, "rfilter": {"type": "box"}},
+            },
+            "sky": {"type": "envmap", "bitmap": mi.Bitmap(texels)},
+            "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(10)},
+            **spheres,
+        }
+    )
+
+
+def gradients(scene, keys, spp=256):
+    """The derivatives of the mean square of an image by each of the parameters ``keys``, as arrays."""
+    params = mi.traverse(scene)
+    for key in keys:
+        dr.enable_grad(params[key])
+    params.update()
+    dr.backward(dr.mean(dr.square(mi.render(scene, params, spp=spp, seed=1)), axis=None))
+    return [np.array(dr.grad(params[key])) for key in keys]
+
+
+def test_no_rounding_error_becomes_a_gradient(variant_rgb):
+    """In prb the gradient by a pigment that is black in one channel is about that of the pigment alone, however little
+    the lobe reflects there.
+    """
+    kd = rgb(0, 0.3, 0.6)
+    painted = {"diffuse_reflectance": kd, "specular_reflectance": 0.3}
+    bsdfs = {
+        "beckmann": {"type": "prosim_composite", "alpha": 0.1, **painted},
+        "gaussian": {"type": "prosim_composite", "distribution": "gaussian", "alpha": 0.5, **painted},
+        "exponent": {"type": "prosim_composite", "exponent": 200, **painted},
+        "phong": {"type": "prosim_phong", "exponent": 20, **painted},
+        "lambertian": {"type": "prosim_lambertian", "reflectance": kd},
+        "diffuse": {"type": "diffuse", "reflectance": kd},
+    }
+    keys = [f"{name}.bsdf.{'diffuse_' * ('diffuse_reflectance' in b)}reflectance.value" for name, b in bsdfs.items()]
+    *ours, diffuse = gradients(below_a_sky(**bsdfs), keys)
+    assert np.all(diffuse > 0)
+    for name, gradient in zip(bsdfs, ours):
+        assert np.all(np.abs(gradient) < 10 * diffuse), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alpha", [0.5, 0.1, 0.01])
+@pytest.mark.parametrize("kind, parameters", [("conductor", {"eta": 0.3, "k": 3.0}), ("dielectric", {"int_ior": 1.5})])
+def test_gradients_are_no_larger_than_those_of_mitsubas_materials(variant_rgb, kind, parameters, alpha):
+    """Within a factor of ten, in prb, whatever the distribution."""
+    ours = {"type": f"prosim_{kind}", **parameters}
+    bsdfs = {
+        "stock": {"type": f"rough{kind}", **parameters, "alpha": alpha},
+        "beckmann": {**ours, "alpha": alpha},
+        "gaussian": {**ours, "alpha": alpha, "distribution": "gaussian"},
+        "exponent": {**ours, "exponent": 2 / alpha**2 - 2},
+    }
+    scene = below_a_sky(**bsdfs)
+    widths = ["alpha.value"] * 3 + ["exponent.value"]
+    for names in (widths, *([name] * 4 for name in ("eta", "eta.value", "k.value"))):
+        keys = [f"{sphere}.bsdf.{name}" for sphere, name in zip(bsdfs, names)]
+        if keys[0] in mi.traverse(scene):
+            stock, *found = (np.abs(gradient).max() for gradient in gradients(scene, keys))
+            if names is widths:
+                found[-1] *= 4 / alpha**3  # the exponent's derivative by alpha
+            assert stock > 0 and max(found) < 10 * stock
+
+
 # ------------------------------------------------------------------ the garbage collector
 
 

@@ -12,7 +12,7 @@ from mitsuba_prosim import saved
 from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.saved import files, origin
 from mitsuba_prosim.saved.keeper import Keeper
-from mitsuba_prosim.scene import atomic, digest, scene_file
+from mitsuba_prosim.scene import atomic, scene_file
 
 FACTS = {
     "samples": {"seed": 0, "window": [0, 0, 5, 3]},
@@ -205,7 +205,6 @@ def test_the_digest_is_that_of_the_content(variant_rgb, tmp_path):
     assert made(tmp_path / "f", '<emitter type="constant"/>') != first
     named = {"name": "sky.7.exr", "said": "sky.$x.exr", "x": "7"}
     assert made(tmp_path / "g", **named) == made(tmp_path / "h", **named) != made(tmp_path / "i", **named, colour=0.5)
-    assert digest.COMMENT.sub(b"", b"a<!-- b -->c<!---->d") == b"acd"
 
 
 def test_a_spectrum_in_another_folder_is_a_file_of_the_scene(variant_rgb, tmp_path):

@@ -19,8 +19,8 @@ from ..engine.part import Part
 from ..engine.record import Record
 from ..engine.state import KEPT
 from ..saved.keeper import Keeper
-from ..scene import atomic, rendering, scene_file, session
-from . import denoised, reached, tev
+from ..scene import atomic, rendering, report, scene_file, session
+from . import denoised, tev
 from . import output as files
 from .developed import develop, take
 from .helping import Helping, pack
@@ -122,7 +122,7 @@ def render(
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
         lost = gone(taker)
         seconds, interrupted = perf_counter() - start, bool(signals or lost)
-        if interrupted and frame is None and reached.nothing(integrator):
+        if interrupted and frame is None and report.nothing(integrator):
             nothing = "before the image had begun; nothing was written."
             if lost:
                 raise click.ClickException(f"{lost} {nothing}")
@@ -141,7 +141,7 @@ def render(
             files.save(stem, {state: keeper.unwritten})
         written.append(keeper.path)
     said = [
-        made.line(job, file, written, part) + (f", {reached.interrupted(integrator)}" if interrupted else ""),
+        made.line(job, file, written, part) + (f", {report.interrupted(integrator)}" if interrupted else ""),
         lost,
         *(made.said[1:] if part else made.said),
     ]

@@ -13,8 +13,7 @@ import prosim_scene
 from ..engine.part import Part
 from ..engine.policies import POLICIES
 from ..scene import scene_file, session
-from ..scene.plugins import with_nearest
-from ..scene.pointing import pointed
+from ..scene.errors import pointed, with_nearest
 from . import tev
 
 #: More than any machine has processors.

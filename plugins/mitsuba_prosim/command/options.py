@@ -409,7 +409,8 @@ def choose_variant(name: str | None) -> str:
         raise click.ClickException(session.message(error)) from None
     if variant.startswith("scalar_"):
         click.echo(
-            f"{variant}: plugins written in Python take about a hundred times as long as in an llvm variant", err=True
+            f"{variant}: plugins written in Python, as ours are, take hundreds of times as long as in an llvm variant",
+            err=True,
         )
     return variant
 

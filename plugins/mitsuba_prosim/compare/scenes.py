@@ -190,15 +190,6 @@ class Spec:
 
 #: Parameters of integrators, Mitsuba's and ours, that contestants are given.
 PARAMETERS = (*SAMPLING, "caustics", "diffuse_bounces", "hide_emitters", "max_depth", "max_level", "rr_depth")
-    *SAMPLING,
-    "caustics",
-    "diffuse_bounces",
-    "emitter_samples",
-    "hide_emitters",
-    "max_depth",
-    "max_level",
-    "rr_depth",
-)
 
 
 def unknown(spec: Spec, error: RuntimeError) -> str | None:

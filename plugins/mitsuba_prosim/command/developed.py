@@ -14,12 +14,9 @@ from ..denoising import halves
 from ..engine.part import Part
 from ..engine.render import Reached
 from ..saved.keeper import Keeper
-from ..scene import black, images, rendering, scene_file
-from . import denoised, reached
+from ..scene import black, images, rendering, report, scene_file
+from . import denoised
 from .job import Job
-
-#: Shows the part done, 0 to 1, of a render in progress.
-Tell = Callable[[float, Any], None]
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ def take(
     sensor: mi.Sensor,
     job: Job,
     denoise: bool,
-    tell: Tell | None,
+    tell: rendering.Tell | None,
     stopped: Callable[[], bool],
     keeper: Keeper | None = None,
     **how: Any,
@@ -92,30 +89,27 @@ def develop(
     """What the render of ``scene`` that has taken so many ``seconds`` has come to. ``end``: what has interrupted it, if
     something has; ``further``: metadata; ``written``: whether the image is to be written.
     """
-    integrator = scene.integrator()
+    integrator, exposure = scene.integrator(), job.exposure or 0.0
     contents: Mapping[str, bytes] = {}
     why = None
     if written:
-        facts = (
-            metadata(job, integrator, picture.reached, end is not None, seconds)
-            | dict(picture.facts)
-            | dict(further or {})
-        )
-        contents = images.encode(picture.bitmap, facts, job.exposure, picture.facts)
+        facts = metadata(job, integrator, picture.reached, end is not None, seconds)
+        facts |= dict(picture.facts) | dict(further or {})
+        contents = images.encode(picture.bitmap, facts, exposure, picture.facts)
         shown = images.colours(picture.bitmap)
-        why = None if shown is None else black.why(scene, sensor, shown * 2.0**job.exposure, exposure=job.exposure)
+        why = None if shown is None else black.why(scene, sensor, shown * 2.0**exposure, exposure=exposure)
     width, height = sensor.film().crop_size()
     at_most = picture.at_most if written else None
-    sentence = reached.sentence(integrator, picture.reached, end is not None, end or "", at_most)
+    sentence = report.sentence(integrator, picture.reached, end is not None, end or "", at_most)
     said = sentence, picture.said if written else None
     return Developed(contents, why, (int(width), int(height)), seconds, said)
 
 
 def metadata(
-    job: Job, integrator: mi.Integrator, far: Reached | None, interrupted: bool, seconds: float
+    job: Job, integrator: mi.Integrator, reached: Reached | None, interrupted: bool, seconds: float
 ) -> dict[str, str]:
-    """What an EXR image says of how it was made; ``far``: how far the render came."""
-    return reached.facts(integrator, far, interrupted) | {
+    """What an EXR image says of how it was made; ``reached``: how far the render came."""
+    return report.facts(integrator, reached, interrupted) | {
         "prosim.scene": job.scene,
         "prosim.version": version("mitsuba-prosim"),
         "prosim.variant": job.variant,

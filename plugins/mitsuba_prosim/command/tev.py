@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
@@ -11,10 +10,10 @@ from typing import Any
 
 import click
 import mitsuba as mi
+from prosim_scene import extras
 
-from ..scene import images
+from ..scene import images, rendering
 from ..watch.due import Due
-from .developed import Tell
 
 #: Where tev listens, if nothing else was said when it was started.
 HOST, PORT = "127.0.0.1", 14158
@@ -23,20 +22,7 @@ HOST, PORT = "127.0.0.1", 14158
 PATIENCE = 10.0
 
 #: What shows the progress of a render, and yields what is to be told of it; as :func:`.making.progress_bar`.
-Bar = Callable[[Any, str], AbstractContextManager[Tell | None]]
-
-
-class Place(click.ParamType):
-    """Where tev is: ``tev``, or ``tev=HOST:PORT``."""
-
-    name = "tev[=HOST:PORT]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, int]:
-        """Host and port."""
-        found = re.fullmatch(r"tev(?:=(?P<host>.+):(?P<port>\d{1,5}))?", value)
-        if not found:
-            self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
-        return (found["host"], int(found["port"])) if found["port"] else (HOST, PORT)
+Bar = Callable[[Any, str], AbstractContextManager[rendering.Tell | None]]
 
 
 @contextmanager
@@ -52,7 +38,7 @@ def beside(
     viewer = Viewer(*place, Path(scene).stem, film, warn)
 
     @contextmanager
-    def both(integrator: mi.Integrator, variant: str) -> Iterator[Tell | None]:
+    def both(integrator: mi.Integrator, variant: str) -> Iterator[rendering.Tell | None]:
         due = Due()
         with bar(integrator, variant) as tell:
 
@@ -78,9 +64,7 @@ class Viewer:
         try:
             import tevclient
         except ImportError:
-            raise click.ClickException(
-                "--view tev needs tevclient, for Python 3.11 or later: pip install 'mitsuba-prosim[tev]'"
-            ) from None
+            raise click.ClickException(extras.needs("--view tev (Python 3.11 or later)", "tev")) from None
         self._name, self._film, self._warn = name, film, warn
         self._begun = False
         self._tev: Any = tevclient.Ipc(host, port)

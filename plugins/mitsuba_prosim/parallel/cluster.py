@@ -14,7 +14,7 @@ import distributed
 from distributed.core import Status
 from tornado.ioloop import PeriodicCallback
 
-from .faults import ClusterError
+from .executor import ClusterError
 
 #: Dask looks at itself many times in a second, which takes the scheduler and each worker of this machine a twenty-fifth
 #: of a processor; what it would learn, nobody asks.

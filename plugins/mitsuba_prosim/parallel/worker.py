@@ -1,0 +1,169 @@
+"""The tasks of a Dask worker: samples of a work item, photons, and whole images.
+
+All of them run in one thread of the worker, whatever the number of its own: a task has all the threads of Dr.Jit, and
+two renders take turns.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import pickle
+import time
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import distributed
+import drjit as dr
+import mitsuba as mi
+import prosim_scene
+
+from ..alone import alone
+from ..caustics.caustics import Which
+from ..caustics.photons import Photons
+from ..engine.plan import Plan
+from ..engine.policies import POLICIES
+from ..engine.work import WorkItem
+from ..saved import origin
+from ..scene import session
+from .bundle import SceneBundle
+
+#: Clients of which a worker keeps the last scene.
+SCENES = 4
+
+
+@functools.cache
+def render_thread() -> ThreadPoolExecutor:
+    """The thread that runs all tasks."""
+    return ThreadPoolExecutor(1, "prosim")
+
+
+def in_render_thread(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function``, run in the :func:`render_thread`."""
+
+    @functools.wraps(function)
+    def wrapped(*arguments: Any) -> Any:
+        return render_thread().submit(function, *arguments).result()
+
+    return wrapped
+
+
+class Loaded:
+    """A scene that is ready to be sampled."""
+
+    def __init__(self, bundle: SceneBundle, contents: Mapping[str, bytes]) -> None:
+        self.key = bundle.key
+        self.scene, self.sensor = bundle.load(contents)
+        self.integrator: Any = self.scene.integrator()
+        self.sensor.film().prepare(self.integrator.aov_names())
+        self._estimator: Any = None
+
+    def estimator(self, plan: Plan) -> Any:
+        """The estimator of the scene, for ``plan``."""
+        if self._estimator is None:
+            self._estimator = self.integrator.estimator(plan, self.scene, self.sensor)
+        return self._estimator
+
+
+_scenes: OrderedDict[str, Loaded] = OrderedDict()
+
+
+def loaded(bundle: SceneBundle, contents: Mapping[str, bytes]) -> Loaded:
+    """The scene of ``bundle``, in its variant.
+
+    Another scene of the same client is forgotten first, so that the new one takes its places in Dr.Jit's tables, by
+    which kernels are found again.
+    """
+    if mi.variant() != bundle.variant:
+        session.set_variant(bundle.variant)
+    scene = _scenes.pop(bundle.session, None)
+    if scene is None or scene.key != bundle.key:
+        scene = None
+        while len(_scenes) >= SCENES:
+            _scenes.popitem(last=False)
+        gc.collect()  # scenes are in reference cycles
+        scene = Loaded(bundle, contents)
+    _scenes[bundle.session] = scene
+    return scene
+
+
+def check(variant: str) -> Mapping[str, str]:
+    """Prepares the worker for ``variant`` and returns what its samples depend on.
+
+    It renders with as many threads as Dask gives to it, or with those of its client if it shares the client's process.
+    Raises ImportError or RuntimeError where it lacks the variant.
+    """
+    here = distributed.get_worker()
+
+    def prepared() -> Mapping[str, str]:
+        if not here.address.startswith("inproc:"):
+            dr.set_thread_count(here.state.nthreads)
+            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows them
+        session.set_variant(variant)
+        return origin.here()
+
+    return render_thread().submit(prepared).result()
+
+
+def packed(item: WorkItem) -> bytes:
+    """``item`` as it travels: all but the scene, and what stores the sums."""
+    with alone():
+        return pickle.dumps((item.x, item.y, item.start, item.stages, item.quiet is not None))
+
+
+@in_render_thread
+def take(
+    bundle: SceneBundle,
+    contents: Mapping[str, bytes],
+    item: bytes,
+    sets: Sequence[Which],
+    photons: Sequence[tuple[Mapping[str, Any], Mapping[str, Any] | None]],
+) -> tuple[float, bytes]:
+    """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
+    scene = loaded(bundle, contents)
+    with alone():
+        x, y, start, stages, quiet = pickle.loads(item)
+        plan = stages[-1][0]
+        estimator = scene.estimator(plan)
+        for which, (diffuse, glossy) in zip(sets, photons):
+            if not estimator.transport.caustics.has(which):
+                both = Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
+                estimator.transport.caustics.put(which, both)
+    policy: Any = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
+    begun = time.perf_counter()
+    whole = WorkItem(estimator, x, y, start, stages, policy.quiet if quiet else None, 0, (0.0, 1.0), lambda _: None)
+    sums = whole.take()
+    with alone():
+        return time.perf_counter() - begun, pickle.dumps(sums)
+
+
+@in_render_thread
+def draw(bundle: SceneBundle, contents: Mapping[str, bytes], plan: bytes, which: Which) -> tuple[Any, Any]:
+    """The photons of a set, for all workers: on diffuse surfaces and on glossy ones. ``plan`` is pickled."""
+    scene = loaded(bundle, contents)
+    with alone():
+        diffuse, glossy = scene.estimator(pickle.loads(plan)).transport.caustics.photons(which)
+        return diffuse.packed(), None if glossy is None else glossy.packed()
+
+
+def make(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], arguments: Sequence) -> Any:
+    """The result of ``function(scene, sensor, wanted, *arguments)``; ``wanted()`` says whether the client still wants
+    it.
+    """
+    here = distributed.get_worker()
+    key, tasks = here.get_current_task(), here.state.tasks
+
+    def wanted() -> bool:
+        task = tasks.get(key)
+        return task is not None and task.state == "executing"
+
+    def made() -> Any:
+        if not wanted():
+            return None
+        scene = loaded(bundle, contents)
+        return function(scene.scene, scene.sensor, wanted, *arguments)
+
+    return render_thread().submit(made).result()

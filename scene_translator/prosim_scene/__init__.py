@@ -7,11 +7,11 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 
+from .files import read, rewrite
 from .kept import Kept
 from .language import parse
-from .language.files import read, rewrite
+from .language.diagnostics import SceneError, SceneWarning
 from .language.formatter import format
-from .language.messages import SceneError, SceneWarning
 from .model import Scene
 from .translator import check, document, load, sensor, translate
 

@@ -3,9 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from .language.messages import SceneError
-from .language.quantities import Numbers
-from .language.words import PIXELS, numbers
+from .language.diagnostics import SceneError
+from .language.words import PIXELS, Numbers, numbers
 from .targets import TARGETS, lights
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 from mitsuba_prosim.scene_files import writing
-from prosim_scene.replacing import PART
+from prosim_scene.files import PART
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from prosim_scene.replacing import PART, refuse_special
+from prosim_scene.files import PART, refuse_special
 
 #: How the names begin of folders for a while, and of those of what could not be written where it should.
 SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"

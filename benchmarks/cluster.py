@@ -30,15 +30,15 @@ PALITO, COPO = (Path(__file__).parents[1] / "examples" / name for name in ("pali
 
 def opened(size: int, n: int, folder: str) -> Any:
     """``palito``, ``n``² samples in each of ``size``² pixels."""
-    from mitsuba_prosim.scene_files import opening
+    from mitsuba_prosim.scene import scene_file
 
     integrator = {"adaptive": "none"}
-    return opening.SceneFile(PALITO, folder, resolution=(size, size), samples=n, integrator=integrator)
+    return scene_file.SceneFile(PALITO, folder, resolution=(size, size), samples=n, integrator=integrator)
 
 
 def timed(scene: Any, processes: list[Any]) -> tuple[float, float]:
     """``(seconds, seconds of the processors)`` of rendering a scene, by these processes, as the command does it."""
-    from mitsuba_prosim.scene_files import rendering
+    from mitsuba_prosim.scene import rendering
 
     before, start = sum(sum(p.cpu_times()[:2]) for p in processes), time.perf_counter()
     rendering.render(scene, scene.sensors()[0], seed=1, tell=lambda _: None)
@@ -51,10 +51,10 @@ def measure(size: int, n: int, workers: int, rounds: int) -> None:
     import psutil
     from mitsuba_prosim.cluster import Remote, local
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import writing
+    from mitsuba_prosim.scene import atomic
 
     dr.set_thread_count(workers)
-    with local.workers(workers, workers) as client, writing.scratch() as folder:
+    with local.workers(workers, workers) as client, atomic.scratch() as folder:
         small = opened(64, n, str(folder))
         first, parcel = small.load(), Parcel.of(small)
         file = opened(size, n, str(folder))  # whose translation takes the place of the other
@@ -94,9 +94,9 @@ def new_worker() -> None:
     """From the beginning of a worker's process to its first finished portion."""
     from mitsuba_prosim.cluster import Remote, local
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import writing
+    from mitsuba_prosim.scene import atomic
 
-    with writing.scratch() as folder:
+    with atomic.scratch() as folder:
         small = opened(64, 2, str(folder))
         scene, parcel = small.load(), Parcel.of(small)
         start = time.perf_counter()
@@ -116,7 +116,7 @@ def memory(size: int, workers: int) -> None:
     import drjit as dr
     from mitsuba_prosim.cluster import Remote, local
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import writing
+    from mitsuba_prosim.scene import atomic
 
     class Small(Remote):
         def bound(self, most: int | None, left: int) -> int | None:
@@ -126,7 +126,7 @@ def memory(size: int, workers: int) -> None:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 
     dr.set_thread_count(workers)
-    with local.workers(workers, workers) as client, writing.scratch() as folder:
+    with local.workers(workers, workers) as client, atomic.scratch() as folder:
         file = opened(size, 1, str(folder))
         scene = file.load()
         with Remote(client, Parcel.of(file)) as taker:
@@ -159,7 +159,7 @@ def photons(size: int, noise: float, workers: int) -> None:
     import psutil
     from mitsuba_prosim.cluster import Remote, local, worker
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import opening, writing
+    from mitsuba_prosim.scene import atomic, scene_file
 
     def used(processes: list[Any]) -> float:
         return sum(sum(p.cpu_times()[:2]) for p in processes)
@@ -170,9 +170,9 @@ def photons(size: int, noise: float, workers: int) -> None:
 
     dr.set_thread_count(workers)
     here = [psutil.Process()]
-    with writing.scratch() as folder, local.workers(workers, workers) as client:
+    with atomic.scratch() as folder, local.workers(workers, workers) as client:
         size_of_image = size, round(1.2 * size)
-        file = opening.SceneFile(COPO, folder, resolution=size_of_image, integrator={"noise": noise})
+        file = scene_file.SceneFile(COPO, folder, resolution=size_of_image, integrator={"noise": noise})
         scene = file.load()
         before = used(here)
         for snapshot in scene.integrator().waves(scene, seed=1):

@@ -54,7 +54,7 @@ def measure(asked: argparse.Namespace) -> None:
     import mitsuba as mi
     import prosim_scene
     from mitsuba_prosim.saved.keeper import Keeper
-    from mitsuba_prosim.scene_files import rendering
+    from mitsuba_prosim.scene import rendering
 
     integrator = {"adaptive": "none"} if not asked.noise else {"noise": asked.noise}
     with tempfile.TemporaryDirectory(dir=asked.folder) as name:

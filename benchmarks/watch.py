@@ -59,7 +59,7 @@ class Watched:
     """A studio that notes when what is seen of it after a save."""
 
     def __init__(self, scene, folder):
-        from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+        from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
         from mitsuba_prosim.watch import studio
         from prosim_scene import Kept
 
@@ -97,7 +97,7 @@ class Watched:
 
     def render(self):
         """The seconds of the command's render."""
-        from mitsuba_prosim.scene_files import rendering
+        from mitsuba_prosim.scene import rendering
 
         def rendered(subject):
             integrator = subject.scene.integrator()
@@ -173,7 +173,7 @@ def main():
         page(arguments.page)
         return
     mi.set_variant(arguments.variant)
-    from mitsuba_prosim.scene_files import session
+    from mitsuba_prosim.scene import session
     from mitsuba_prosim.watch import due, portions, server
 
     if arguments.busy:

@@ -15,7 +15,7 @@ COMMANDS = {
     "doctor": ("doctor:doctor", "Print what was found on this machine."),
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
     "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
-    "link": ("link:link", "Let the mitsuba command run plugins in Python."),
+    "link": ("mitsuba_prosim.stock_command.link:link", "Let the mitsuba command run plugins in Python."),
     "merge": ("merge:merge", "Make the image of parts that were rendered one by one."),
     "render": ("render:render", "Render a scene to an EXR and a PNG image."),
     "resume": ("resume:resume", "Go on with a render from its saved state."),

@@ -49,11 +49,10 @@ def rewrite(path: str | PathLike[str], text: str) -> None:
 
 
 def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
-    """Puts a file with ``content`` in the place of ``path``: with the permissions of that, and where it is a link, in
-    the place of what it leads to.
+    """Replaces the file ``path``, or what this link leads to, by one with ``content`` and the same permissions.
 
-    It is written to ``folder`` first, which is on the same disk; by default, and for a link, beside what it replaces.
-    Raises OSError; then nothing has changed.
+    The new file is written to ``folder`` first, or beside ``path``: by default, for a link, and where ``folder`` is on
+    another disk. Raises OSError; then nothing has changed.
     """
     if path.is_symlink():
         path, folder = Path(os.path.realpath(path)), None
@@ -65,9 +64,11 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
         with suppress(OSError):  # there is no old one, or no mode on such a disk
             part.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(part, path)
-    except BaseException:
+    except BaseException as error:
         part.unlink(missing_ok=True)
-        raise
+        if folder is None or not isinstance(error, OSError) or error.errno != errno.EXDEV:
+            raise
+        replace(path, content)
 
 
 def refuse_special(path: Path) -> None:

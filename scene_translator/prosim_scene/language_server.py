@@ -223,13 +223,11 @@ class SceneServer(LanguageServer):
             lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
 
-    def symbol(
-        self, named: lsp.TextDocumentIdentifier, position: lsp.Position
-    ) -> tuple[Opened, Occurrence] | tuple[None, None]:
+    def symbol(self, named: lsp.TextDocumentIdentifier, position: lsp.Position) -> tuple[Opened, Occurrence] | None:
         """The document and the symbol at a place."""
         document = self.document(named)
         here = document.symbols.at(document.offset(position)) if document else None
-        return (document, here) if document and here else (None, None)
+        return (document, here) if document and here else None
 
 
 server = SceneServer()
@@ -292,32 +290,34 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Location]:
     """SURFACE and TRANSFORM of an index, TEXTURE of a texture, DEFAULT of a name."""
-    document, here = ls.symbol(params.text_document, params.position)
-    if document is None:
+    if (found := ls.symbol(params.text_document, params.position)) is None:
         return []
+    document, here = found
     return document.locations([one for one in document.symbols.occurrences(here.symbol) if one.defines])
 
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
     """Where an index, a texture or a name stands."""
-    document, here = ls.symbol(params.text_document, params.position)
-    return document.locations(document.symbols.occurrences(here.symbol)) if document else []
+    if (found := ls.symbol(params.text_document, params.position)) is None:
+        return []
+    document, here = found
+    return document.locations(document.symbols.occurrences(here.symbol))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
 def prepare_rename(ls: SceneServer, params: lsp.PrepareRenameParams) -> lsp.Range | None:
     """What would be renamed."""
-    document, here = ls.symbol(params.text_document, params.position)
-    return document.range(here.start, here.end) if document else None
+    found = ls.symbol(params.text_document, params.position)
+    return found[0].range(found[1].start, found[1].end) if found else None
 
 
 @server.feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
 def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
     """Another name for an index, a texture or a name, everywhere; raises JsonRpcException, which says why not."""
-    document, here = ls.symbol(params.text_document, params.position)
-    if document is None:
+    if (found := ls.symbol(params.text_document, params.position)) is None:
         return None
+    document, here = found
     try:
         everywhere = document.symbols.renamed(here.symbol, params.new_name)
     except ValueError as error:

@@ -158,7 +158,8 @@ class Symbols:
     @property
     def _names(self) -> dict[str, str]:
         """The values of names."""
-        return {FRAME: "0", TIME: f"${FRAME} / 24"} | self.reader.fields["defaults"]
+        defaults: dict[str, str] = self.reader.fields["defaults"]
+        return {FRAME: "0", TIME: f"${FRAME} / 24"} | defaults
 
     @property
     def _textures(self) -> dict[str, str]:

@@ -26,7 +26,7 @@ from mitsuba_prosim.cluster.remote import LOOK, Remote
 from mitsuba_prosim.command import output as files
 from mitsuba_prosim.saved import origin
 from mitsuba_prosim.saved.keeper import Keeper
-from mitsuba_prosim.scene_files import opening, session
+from mitsuba_prosim.scene import scene_file, session
 from running import names, prosim
 from test_frames import FILM
 from test_resume_and_merge import LAMP, alike
@@ -69,13 +69,13 @@ def lamp(scene, variant_rgb):
 
 def here(path, **changes):
     """The image by this process alone."""
-    scene = opening.SceneFile(path, path.parent, **changes).load()
+    scene = scene_file.SceneFile(path, path.parent, **changes).load()
     return np.array(scene.integrator().render(scene, seed=2))
 
 
 def there(client, path, tell=None, say=lambda _: None, **changes):
     """The image by a cluster; ``tell`` is called after each portion, with the part done."""
-    file = opening.SceneFile(path, path.parent, **changes)
+    file = scene_file.SceneFile(path, path.parent, **changes)
     scene = file.load()
     integrator = scene.integrator()
     integrator.progress = tell
@@ -97,12 +97,12 @@ def test_a_scene_travels_with_what_it_names(lamp, tmp_path):
         mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True
     ).write(str(skin))
     path.write_text(LAMP.replace("</scene>", picture.format("skins/a.png")))
-    file = opening.SceneFile(path, tmp_path)
+    file = scene_file.SceneFile(path, tmp_path)
     parcel = Parcel.of(file)
     assert set(parcel.contents) == {"lamp.xml", "skins/a.png"}
     moved = path.parent.rename(tmp_path / "moved")
-    assert Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path)).key == parcel.key
-    assert Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path), sensor=1).key != parcel.key
+    assert Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path)).key == parcel.key
+    assert Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path), sensor=1).key != parcel.key
     scene, _ = parcel.load()
     assert len(scene.shapes()) == 3
     (moved / "skins" / "a.png").rename(tmp_path / "a.png")
@@ -113,7 +113,7 @@ def test_a_scene_travels_with_what_it_names(lamp, tmp_path):
         (tmp_path / "moved" / "b.png").write_bytes((tmp_path / "a.png").read_bytes())
         (moved / "lamp.xml").write_text(LAMP.replace("</scene>", picture.format(name)))
         with pytest.raises(ValueError, match=says):
-            Parcel.of(opening.SceneFile(moved / "lamp.xml", tmp_path))
+            Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path))
 
 
 def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path):
@@ -126,7 +126,7 @@ def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path)
     keys = []
     for line in "400 9\n700 9\n", "400 9\n700 8\n":
         (tmp_path / "skins" / "lamp.spd").write_text(line)
-        parcel = Parcel.of(opening.SceneFile(lamp, tmp_path, definitions={"frame": "7"}))
+        parcel = Parcel.of(scene_file.SceneFile(lamp, tmp_path, definitions={"frame": "7"}))
         assert set(parcel.contents) == {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
         keys.append(parcel.key)
     assert keys[0] != keys[1]
@@ -385,7 +385,7 @@ def test_an_image_that_nobody_waits_for_any_more(client, lamp):
     def anywhere(name):
         return any(client.run(lambda: hasattr(worker, name)).values())
 
-    with Remote(client, parcel := Parcel.of(opening.SceneFile(lamp, lamp.parent))) as taker:
+    with Remote(client, parcel := Parcel.of(scene_file.SceneFile(lamp, lamp.parent))) as taker:
         images = iter([Whole("an image", parcel, endless, (), 1)])
         assert list(taker.make(images, lambda: anywhere("begun"))) == []
     end = time.monotonic() + 10

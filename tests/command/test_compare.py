@@ -17,7 +17,7 @@ from mitsuba_prosim.command.lines import Lines
 from mitsuba_prosim.command.options import InputError
 from mitsuba_prosim.compare import facts, measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
-from mitsuba_prosim.scene_files.opening import SceneFile
+from mitsuba_prosim.scene.scene_file import SceneFile
 from prosim_start.group import prosim
 
 #: Whether the package that denoises is there: the page has its rows then.
@@ -223,6 +223,24 @@ def test_references_are_kept_and_continued(tmp_path, variant_rgb):
     longer = runs.reference(tmp_path, "key", [Noise()], first.seconds + 0.02)
     assert longer.passes[0] > 3
     assert longer.error < first.error
+
+
+def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, monkeypatch):
+    """What a scene includes counts as its own text does, and so does whatever renders it."""
+    head, body, tail = SCENE.partition('<shape type="sphere">')
+    (tmp_path / "balls.xml").write_text('<scene version="3.0.0">' + body + tail)
+    (tmp_path / "scene.xml").write_text(head + '<include filename="balls.xml"/></scene>')
+
+    def key():
+        return FileScene(SceneFile(tmp_path / "scene.xml", tmp_path)).key
+
+    first = key()
+    assert key() == first
+    monkeypatch.setattr("mitsuba_prosim.saved.origin.__version__", "0.0")
+    assert key() != first
+    monkeypatch.undo()
+    (tmp_path / "balls.xml").write_text('<scene version="3.0.0">' + body + tail.replace("30, 30, 30", "20, 20, 20"))
+    assert key() != first
 
 
 def test_references_that_can_not_be_kept(tmp_path, monkeypatch, capsys):

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import registry
-from mitsuba_prosim.command import hosted, stand_in
+from mitsuba_prosim.stock_command import hosted, stand_ins
 
 SCENE = """<scene version="3.0.0">
     <default name="spp" value="4"/>
@@ -44,46 +44,58 @@ def write(folder, name, sampler="nrook", bsdf="prosim_lambertian", inside=""):
 COMMAND = shutil.which("mitsuba", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
 
 
-def mitsuba(folder, *arguments, **env):
-    return subprocess.run(
-        [COMMAND, *map(str, arguments)],
-        check=False,
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env=os.environ | env,
-    )
+compiled = pytest.mark.skipif(
+    sys.platform != "linux" or not stand_ins.compiler(), reason="needs a C compiler, on Linux"
+)
 
 
-linked = pytest.mark.skipif(not stand_in.stand_ins(), reason="installed without a C compiler")
+@pytest.fixture(scope="module")
+def plugins(tmp_path_factory):
+    """A folder of stand-ins, those of this source. The command looks into ``plugins`` of the current folder first."""
+    folder = tmp_path_factory.mktemp("plugins")
+    stand_ins.install(stand_ins.plugin_names(), folder)
+    return folder
 
 
-@linked
-def test_every_plugin_has_its_stand_in(variant_rgb):
-    assert set(registry.PLUGINS) | set(stand_in.BUNDLED) <= set(stand_in.stand_ins())
+@pytest.fixture
+def mitsuba(plugins):
+    """Runs the command in a folder, which gets the stand-ins."""
+
+    def run(folder, *arguments, **env):
+        if not (folder / "plugins").exists():
+            (folder / "plugins").symlink_to(plugins)
+        return subprocess.run(
+            [COMMAND, *map(str, arguments)],
+            check=False,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            env=os.environ | env,
+        )
+
+    return run
 
 
-def test_names_by_text_alone(variant_rgb):
-    package = Path(registry.__file__).parent
-    assert stand_in.names_in_source(package) == sorted(registry.PLUGINS)
+def test_every_plugin_has_a_stand_in():
+    assert set(registry.PLUGINS) | set(stand_ins.BUNDLED) <= set(stand_ins.plugin_names())
 
 
 def test_bundled_names_are_mitsubas(variant_rgb):
     folder = Path(mi.__file__).parent / "python" / "ad"
     text = "".join(path.read_text() for path in folder.rglob("*.py"))
     registered = {line.split('"')[1] for line in text.splitlines() if line.startswith("mi.register_")}
-    assert set(stand_in.BUNDLED) == registered
+    assert set(stand_ins.BUNDLED) == registered
 
 
-@linked
-def test_image_equals_render(tmp_path, variant_rgb):
+@compiled
+def test_image_equals_render(tmp_path, tmp_path_factory, variant_rgb, mitsuba):
     """Two of our plugins and a bitmap in a folder of their own: the same pixels as mi.render, to the half."""
     mi.Bitmap(np.tile(np.linspace(0, 1, 8, dtype=np.float32)[:, None, None], (1, 8, 3))).convert(
         component_format=mi.Struct.Type.UInt8, srgb_gamma=True
     ).write(str(tmp_path / "wood.png"))
     scene = write(tmp_path, "wood.xml", inside=BITMAP)
-    done = mitsuba("/", "-m", "llvm_ad_rgb", "-D", "spp=9", scene)
+    done = mitsuba(tmp_path_factory.mktemp("here"), "-m", "llvm_ad_rgb", "-D", "spp=9", scene)
     assert done.returncode == 0, done.stderr
     image = np.array(mi.Bitmap(str(tmp_path / "wood.exr")))
     reference = np.array(mi.render(mi.load_file(str(scene), parallel=False, spp="9")))
@@ -92,8 +104,8 @@ def test_image_equals_render(tmp_path, variant_rgb):
 
 
 @pytest.mark.slow
-@linked
-def test_search_path(tmp_path, variant_rgb):
+@compiled
+def test_search_path(tmp_path, variant_rgb, mitsuba):
     """As in the native command: the current folder, then those of -a in their order, then the scene's."""
     for folder in "scene", "a", "b", "here":
         (tmp_path / folder).mkdir()
@@ -113,8 +125,8 @@ def test_search_path(tmp_path, variant_rgb):
 
 
 @pytest.mark.slow
-@linked
-def test_several_scenes_none_twice(tmp_path):
+@compiled
+def test_several_scenes_none_twice(tmp_path, mitsuba):
     """A stock scene that the native command has rendered before it met ours is not rendered again."""
     stock = write(tmp_path, "stock.xml", "independent", "diffuse")
     ours, other = write(tmp_path, "ours.xml"), write(tmp_path, "other.xml", "multijitter", "diffuse")
@@ -126,17 +138,17 @@ def test_several_scenes_none_twice(tmp_path):
 
 
 @pytest.mark.slow
-@linked
-def test_one_thread_and_output(tmp_path):
+@compiled
+def test_one_thread_and_output(tmp_path, mitsuba):
     """Mitsuba 3.9.1 alone hangs when it writes an EXR with -t 1."""
     scene = write(tmp_path, "scene.xml")
     done = mitsuba(tmp_path, "-t", "1", "-o", "out.png", scene)
     assert done.returncode == 0, done.stderr
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.exr", "scene.xml"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.exr", "plugins", "scene.xml"]
 
 
-@linked
-def test_wrong_parameter(tmp_path):
+@compiled
+def test_wrong_parameter(tmp_path, mitsuba):
     scene = write(tmp_path, "scene.xml", bsdf="prosim_conductor", inside='<string name="distribution" value="ggx"/>')
     done = mitsuba(tmp_path, scene)
     assert done.returncode == 255
@@ -145,39 +157,40 @@ def test_wrong_parameter(tmp_path):
     assert not (tmp_path / "scene.exr").exists()
 
 
-@linked
-def test_stock_scenes_do_not_start_python(tmp_path):
+@compiled
+def test_stock_scenes_do_not_start_python(tmp_path, mitsuba):
     scene = write(tmp_path, "scene.xml", "independent", "diffuse")
     assert mitsuba(tmp_path, scene, MITSUBA_PYTHON="/nowhere").returncode == 0
 
 
-@linked
-def test_missing_interpreter_is_said(tmp_path):
+@compiled
+def test_missing_interpreter_is_said(tmp_path, mitsuba):
     done = mitsuba(tmp_path, write(tmp_path, "scene.xml"), MITSUBA_PYTHON="/nowhere")
     assert done.returncode == 255 and "MITSUBA_PYTHON" in done.stderr
 
 
-@linked
-def test_modules_beside_the_scene_are_not_imported(tmp_path):
+@compiled
+def test_modules_beside_the_scene_are_not_imported(tmp_path, mitsuba):
     (tmp_path / "numpy.py").write_text("raise SystemExit(7)")
     assert mitsuba(tmp_path, write(tmp_path, "scene.xml")).returncode == 0
 
 
-@linked
-def test_stand_ins_do_nothing_in_python(tmp_path):
+@compiled
+def test_stand_ins_do_nothing_in_python(tmp_path, plugins):
     """Loading one of them by Mitsuba's plugin manager, in a Python without our package, is an error like any other."""
     code = (
         "import mitsuba as mi; mi.set_variant('scalar_rgb')\n"
         "try: mi.load_dict({'type': 'prosim_conductor'})\n"
         "except RuntimeError as error: print(error)"
     )
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    (tmp_path / "plugins").symlink_to(plugins)
+    done = subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, capture_output=True, text=True)
     assert "could not be found" in done.stdout
 
 
 @pytest.mark.slow
-@linked
-def test_plugins_of_another_package(tmp_path):
+@compiled
+def test_plugins_of_another_package(tmp_path, plugins, mitsuba):
     """Any package with an entry point in the group ``mitsuba`` is hosted by the same stand-in, here in ./plugins."""
     site = tmp_path / "site"
     (site / "other-1.dist-info").mkdir(parents=True)
@@ -187,7 +200,7 @@ def test_plugins_of_another_package(tmp_path):
         "import mitsuba as mi\nmi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n"
     )
     (tmp_path / "plugins").mkdir()
-    shutil.copy(stand_in.stand_ins()["nrook"], tmp_path / "plugins" / "other_bsdf.so")
+    shutil.copy(plugins / "nrook.so", tmp_path / "plugins" / "other_bsdf.so")
     scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
     assert mitsuba(tmp_path, scene).returncode == 255
     done = mitsuba(tmp_path, scene, PYTHONPATH=str(site))
@@ -195,8 +208,10 @@ def test_plugins_of_another_package(tmp_path):
     assert (tmp_path / "scene.exr").exists()
 
 
-@linked
-def test_ctrl_c_ends_at_once(tmp_path):
+@compiled
+def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
+    (tmp_path / "plugins").symlink_to(plugins)
+    monkeypatch.chdir(tmp_path)
     scene = write(tmp_path, "scene.xml")
     scene.write_text(scene.read_text().replace('"24"', '"512"').replace('"16"', '"512"'))
     program = Path(mi.__file__).with_name("mitsuba")
@@ -214,7 +229,7 @@ def test_ctrl_c_ends_at_once(tmp_path):
 def own_stand_in(tmp_path):
     """A stand-in of this source, which begins to render only with the plugin that the scene names."""
     (tmp_path / "plugins").mkdir()
-    stand_in.compile_stand_in(tmp_path / "plugins" / "stood_in_for.so", sys.executable)
+    stand_ins.compile_stand_in(tmp_path / "plugins" / "stood_in_for.so")
     site = tmp_path / "site"
     (site / "other-1.dist-info").mkdir(parents=True)
     (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
@@ -231,7 +246,7 @@ def own_stand_in(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux" or not stand_in.compiler(), reason="needs a C compiler, on Linux")
+@compiled
 def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, own_stand_in):
     """A signal for the process that was started reaches the one that renders, its grandchild."""
     scene = write(tmp_path, "scene.xml", "independent", "stood_in_for")
@@ -248,8 +263,10 @@ def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, own_stand_in):
 
 
 @pytest.mark.slow
-@linked
-def test_hang_up_writes_the_image_so_far(tmp_path):
+@compiled
+def test_hang_up_writes_the_image_so_far(tmp_path, plugins, monkeypatch):
+    (tmp_path / "plugins").symlink_to(plugins)
+    monkeypatch.chdir(tmp_path)
     scene = write(tmp_path, "scene.xml")
     scene.write_text(
         scene.read_text()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mitsuba_prosim.scene_files import opening, writing
+from mitsuba_prosim.scene import atomic, scene_file
 from running import prosim
 from test_resume_and_merge import LAMP, alike
 
@@ -94,8 +94,8 @@ def run(code, lamp):
 
 def render(path):
     """The image by this process alone."""
-    with writing.scratch() as folder:
-        scene = opening.SceneFile(path, folder).load()
+    with atomic.scratch() as folder:
+        scene = scene_file.SceneFile(path, folder).load()
     return scene.integrator().render(scene)
 
 

@@ -33,7 +33,7 @@ def test_places_in_xml_have_a_caret(tmp_path, old, new, line, under):
 
 
 def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
-    from mitsuba_prosim.scene_files.plugins import with_nearest
+    from mitsuba_prosim.scene.errors import with_nearest
 
     words = 'failed to instantiate {} plugin of type "{}": [PluginManager] Plugin "{}" not found!'
     for kind, name, meant in [
@@ -49,7 +49,7 @@ def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
 
 def test_what_can_not_be_shown_is_said_alone(tmp_path):
     """Words without a place, or with one that is not there to be read."""
-    from mitsuba_prosim.scene_files.pointing import pointed
+    from mitsuba_prosim.scene.errors import pointed
 
     gone = f"At {tmp_path}/gone.xml (line 3, col 6): failed"
     for words in ("[Film] too wide", gone, 'Loading "a.ply" (line 1, col 1)'):
@@ -64,7 +64,7 @@ def test_what_can_not_be_shown_is_said_alone(tmp_path):
 
 
 def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
-    from mitsuba_prosim.scene_files.pointing import pointed
+    from mitsuba_prosim.scene.errors import pointed
 
     scene, part, secret = tmp_path / "scene" / "scene.xml", tmp_path / "scene" / "part.xml", tmp_path / "secret.xml"
     scene.parent.mkdir()

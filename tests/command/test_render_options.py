@@ -6,7 +6,7 @@ import OpenEXR
 import prosim_scene
 import pytest
 from mitsuba_prosim.command import render, sampled
-from mitsuba_prosim.scene_files import opening, rendering, session
+from mitsuba_prosim.scene import rendering, scene_file, session
 from running import XML, names, prosim
 from tqdm.auto import tqdm
 
@@ -97,7 +97,7 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
         ((True, 2, 0.5), 2, ["diffuse_bounces = -1", "max_level = 2", "threshold = 0.5", "samples = 2"]),
         ((False, 0, None), None, ["diffuse_bounces = 0", "max_level = 0"]),
     ]:
-        loaded = opening.SceneFile(
+        loaded = scene_file.SceneFile(
             scene,
             tmp_path / "out",
             samples=samples,
@@ -111,7 +111,7 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
 @pytest.mark.parametrize("asked", [None, True, False])
 def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant_rgb, said, asked):
     palito.write_text(said + palito.read_text(encoding="utf-8"), encoding="utf-8")
-    loaded = opening.SceneFile(palito, tmp_path / "out", integrator=sampled.parameters(False, None, asked)).load()
+    loaded = scene_file.SceneFile(palito, tmp_path / "out", integrator=sampled.parameters(False, None, asked)).load()
     assert loaded.integrator().caustics is (bool(said) if asked is None else asked)
 
 
@@ -143,15 +143,15 @@ def test_a_fraction_for_a_whole_number_is_no_traceback(scene):
 )
 def test_a_resolution_that_distorts_is_said(palito, tmp_path, variant_rgb, recwarn, size, distorts):
     """palito's window is a square."""
-    opening.SceneFile(palito, tmp_path / "out", resolution=size)
+    scene_file.SceneFile(palito, tmp_path / "out", resolution=size)
     assert any(f"{size[0]}x{size[0]} or {size[1]}x{size[1]} would not" in str(w.message) for w in recwarn) == distorts
 
 
 def test_opening_reads_a_scene_once(palito, tmp_path, variant_rgb, monkeypatch):
     reads = []
-    read = opening.prosim_scene.translator.read
-    monkeypatch.setattr(opening.prosim_scene.translator, "read", lambda path: reads.append(path) or read(path))
-    opening.SceneFile(palito, tmp_path, resolution=(8, 8)).load()
+    read = scene_file.prosim_scene.translator.read
+    monkeypatch.setattr(scene_file.prosim_scene.translator, "read", lambda path: reads.append(path) or read(path))
+    scene_file.SceneFile(palito, tmp_path, resolution=(8, 8)).load()
     assert reads == [palito]
 
 

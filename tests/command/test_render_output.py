@@ -15,7 +15,7 @@ import pytest
 from mitsuba_prosim.command import making, output
 from mitsuba_prosim.command.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
-from mitsuba_prosim.scene_files import rendering, writing
+from mitsuba_prosim.scene import atomic, rendering
 from running import XML, names, pixels, prosim
 from tqdm.auto import tqdm
 
@@ -147,15 +147,15 @@ def test_what_cannot_be_written_is_found_before_the_render(scene, monkeypatch, p
 
 def test_an_image_that_cannot_be_written_after_all_is_kept(scene, monkeypatch, tmp_path_factory):
     """On a disk that has become full meanwhile, say."""
-    write, elsewhere = writing.write, tmp_path_factory.mktemp("elsewhere")
+    write, elsewhere = atomic.write, tmp_path_factory.mktemp("elsewhere")
 
     def full(contents):
         if next(iter(contents)).parent == scene.parent:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(scene.parent))
         return write(contents)
 
-    monkeypatch.setattr(writing, "write", full)
-    monkeypatch.setattr(writing.tempfile, "tempdir", str(elsewhere))
+    monkeypatch.setattr(atomic, "write", full)
+    monkeypatch.setattr(atomic.tempfile, "tempdir", str(elsewhere))
     done = prosim("render", scene)
     assert done.exit_code == 1 and "No space left on device" in done.stderr
     folder = next(elsewhere.iterdir())
@@ -234,6 +234,30 @@ def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):
         signal.signal(signal.SIGHUP, before)
     assert done.exit_code == 0 and "interrupted" not in done.stdout
     assert pixels(scene.with_suffix(".exr")).min() > 0
+
+
+def test_a_signal_that_another_handler_hears_stops_nothing(scene, monkeypatch):
+    """Python tells of it by the same way as of those that end a render."""
+    heard, stopped = [], []
+    before = signal.signal(signal.SIGUSR1, lambda *_: heard.append(True))
+    try:
+        with interruptible(lambda: stopped.append(True)) as signals:
+            os.kill(os.getpid(), signal.SIGUSR1)
+        assert heard and not signals and not stopped
+
+        class Bar(tqdm):
+            def update(self, done):
+                os.kill(os.getpid(), signal.SIGUSR1)
+                return super().update(done)
+
+        monkeypatch.setattr(making, "tqdm", Bar)
+        scene.write_text(BANDS)
+        done = prosim("render", scene)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert done.exit_code == 0 and len(heard) > 1
+    header = OpenEXR.File(str(scene.with_suffix(".exr")), header_only=True).header()
+    assert float(header["prosim.samples"]) >= 2
 
 
 def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):

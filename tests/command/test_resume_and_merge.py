@@ -14,7 +14,7 @@ from mitsuba_prosim.command import resume
 from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.saved import files
 from mitsuba_prosim.saved.keeper import Keeper
-from mitsuba_prosim.scene_files import writing
+from mitsuba_prosim.scene import atomic
 from running import names, pixels, prosim
 from test_render_targets import NOISY
 
@@ -190,7 +190,7 @@ def test_parts_make_the_image_and_it_goes_on(lamp, tmp_path, monkeypatch):
 
 def test_a_disk_that_is_full(lamp, tmp_path_factory, monkeypatch):
     """The render goes on without its state, which is kept where there is room in the end."""
-    write, elsewhere = writing.write, tmp_path_factory.mktemp("elsewhere")
+    write, elsewhere = atomic.write, tmp_path_factory.mktemp("elsewhere")
 
     def full(contents):
         path = next(iter(contents))
@@ -199,8 +199,8 @@ def test_a_disk_that_is_full(lamp, tmp_path_factory, monkeypatch):
         return write(contents)
 
     monkeypatch.setattr(Keeper, "SHORTEST", 0.0)
-    monkeypatch.setattr(writing, "write", full)
-    monkeypatch.setattr(writing.tempfile, "tempdir", str(elsewhere))
+    monkeypatch.setattr(atomic, "write", full)
+    monkeypatch.setattr(atomic.tempfile, "tempdir", str(elsewhere))
     result = prosim("render", lamp, "--keep")
     assert result.exit_code == 1 and result.stderr.count("the render goes on") == 1
     (folder,) = elsewhere.iterdir()

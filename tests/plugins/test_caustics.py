@@ -26,6 +26,7 @@ from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
 from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
+from scenes import mesh
 from test_taking import Elsewhere, image
 
 
@@ -621,15 +622,7 @@ def cap(curvature, radius, side, bsdf, rings=8, sectors=96):
     for k in range(rings - 1):
         inner, outer = 1 + k * sectors, 1 + (k + 1) * sectors
         faces += [np.stack([inner + i, outer + i, outer + j]), np.stack([inner + i, outer + j, inner + j])]
-    faces = np.concatenate(faces, axis=1)[::side]
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(bsdf)
-    mesh = mi.Mesh("cap", len(x), faces.shape[1], properties, has_vertex_normals=True)
-    parameters = mi.traverse(mesh)
-    for name, values in (("vertex_positions", p), ("vertex_normals", n), ("faces", faces)):
-        parameters[name] = values.T.ravel()
-    parameters.update()
-    return mesh
+    return mesh(p.T, np.concatenate(faces, axis=1)[::side].T, n.T, bsdf=bsdf)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
+from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.engine.camera import ray_sampler
 from mitsuba_prosim.engine.policies import POLICIES
 from scenes import alone, penumbra, rgb
@@ -520,7 +521,8 @@ def test_sources_may_change_between_renderings(variant_rgb):
     scene = mi.load_dict(penumbra(type="prosim", adaptive="none"))
     before = np.array(mi.render(scene))
     params = mi.traverse(scene)
-    params["light.to_world"] = params["light.to_world"] @ mi.Transform4f().scale(2)
+    name = to_world_name(params, "light.")
+    params[name] = params[name] @ mi.Transform4f().scale(2)
     params.update()
     assert np.array(mi.render(scene))[-4:].mean() == pytest.approx(4 * before[-4:].mean(), rel=0.05)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from little import LITTLE
 from mitsuba_prosim import denoising
-from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
 from mitsuba_prosim.watch import due, easel, takes
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import mesh_positions
 from ..light.beam import sample_falloff, total
 from ..transport import lobes
 from ..transport.indivisible import is_indivisible
@@ -74,9 +75,7 @@ def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     """``(x, y, z, radius)`` of a sphere around ``shape``."""
     box = shape.bbox()
     center = np.array(box.center(), dtype=np.float64)
-    parameters = mi.traverse(shape)
-    if "vertex_positions" in parameters:
-        vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    if (vertices := mesh_positions(shape)) is not None:
         radius = float(np.sqrt(np.max(np.sum((vertices - center) ** 2, axis=1))))
     elif shape.class_name() == "Sphere":
         radius = float(box.extents()[0]) / 2

@@ -29,7 +29,7 @@ from ..engine.camera import ray_sampler, uncropped
 from ..engine.plan import Plan
 from ..engine.policies import POLICIES
 from ..saved import origin
-from ..scene_files import session
+from ..scene import session
 from . import message
 from .parcel import Parcel
 

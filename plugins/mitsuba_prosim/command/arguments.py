@@ -13,13 +13,13 @@ from typing import Any
 
 import click
 
-from ..scene_files import opening
+from ..scene import scene_file
 
 EXR = "an EXR image"
 
 #: What a file begins with that is no scene, and what it is.
 BEGINNINGS = {
-    opening.EXR: EXR,
+    scene_file.EXR: EXR,
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"GIF8": "a GIF image",
@@ -49,13 +49,13 @@ class Existing(click.Path, ABC):
         """Its path."""
         path = Path(os.fsdecode(value))
         if path.is_dir():
-            self.fail(f"{str(path)!r} is a folder.{did_you_mean(self.within(path))}", param, ctx)
+            self.fail(f"'{path}' is a folder.{did_you_mean(self.within(path))}", param, ctx)
         if not os.path.lexists(path):
-            nor = "" if path.parent.is_dir() else f" (nor does the folder {str(path.parent)!r})"
-            self.fail(f"File {str(path)!r} does not exist{nor}.{did_you_mean(self.near(path))}", param, ctx)
+            nor = "" if path.parent.is_dir() else f" (nor does the folder '{path.parent}')"
+            self.fail(f"File '{path}' does not exist{nor}.{did_you_mean(self.near(path))}", param, ctx)
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if (what := self.wrong(path)) is not None:
-            self.fail(f"{str(path)!r} is {what}", param, ctx)
+            self.fail(f"'{path}' is {what}", param, ctx)
         return path
 
     @abstractmethod

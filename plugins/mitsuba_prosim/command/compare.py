@@ -9,7 +9,7 @@ import click
 import mitsuba as mi
 from tqdm.auto import tqdm
 
-from ..scene_files import opening, session, writing
+from ..scene import atomic, scene_file, session
 from . import denoised
 from . import output as files
 from .arguments import SCENE
@@ -139,7 +139,7 @@ def compare(
     from ..compare import page, scenes
     from ..compare.study import Effort, study
 
-    with writing.scratch() as folder, log(0):
+    with atomic.scratch() as folder, log(0):
         with wrong_input():
             specs = scenes.Spec(a), scenes.Spec(b)
             if noise:
@@ -148,7 +148,7 @@ def compare(
                 specs = specs[0].until(noise), specs[1].until(noise)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
             opened = scenes.FileScene(
-                opening.SceneFile(
+                scene_file.SceneFile(
                     scene, folder, definitions=dict(definitions), resolution=resolution, samples=samples, **language
                 )
             )
@@ -181,7 +181,7 @@ def place_of_references(asked: Path | None, scratch: Path, size: int) -> Path:
 
     place = asked or runs.cache_folder()
     try:
-        writing.check([place / "reference"], size)
+        atomic.check([place / "reference"], size)
     except OSError as error:
         if asked:
             raise InputError(f"--cache: references can't be kept there: {files.said(error)}") from None

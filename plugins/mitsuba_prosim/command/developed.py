@@ -12,7 +12,7 @@ import mitsuba as mi
 from ..engine.part import Part
 from ..engine.record import Record
 from ..saved.keeper import Keeper
-from ..scene_files import black, images, opening, rendering
+from ..scene import black, images, rendering, scene_file
 from . import denoised, reached
 from .job import Job
 
@@ -29,7 +29,7 @@ class Developed:
     seconds: float
     said: tuple[str | None, ...]
 
-    def line(self, job: Job, file: opening.SceneFile, written: Sequence[Path], part: Part | None = None) -> str:
+    def line(self, job: Job, file: scene_file.SceneFile, written: Sequence[Path], part: Part | None = None) -> str:
         """What it is, and where, in words."""
         width, height = self.size
         return (

@@ -5,17 +5,15 @@ import platform
 import sys
 from importlib.metadata import version
 from importlib.util import find_spec
-from pathlib import Path
 
 import click
 import mitsuba as mi
 
 from .. import llvm
 from ..denoising import oidn
-from ..scene_files import session
-from . import stand_in
+from ..scene import session
+from ..stock_command import stand_ins
 from .compare import missing_packages
-from .link import misplaced_folder
 
 #: What only some need, and the modules that it brings.
 EXTRAS = {
@@ -51,20 +49,17 @@ def doctor() -> None:
         troubles.append(problem)
 
     if sys.platform == "linux":
-        stand_ins, folder = stand_in.stand_ins(), stand_in.plugin_folder()
-        say("mitsuba", f"{len(stand_ins)} stand-ins for plugins written in Python in {folder}")
-        compiler = stand_in.compiler()
-        say("C compiler", " ".join(compiler) if compiler else "none (only to build stand-ins)")
-        if misplaced := misplaced_folder():
-            troubles.append(
-                f"{misplaced} keeps the mitsuba command from starting, because Mitsuba itself is in "
-                f"{folder.parent}. Run: prosim link"
-            )
-        elif missing := sorted(set(stand_in.names_in_source(Path(llvm.__file__).parent)) - set(stand_ins)):
-            advice = "Run: prosim link" if compiler else f"Install {stand_in.COMPILER}, then run: prosim link"
-            troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). {advice}")
+        installed = stand_ins.installed()
+        if not installed:
+            say("mitsuba", "the mitsuba command can't run plugins written in Python; to let it: prosim link")
+        elif missing := sorted(set(stand_ins.plugin_names()) - set(installed)):
+            troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
+        else:
+            say("mitsuba", f"{len(installed)} stand-ins for plugins written in Python in {stand_ins.plugin_folder()}")
+        compiler = stand_ins.compiler()
+        say("C compiler", " ".join(compiler) if compiler else "none (only prosim link needs one)")
     else:
-        say("mitsuba", "the mitsuba command can run plugins written in Python on Linux only; use prosim render")
+        say("mitsuba", "the mitsuba command runs plugins written in Python on Linux only; use prosim render")
 
     lacking = missing_packages()
     say(

@@ -11,10 +11,10 @@ from pathlib import Path
 import click
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.definitions import FPS, FRAME, TIME
+from prosim_scene import FPS, FRAME, TIME
 from tqdm.auto import tqdm
 
-from ..scene_files import opening, rendering, session, writing
+from ..scene import atomic, rendering, scene_file, session
 from .apart import Apart
 from .frames import Frame, definitions, digest, is_there, naming, of_frame, path, unfinished
 from .helping import Helping, pack
@@ -42,7 +42,7 @@ class Film:
         self.reasons: set[str] = set()
         self.text = Path(job.scene).read_bytes()
         with wrong_input():
-            self.names = opening.uses(job.scene, {**job.definitions, **definitions(0, fps)}, (FRAME, TIME))
+            self.names = scene_file.uses(job.scene, {**job.definitions, **definitions(0, fps)}, (FRAME, TIME))
             if not self.names and len(frames) > 1:
                 raise ValueError(
                     f"{job.scene} says neither ${FRAME} nor ${TIME}, so all frames would be alike; say where it moves, "
@@ -55,7 +55,7 @@ class Film:
         with (
             log(verbose),
             session.threads(threads),
-            writing.scratch() as folder,
+            atomic.scratch() as folder,
             interruptible(lambda: None) as signals,
             helping,
             self.bar() as bar,
@@ -97,7 +97,7 @@ class Film:
         job = frame.job
         with wrong_input():
             scene = frame.file.load()
-            opened = frame.file, scene, opening.pick_sensor(scene, job.sensor)
+            opened = frame.file, scene, scene_file.pick_sensor(scene, job.sensor)
             about = job.about(frame.file) if self.keep else None
             if self.keep:
                 refuse_to_keep(scene.integrator())

@@ -12,12 +12,12 @@ from typing import Any
 
 import click
 import OpenEXR
-from prosim_scene.language.definitions import FRAME, TIME
+from prosim_scene import FRAME, TIME
 
 from .. import saved
 from ..engine.record import Record
 from ..saved import origin
-from ..scene_files import opening
+from ..scene import scene_file
 from .job import Job
 from .making import STATE
 
@@ -57,7 +57,7 @@ class Frame:
     number: int
     job: Job
     stem: Path
-    file: opening.SceneFile
+    file: scene_file.SceneFile
     made_of: str
 
     @property
@@ -95,7 +95,7 @@ def of_frame(job: Job, number: int, fps: float, names: set[str]) -> Job:
     return replace(job, definitions={**job.definitions, **own}, seed=(job.seed + number) % 2**32)
 
 
-def digest(job: Job, file: opening.SceneFile, denoise: bool) -> str:
+def digest(job: Job, file: scene_file.SceneFile, denoise: bool) -> str:
     """What is the same for frames of the same bytes, wherever the scene lies: SHA-256 of the scene's content, of what
     is changed in it, and of what makes its samples.
     """

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import mitsuba as mi
 
-from ..scene_files import opening, rendering
+from ..scene import rendering, scene_file
 from .options import Helpers
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..cluster.remote import Remote
 
 
-def pack(helpers: Helpers | None, file: opening.SceneFile, integrator: mi.Integrator, sensor: int) -> Parcel | None:
+def pack(helpers: Helpers | None, file: scene_file.SceneFile, integrator: mi.Integrator, sensor: int) -> Parcel | None:
     """The scene as it is sent to ``helpers``; None where there are none.
 
     Raises ClickException where Dask is missing, ValueError where the scene can't travel or its integrator needs no

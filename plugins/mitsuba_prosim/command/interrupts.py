@@ -1,49 +1,53 @@
-"""Signals that end a render, and let it keep what it has."""
+"""Signals that end a render, which keeps what it has."""
 
 import os
-import select
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-#: Ctrl-C, the polite kill, and the end of the terminal.
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Ctrl-C, the polite kill, and the end of the terminal, as far as the system has them.
+ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
 
-#: Seconds from one time that it is told to stop to the next.
+#: Seconds from one call of ``stop`` to the next.
 AGAIN = 0.1
 
 
 @contextmanager
 def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
-    """Calls ``stop`` at the first signal that ends a program, and again and again until the end, as a renderer that has
-    not begun yet forgets it; a second signal ends the process at once.
+    """Calls ``stop`` at the first signal of :data:`ENDING`, and again until the context ends, because a renderer that
+    has not begun yet forgets it. A second signal ends the process at once.
 
-    Yields the list of the signals that have come. What the process was told to ignore (by ``nohup``, or in the
-    background of a script) stays ignored.
+    Yields the list of these signals that have come. Signals that the process ignores (by ``nohup``, or in the
+    background of a script) stay ignored; handlers of other signals run as before.
     """
     seen: list[int] = []
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
+    reader, writer = socket.socketpair()  # Windows can't wait for a pipe
+    writer.setblocking(False)
 
     # In a thread, because Mitsuba's own integrators hold up Python's handlers, in the main thread, until they are done.
     def watch() -> None:
         come = 0
         while True:
-            if come and not select.select([reader], [], [], AGAIN)[0]:
+            try:
+                received = reader.recv(1)
+            except TimeoutError:
                 stop()
                 continue
-            number = int.from_bytes(os.read(reader, 1), "little")
-            if not number:  # the end
+            if not received:  # the end
                 return
-            come += number in handled
+            if (number := received[0]) not in handled:
+                continue
+            come += 1
             if come > 1:
                 os.write(2, b"\nEnded at once.\n" if os.isatty(2) else b"Ended at once.\n")
                 os._exit(128 + number)
-            if come and number == signal.SIGINT and os.isatty(2):  # below ^C
+            if number == signal.SIGINT and os.isatty(2):  # below ^C
                 os.write(2, b"\nEnding; once more ends it at once.\n")
             stop()
+            reader.settimeout(AGAIN)
 
     def handle(number: int, _: object) -> None:
         seen.append(number)
@@ -51,7 +55,7 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
-    wakeup = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    wakeup = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     before = {number: signal.signal(number, handle) for number in handled}
     try:
         yield seen
@@ -59,6 +63,6 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
         for number, handler in before.items():
             signal.signal(number, handler)
         signal.set_wakeup_fd(wakeup)
-        os.close(writer)
+        writer.close()
         watcher.join()
-        os.close(reader)
+        reader.close()

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
-from prosim_scene import Kept
-from prosim_scene.language.document import Document
+from prosim_scene import Document, Kept
 
 from ..engine.record import Record
-from ..scene_files import opening
+from ..scene import scene_file
 
 
 @dataclass(frozen=True)
 class Job:
-    """A scene file, what is changed in it, and which image of it is made; see :class:`.opening.SceneFile`."""
+    """A scene file, what is changed in it, and which image of it is made; see :class:`.scene_file.SceneFile`."""
 
     scene: str
     variant: str
@@ -47,18 +46,18 @@ class Job:
                 "where it comes from, by integrator.waves(begin=...)"
             ) from None
 
-    def about(self, file: opening.SceneFile) -> dict[str, Any]:
+    def about(self, file: scene_file.SceneFile) -> dict[str, Any]:
         """What a record of it has to say, so that another process can go on: ``job`` and ``digest``."""
         return {"job": asdict(replace(self, scene=os.path.abspath(self.scene))), "digest": file.digest()}
 
     def file(
         self, folder: Path, kept: Kept | None = None, confined: bool = False, document: Document | None = None
-    ) -> opening.SceneFile:
+    ) -> scene_file.SceneFile:
         """The scene file. ``folder``: for translations; ``kept``: what they leave to each other; ``confined``: whether
         it can name no file outside its own folder; ``document``: what the text says, where it has been read already.
         Raises what its maker raises.
         """
-        return opening.SceneFile(
+        return scene_file.SceneFile(
             self.scene,
             folder,
             definitions=self.definitions,
@@ -74,8 +73,8 @@ class Job:
 
     def open(
         self, folder: Path, kept: Kept | None = None, confined: bool = False, document: Document | None = None
-    ) -> tuple[opening.SceneFile, mi.Scene, mi.Sensor]:
+    ) -> tuple[scene_file.SceneFile, mi.Scene, mi.Sensor]:
         """The scene file, its scene and its sensor; see :meth:`file`. Raises what their makers raise."""
         file = self.file(folder, kept, confined, document)
         scene = file.load()
-        return file, scene, opening.pick_sensor(scene, self.sensor)
+        return file, scene, scene_file.pick_sensor(scene, self.sensor)

@@ -6,7 +6,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import BinaryIO
 
 import mitsuba as mi
@@ -36,9 +36,11 @@ def log(verbose: int) -> Iterator[None]:
         output = os.dup(1)
     except OSError:  # there is none
         output = None
-    with tempfile.TemporaryFile() as file:
+    with tempfile.NamedTemporaryFile(delete=False) as file, open(file.name, "rb") as added:
+        with suppress(OSError):  # Windows refuses while it is open
+            os.unlink(file.name)
         finished = threading.Event()
-        reader = threading.Thread(target=_follow, args=(file, finished), daemon=True)
+        reader = threading.Thread(target=_follow, args=(added, finished), daemon=True)
         reader.start()
         if output is not None:
             os.dup2(file.fileno(), 1)
@@ -52,21 +54,19 @@ def log(verbose: int) -> Iterator[None]:
                 os.close(output)
             finished.set()
             reader.join()
+    with suppress(OSError):
+        os.unlink(file.name)
 
 
 def _follow(file: BinaryIO, finished: threading.Event) -> None:
     """Prints the lines that are added to ``file``, until ``finished``; a warning of the same words once."""
-    printed = 0
-    once = Once()
-    last = False
+    once, last, rest = Once(), False, b""
     while not last:
         last = finished.wait(0.05)
-        # Not file.read(), which would move the place at which Mitsuba writes.
-        added = os.pread(file.fileno(), os.fstat(file.fileno()).st_size - printed, printed)
-        if not last:
-            added = added[: added.rfind(b"\n") + 1]
-        printed += len(added)
-        if text := once(DECORATION.sub("", added.decode("utf-8", "replace"))):
+        added = rest + file.read()
+        end = len(added) if last else added.rfind(b"\n") + 1
+        rest = added[end:]
+        if text := once(DECORATION.sub("", added[:end].decode("utf-8", "replace"))):
             tqdm.write(text, file=sys.stderr, end="" if text.endswith("\n") else "\n")
 
 

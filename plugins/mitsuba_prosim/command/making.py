@@ -19,7 +19,7 @@ from ..engine.part import Part
 from ..engine.record import Record
 from ..engine.state import KEPT
 from ..saved.keeper import Keeper
-from ..scene_files import opening, rendering, session, writing
+from ..scene import atomic, rendering, scene_file, session
 from . import denoised, reached, tev
 from . import output as files
 from .developed import develop, take
@@ -74,7 +74,7 @@ def make(
     interrupted.
     """
     with log(verbose), session.threads(threads):
-        with writing.scratch() as folder, wrong_input():
+        with atomic.scratch() as folder, wrong_input():
             opened = job.open(folder)
             about = job.about(opened[0]) if keep or begin is not None else {}
             if about:
@@ -98,7 +98,7 @@ def make(
 
 def render(
     job: Job,
-    opened: tuple[opening.SceneFile, mi.Scene, mi.Sensor],
+    opened: tuple[scene_file.SceneFile, mi.Scene, mi.Sensor],
     stem: Path,
     begin: Record | None = None,
     keep: Mapping[str, Any] | None = None,

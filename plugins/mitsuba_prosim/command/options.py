@@ -16,9 +16,8 @@ import prosim_scene
 from click.core import ParameterSource
 
 from ..engine.part import Part
-from ..scene_files import opening, session
-from ..scene_files.plugins import with_nearest
-from ..scene_files.pointing import pointed
+from ..scene import scene_file, session
+from ..scene.errors import pointed, with_nearest
 
 #: More than any machine has processors.
 MOST_THREADS = 1024
@@ -72,7 +71,7 @@ class Resolution(click.ParamType):
         except ValueError:
             self.fail(f"{value!r} is not of the form {self.name}, such as 640x480", param, ctx)
         try:
-            opening.check_size(width, height)
+            scene_file.check_size(width, height)
         except ValueError as error:
             self.fail(str(error), param, ctx)
         return width, height

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..scene_files import writing
+from ..scene import atomic
 from .options import InputError
 
 #: Kinds of files that a name may end in. One that is not written is a mistake, not a part of the name.
@@ -71,7 +71,7 @@ def stem(output: str | None, default: Path, suffixes: Collection[str], source: P
     elif output == "-" or (there and not path.is_file()):
         wrong = f"what is written is {kinds}, which are files; give their name, or a folder."
     if wrong is not None:
-        raise click.BadParameter(f"{output!r}: {wrong}", param_hint="-o")
+        raise click.BadParameter(f"'{output}': {wrong}", param_hint="-o")
     if name := path.name.rstrip("."):  # a name that ends before its suffix
         path = path.with_name(name)
     return _in_new_folder(output, path)
@@ -92,8 +92,7 @@ def refuse_folders(output: str, folder: Path) -> None:
     above = folder.parent
     if not os.path.lexists(folder) and not os.path.lexists(above):
         raise click.BadParameter(
-            f"{output!r}: there is no folder {str(above)!r}; one new folder is made, in one that is there.",
-            param_hint="-o",
+            f"'{output}': there is no folder '{above}'; one new folder is made, in one that is there.", param_hint="-o"
         )
 
 
@@ -107,7 +106,7 @@ def check(scene: Path, stem: Path, suffixes: Collection[str], size: int) -> None
     """Raises InputError if files of ``size`` bytes in all could not be written, or the scene would be overwritten."""
     paths = [stem.with_name(stem.name + suffix) for suffix in suffixes]
     try:
-        writing.check(paths, size)
+        atomic.check(paths, size)
     except OSError as error:
         raise InputError(f"the result can't be written: {said(error)}. Choose another place with -o.") from None
     spare([scene], "the scene itself", stem, suffixes)
@@ -122,18 +121,18 @@ def spare(needed: Iterable[Path], what: str, stem: Path, suffixes: Collection[st
                 raise InputError(f"{path} is {what}; choose another name with -o.")
 
 
-def save(stem: Path, contents: Mapping[str, writing.Content]) -> list[Path]:
+def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
     """Writes suffix -> content; returns the paths. What can't be written there goes wherever there is room.
 
     Raises ClickException, which says where that is.
     """
     files = {stem.with_name(stem.name + suffix): content for suffix, content in contents.items()}
     try:
-        return writing.write(files)
+        return atomic.write(files)
     except OSError as error:
         failure = f"{' and '.join(map(str, files))} could not be written: {said(error)}"
     try:
-        kept = writing.rescue(files)
+        kept = atomic.rescue(files)
     except OSError as error:
         raise click.ClickException(f"{failure}; nor could anything else: {said(error)}") from None
     raise click.ClickException(f"{failure}. The result is in {' and '.join(map(str, kept))}") from None

@@ -14,7 +14,7 @@ import click
 from .. import saved
 from ..engine.policies import POLICIES
 from ..engine.record import Record
-from ..scene_files import session
+from ..scene import session
 from . import output as files
 from .arguments import SCENE, STATE, pattern
 from .job import Job

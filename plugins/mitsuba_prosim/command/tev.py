@@ -12,7 +12,7 @@ from typing import Any
 import click
 import mitsuba as mi
 
-from ..scene_files import images
+from ..scene import images
 from ..watch.due import Due
 
 #: Where tev listens, if nothing else was said when it was started.

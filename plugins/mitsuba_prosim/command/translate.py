@@ -8,7 +8,7 @@ from typing import Any
 import click
 import prosim_scene
 
-from . import stand_in
+from ..stock_command import stand_ins
 from .arguments import LANGUAGE
 from .options import InputError, defines, translation
 from .output import KNOWN, expanded, refuse_folders
@@ -24,7 +24,7 @@ class Folder(click.Path):
         """The folder's path."""
         path = Path(os.fsdecode(super().convert(expanded(os.fsdecode(value)), param, ctx)))
         if path.suffix.lower() in KNOWN and not path.exists():
-            self.fail(f"{str(path)!r}: name the folder; the file in it is called after the scene.", param, ctx)
+            self.fail(f"'{path}': name the folder; the file in it is called after the scene.", param, ctx)
         refuse_folders(os.fsdecode(value), path)
         return path
 
@@ -51,9 +51,9 @@ def translate(
             prosim_scene.check(scene, **options)
         else:
             click.echo(prosim_scene.translate(scene, output, **options))
-            if options["target"] == "prosim" and sys.platform == "linux" and not stand_in.stand_ins():
+            if options["target"] == "prosim" and sys.platform == "linux" and not stand_ins.installed():
                 click.echo(
-                    "The mitsuba command can't run this scene yet, see prosim doctor; prosim render can.", err=True
+                    "prosim render can render this scene; for the mitsuba command, run once: prosim link", err=True
                 )
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from prosim_scene import Kept
-from prosim_scene.language.document import Document
+from prosim_scene import Document, Kept
 
 from ..denoising import oidn
-from ..scene_files import images, session, writing
-from ..scene_files.opening import SceneFile
+from ..scene import atomic, images, session
+from ..scene.scene_file import SceneFile
 from .arguments import SCENE
 from .developed import metadata
 from .interrupts import interruptible
@@ -114,7 +113,7 @@ def watch(
         raise click.ClickException(
             f"port {port}: {error.strerror}. Choose another with --port, or leave it out for any that is free."
         ) from None
-    with writing.scratch() as folder:
+    with atomic.scratch() as folder:
         kept, confined = Kept(), not language["allow_outside"]
 
         def opened(document: Document | None = None) -> tuple[SceneFile, Any, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 from ..engine.waves import part
 from ..registry import create
 from ..sampling.hash import combine, hash32
-from ..scene_files import rendering
+from ..scene import rendering
 from ..transport.features import NAMES
 from .denoised import Denoised, denoise
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import world_transform
+
 if TYPE_CHECKING:
     #: From time and a number for the wavelengths, the places on the film and on the lens: the ray and its weight.
     RaySampler = Callable[[mi.Float, mi.Float, mi.Point2f, mi.Point2f], tuple[mi.Ray3f, mi.Spectrum]]
@@ -24,7 +26,7 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
         return sensor.sample_ray_differential
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
-    to_camera, to_world = sensor.projection_transform().inverse(), sensor.world_transform()
+    to_camera = sensor.projection_transform().inverse()
     near, far = dr.opaque(mi.Float, sensor.near_clip()), dr.opaque(mi.Float, sensor.far_clip())
     dr.make_opaque(to_camera, offset)
 
@@ -36,6 +38,7 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
         d = dr.normalize(mi.Vector3f(on_near))
         ray = dr.zeros(mi.Ray3f)
         ray.time, ray.wavelengths = time, wavelengths
+        to_world = world_transform(sensor, time)
         ray.d = to_world @ d
         ray.o = to_world.translation() + ray.d * (near / d.z)
         ray.maxt = (far - near) / d.z

@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 
 from ..engine.record import Record
-from ..scene_files import writing
+from ..scene import atomic
 from . import files
 
 
@@ -34,7 +34,7 @@ class Keeper:
         self.wait = self.SHORTEST
         #: Whether it went wrong; and what could not be written in the end.
         self.failed = False
-        self.unwritten: writing.Content | None = None
+        self.unwritten: atomic.Content | None = None
         self.writer: threading.Thread | None = None
 
     def __call__(self, record: Callable[[], Record], last: bool) -> None:
@@ -55,7 +55,7 @@ class Keeper:
     def _write(self, record: Record, begun: float, used: float, last: bool) -> None:
         content, start = partial(files.put, record), time.thread_time()
         try:
-            writing.write({self.path: content})
+            atomic.write({self.path: content})
         except OSError as error:
             if last:
                 self.unwritten = content

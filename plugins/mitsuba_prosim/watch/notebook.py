@@ -14,9 +14,8 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 
-from ..scene_files import session
-from ..scene_files.images import png
-from ..scene_files.tone import compress
+from ..scene import session
+from ..scene.images import compress, png
 from . import cells, takes
 from .due import Due
 from .picture import HUES, LAYERS, Picture, coloured, palest

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from ..engine.estimate import Estimate
 from ..engine.taking import Here, Portion
-from ..scene_files import rendering
+from ..scene import rendering
 
 #: Seconds that the samples of a portion take, at least and at most, and their part of the time since the image was
 #: begun: who has waited for it already can wait a little longer.

@@ -12,12 +12,11 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import prosim_scene
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
 from ..denoising import layers
-from ..scene_files import black, session
-from ..scene_files.plugins import with_nearest
-from ..scene_files.pointing import pointed
+from ..scene import black, session
+from ..scene.errors import pointed, with_nearest
 from . import takes
 from .board import Board, State
 from .camera import Camera

@@ -14,7 +14,7 @@ from ..compare.scenes import can_light, seen_by, sky
 from ..engine.plan import SAMPLING
 from ..engine.snapshot import Snapshot
 from ..registry import create
-from ..scene_files import rendering
+from ..scene import rendering
 from ..transport.dispersion import disperses
 from .picture import of_snapshot, over
 from .portions import Growing

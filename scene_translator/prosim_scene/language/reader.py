@@ -186,10 +186,11 @@ class Reader:
             )
             return
         self.spans.update(self.own)
-        if len(path) == 1:
-            self.fields[path[0]] = value
+        field, *index = path
+        if index:
+            self.fields[str(field)][index[0]] = value
         else:
-            self.fields[path[0]][path[1]] = value
+            self.fields[str(field)] = value
 
     def skip(self, error: SceneError) -> None:
         """Reports an error, and goes on at the next line that begins with the keyword of a statement."""
@@ -292,14 +293,15 @@ class Reader:
 
     def flags(self, keyword: Token, tokens: Sequence[Token], takes: Flags) -> bool | tuple[bool, ...] | None:
         """The value of TRUE and FALSE, or 1 and 0."""
-        for token in tokens:
-            if token.role == "NUMBER" and token.text not in ("0", "1"):
-                reason = f"found {quote(token.text)} after {keyword.text}; expected TRUE or FALSE"
-                return self.report(token, reason, "count")
+        wrong = next((token for token in tokens if token.role == "NUMBER" and token.text not in ("0", "1")), None)
+        if wrong is not None:
+            self.report(wrong, f"found {quote(wrong.text)} after {keyword.text}; expected TRUE or FALSE", "count")
+            return None
         if len(tokens) != takes.count:
             words = f"{len(tokens)} word{'s' * (len(tokens) != 1)}"
             reason = f"found {words} after {keyword.text}; expected {takes.counted()}"
-            return self.report(_span([keyword, *tokens]), reason, "count")
+            self.report(_span([keyword, *tokens]), reason, "count")
+            return None
         result = tuple(t.text == "1" if t.role == "NUMBER" else row(t.role, t.text).name == "true" for t in tokens)
         return result if takes.count > 1 else result[0]
 
@@ -515,7 +517,7 @@ class Reader:
                 reason = f"found {quote(keyword.text)} in a texture of kind {kind}; expected {known}"
                 self.report(keyword, reason, "unexpected")
             self.parameter(values, TEXTURE, "patterns", name)
-        return kind and model.Pattern(kind, tuple(sorted(values.items())))
+        return model.Pattern(kind, tuple(sorted(values.items()))) if kind else None
 
     def csg_tree(self) -> tuple[model.Operator | model.Leaf, ...]:
         """CSG-TREE."""
@@ -543,7 +545,7 @@ class Reader:
 
     def leaf(self, number: int) -> model.Leaf:
         """A primitive, its index and its texture slots."""
-        keyword, slots = self.token, []
+        keyword, slots = self.token, list[model.Texture | None]()
         tokens = self.numbers(SLOTS)
         index = self.value(keyword, tokens)
         end = (tokens or [keyword])[-1].end

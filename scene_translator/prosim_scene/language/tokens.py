@@ -153,7 +153,7 @@ class Scanner:
         """
         text, match = self.source.text, PIECE.match
         while found := match(text, self.position):
-            kind = found.lastgroup
+            kind = found.lastgroup or ""
             start, self.position = found.span(kind)
             piece = found[kind]
             if kind == "number":

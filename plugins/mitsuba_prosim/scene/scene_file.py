@@ -11,14 +11,13 @@ from typing import Any, cast
 
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.document import Document
-from prosim_scene.view import misfit
+from prosim_scene import Document, misfit
 
 from .. import registry
-from . import integrators, session
+from . import overrides, session
 from .confinement import Confinement
-from .digest import digest, named_files
-from .whole import check_images
+from .digest import digest, named_files, strings
+from .errors import check_images
 
 #: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -56,7 +55,7 @@ class SceneFile:
         ``integrator``
             Other parameters of the integrator ``prosim`` or ``prosim_adaptive`` instead of the scene's; None takes one
             away. Those that say how much is sampled put any other integrator within ``prosim_adaptive``, see
-            :func:`.integrators.change`.
+            :func:`.overrides.change`.
         ``kept``
             What an earlier translation has left to this one.
         ``confined``
@@ -90,15 +89,18 @@ class SceneFile:
             "integrator": dict(integrator or {}),
         }
         confinement = Confinement([self.path.parent, self.xml.parent]) if confined else None
-        with session.search_paths(first=[self.xml.parent, self.path.parent]):
-            self._begin = mi.FileResolver(mi.file_resolver())
+        #: Search path before parsing; afterwards it also has the folders of the scene's ``<path>``.
+        folders = [self.xml.parent, self.path.parent]
+        self._begin = confinement.search_path() if confinement else session.resolver(folders)
+        with session.resolving(mi.FileResolver(self._begin)):
             files = {str(self.xml)}
             if confinement is not None and self.xml is self.path:
-                files = confinement.check_text(self.xml, self.definitions)
+                files = confinement.check_text(self.xml, self.definitions, self._begin)
             self.state = parse(self.xml, self.changes["definitions"])
-            self._resolver = mi.file_resolver()  # knows the scene's own <path> as well
+            self._resolver = mi.file_resolver()
             if confinement is not None:
-                confinement.check_state(self.state, files)
+                confinement.check_state(self.state, files, self._resolver)
+        self._parsed = mi.parser.ParserState(self.state)
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Film:
                 _override(node.props, ("width", "height"), resolution)
@@ -106,7 +108,7 @@ class SceneFile:
                 width, height = node.props.get("width", 768), node.props.get("height", 576)
                 check_size(width, height)
                 check_crop(crop, width, height)
-        integrators.complete(self.state)
+        overrides.complete(self.state)
         #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
         self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
         if self.resolution:
@@ -114,20 +116,20 @@ class SceneFile:
 
     def read(self) -> Document:
         """What the text of a scene in the thesis's language says by now. Raises :class:`prosim_scene.SceneError`."""
-        return prosim_scene.document(self.path, self.definitions, self._kept)
+        return prosim_scene.document(self.path, self.definitions)
 
     def sensor(self, document: Document) -> dict[str, Any]:
         """The sensor of the VIEW of ``document``, which says the same scene but for that, as a dictionary."""
         return prosim_scene.sensor(document, self._kept, **self._language)
 
     def digest(self) -> str:
-        """What is the same for scenes of the same content, and differs for others; see :func:`.digest.digest`."""
-        with self._search_paths():
-            return digest(self.state, self.changes["definitions"], self._begin)
+        """SHA-256 of the content, without :attr:`changes`; see :func:`.digest.digest`."""
+        with session.resolving(self._resolver):
+            return digest(self._parsed)
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """The files that the scene names, each as it is named; see :func:`.digest.named_files`."""
-        with self._search_paths():
+        """``(name, path)`` of each file that the scene names; see :func:`.digest.named_files`."""
+        with session.resolving(self._resolver):
             return list(named_files(self.state, self.changes["definitions"], self._begin))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
@@ -142,41 +144,30 @@ class SceneFile:
                 props = mi.Properties(sampler)
                 props["sample_count"] = node.props.get("sample_count", 4)
                 node.props = props
-        enough = session.enough_threads() if self._names_exr() else nullcontext()  # threads take time to begin
-        with self._search_paths(), enough:
+        with session.resolving(self._resolver):
+            exr = any(path.open("rb").read(len(EXR)) == EXR for _, _, path in strings(state))
             try:
-                return instantiate(state)
+                with session.enough_threads() if exr else nullcontext():  # threads take time to begin
+                    return instantiate(state)
             except RuntimeError as error:
                 if self.document is not None:
                     check_images(self.document)
                 if self.wrapped and "prosim_adaptive" in str(error):
                     raise ValueError(
                         f"{self.path}: the integrator {self.wrapped} can't be rendered within prosim_adaptive, as "
-                        f"{', '.join(integrators.ENOUGH[:-1])} or {integrators.ENOUGH[-1]} asks for: "
+                        f"{', '.join(overrides.ENOUGH[:-1])} or {overrides.ENOUGH[-1]} asks for: "
                         f"{session.message(error)}"
                     ) from None
                 raise
 
-    def _names_exr(self) -> bool:
-        """Whether the scene names an OpenEXR file, whatever that is called."""
-        resolver, string = self._resolver, mi.Properties.Type.String
-        for props in (node.props for node in self.state.nodes):
-            for name in (props[key] for key in props if props.type(key) == string):
-                path = Path(str(resolver.resolve(name)))
-                if path.is_file():
-                    with open(path, "rb") as file:
-                        if file.read(len(EXR)) == EXR:
-                            return True
-        return False
-
     def _change_integrator(self, parameters: Mapping[str, Any]) -> str | None:
         try:
-            return integrators.change(self.state, parameters)
+            return overrides.change(self.state, parameters)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
 
     def _warn_of_distortion(self, width: int, height: int) -> None:
-        """Where pixels of this resolution are not square, see :func:`prosim_scene.view.misfit`."""
+        """Warns where pixels of this resolution are not square; see :func:`prosim_scene.misfit`."""
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
                 left, right, bottom, top = (
@@ -187,9 +178,6 @@ class SceneFile:
                 wrong = misfit(width, height, ratio)
                 if wrong is not None:
                     warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=3)
-
-    def _search_paths(self):
-        return session.resolving(self._resolver)
 
 
 def check_size(width: int, height: int) -> None:
@@ -228,7 +216,7 @@ def uses(path: str | Path, definitions: Mapping[str, str], names: Iterable[str])
             return set(prosim_scene.document(path, definitions).uses & names)
     config = _config()
     config.unused_parameters = mi.LogLevel.Trace
-    with session.search_paths(first=[path.parent]):
+    with session.resolving(session.resolver([path.parent])):
         files = mi.parser.parse_file(config, str(path), **definitions).files
     text = "".join(Path(str(file)).read_text(encoding="utf-8", errors="replace") for file in files)
     return {name for name in names if re.search(rf"\${name}\b", text)}

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import secrets
 import shutil
 import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from prosim_scene.files import PART, refuse_special
+from prosim_scene import PART, refuse_special
+
+if sys.platform != "win32":  # where nobody can remove a file that is open: that is its lock
+    import fcntl
 
 #: How the names begin of folders for a while, and of those of what could not be written where it should.
 SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"
+
+#: The file in a scratch folder that is locked as long as the folder is in use.
+LOCK = ".lock"
 
 #: What is written: the content of a file, or what writes it to a path, over what is there.
 Content = bytes | memoryview | Callable[[Path], None]
@@ -37,7 +43,7 @@ def check(paths: Iterable[Path], size: int) -> None:
         folder = _existing(path.parent)
         if not folder.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, "this is no folder", str(folder))
-        longest = os.pathconf(folder, "PC_NAME_MAX")
+        longest = os.pathconf(folder, "PC_NAME_MAX") if hasattr(os, "pathconf") else 255
         for name in path.relative_to(folder).parts:
             if len(os.fsencode(name)) > longest:
                 raise OSError(errno.ENAMETOOLONG, f"this name is too long, at most {longest} bytes are allowed", name)
@@ -48,7 +54,7 @@ def check(paths: Iterable[Path], size: int) -> None:
     for folder in folders:
         try:
             with _Parts() as parts:
-                _allocate(parts.new(folder)[0], size)
+                _allocate(parts.new(folder), size)
         except OSError as error:
             # the folder is there: it is the system's own, such as /proc
             why = "it takes no new files" if error.errno == errno.ENOENT else error.strerror
@@ -65,16 +71,16 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
         for path, content in contents.items():
             target = _target(path)
             target.parent.mkdir(parents=True, exist_ok=True)
-            file, part = parts.new(target.parent)
+            part = parts.new(target.parent)
             if callable(content):
                 content(part)
             else:
-                with open(file, "wb", closefd=False) as stream:
-                    stream.write(content)
+                part.write_bytes(content)
             with suppress(OSError):  # there is no old one, or no mode on such a disk
                 os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))
             parts.finished[part] = target
         for part, target in parts.finished.items():
+            parts.unlock(part)
             os.replace(part, target)
     return list(contents)
 
@@ -104,13 +110,11 @@ def scratch() -> Iterator[Path]:
     place = Path(tempfile.gettempdir())
     for folder in place.glob(SCRATCH + "*"):
         _remove_leftover(folder)
-    with tempfile.TemporaryDirectory(prefix=SCRATCH, dir=place, ignore_cleanup_errors=True) as name:
-        lock = os.open(name, os.O_RDONLY)
-        try:
-            _lock(lock)
-            yield Path(name)
-        finally:
-            os.close(lock)
+    with (
+        tempfile.TemporaryDirectory(prefix=SCRATCH, dir=place, ignore_cleanup_errors=True) as name,
+        _locked(Path(name, LOCK)),
+    ):
+        yield Path(name)
 
 
 def _target(path: Path) -> Path:
@@ -127,15 +131,16 @@ def _existing(folder: Path) -> Path:
     return folder
 
 
-def _allocate(file: int, size: int) -> None:
-    """Takes room for so many bytes, as far as the system lets a program do that."""
+def _allocate(path: Path, size: int) -> None:
+    """Takes room for ``size`` bytes in a file, as far as the system lets a program do that."""
     if hasattr(os, "posix_fallocate"):
-        try:
-            os.posix_fallocate(file, 0, size)
-        except OSError as error:
-            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
-                raise
-    elif shutil.disk_usage(file).free < size:
+        with open(path, "r+b") as file:
+            try:
+                os.posix_fallocate(file.fileno(), 0, size)
+            except OSError as error:
+                if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                    raise
+    elif shutil.disk_usage(path.parent).free < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
@@ -143,46 +148,62 @@ class _Parts:
     """Unfinished files, locked as long as this context lasts; what has not been renamed by then is removed."""
 
     def __init__(self):
-        self.made: dict[Path, int] = {}
+        self.made: dict[Path, ExitStack] = {}
         self.finished: dict[Path, Path] = {}
 
     def __enter__(self) -> _Parts:
         return self
 
-    def new(self, folder: Path) -> tuple[int, Path]:
-        """A file descriptor and the path of a new part in a folder, from which leftovers are removed first."""
+    def new(self, folder: Path) -> Path:
+        """The path of a new part in a folder, from which leftovers are removed first."""
         for part in folder.glob(PART + "*"):
             _remove_leftover(part)
         part = folder / (PART + secrets.token_hex(6))
-        file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-        self.made[part] = file
-        _lock(file)
-        return file, part
+        self.made[part] = lock = ExitStack()
+        lock.enter_context(_locked(part))
+        return part
+
+    def unlock(self, part: Path) -> None:
+        """Lets it be renamed or removed, which Windows refuses for an open file. It stays young for a minute."""
+        with suppress(OSError):
+            os.utime(part)
+        self.made[part].close()
 
     def __exit__(self, *_: object) -> None:
-        for part, file in self.made.items():
+        for part in self.made:
+            self.unlock(part)
             part.unlink(missing_ok=True)
-            os.close(file)
 
 
-def _lock(file: int) -> None:
-    """Says that a file or folder is in use, as long as it is open. Where no lock can be had, leftovers stay."""
-    with suppress(OSError):
-        fcntl.flock(file, fcntl.LOCK_EX)
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """A new file that says that it, or its folder, is in use, as long as this context lasts. Where no lock can be had,
+    leftovers stay.
+    """
+    with open(path, "xb") as file:
+        if sys.platform != "win32":
+            with suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def _remove_leftover(path: Path) -> None:
-    """Removes a part or a scratch folder of ours, if nobody has locked it and it is not quite new."""
+    """Removes a part or a scratch folder of ours, if nobody has locked it and it is not new."""
     with suppress(OSError):
         found = path.lstat()
-        if found.st_uid != os.getuid() or time.time() - found.st_mtime < YOUNG:
+        ours = not hasattr(os, "getuid") or found.st_uid == os.getuid()
+        if not ours or time.time() - found.st_mtime < YOUNG:
             return
-        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if stat.S_ISDIR(found.st_mode):
-                shutil.rmtree(path)
-            else:
-                path.unlink()
-        finally:
-            os.close(file)
+        if stat.S_ISDIR(found.st_mode):
+            _remove_unlocked(path / LOCK)
+            shutil.rmtree(path)
+        else:
+            _remove_unlocked(path)
+
+
+def _remove_unlocked(path: Path) -> None:
+    """Removes a file, if it is there. Raises OSError where somebody has locked it."""
+    with suppress(FileNotFoundError), ExitStack() as until:
+        if sys.platform != "win32":
+            fcntl.flock(until.enter_context(open(path, "rb")), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        path.unlink()

@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
-from mitsuba_prosim.scene_files.opening import SceneFile
+from mitsuba_prosim.scene.scene_file import SceneFile
 from mitsuba_prosim.watch.named import Files
 
 SCENE = """AMBIENT 9000 9000 9000

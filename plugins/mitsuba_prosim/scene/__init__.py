@@ -1,6 +1,6 @@
 """From a scene file to finished images: what ``prosim compare`` and the commands share.
 
-``session``: Mitsuba made ready; ``opening``: a scene file, read once, with other ``integrators`` if need be, and its
+``session``: Mitsuba made ready; ``scene_file``: a scene, read once, with ``overrides`` of its parameters, and its
 ``digest``; ``rendering``: into the film; ``black``: why nothing is seen; ``images``: the film as an EXR and a PNG, by
-``tone``; ``writing``: files that are complete or not there.
+``tone``; ``atomic``: files that are complete or not there.
 """

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from mitsuba_prosim.scene_files.tone import compress
+from mitsuba_prosim.scene.images import compress
 
 
 def test_an_image_within_range_stays():

@@ -10,8 +10,8 @@ import tempfile
 from contextlib import contextmanager
 
 import pytest
-from mitsuba_prosim.scene_files import writing
-from prosim_scene.files import PART
+from mitsuba_prosim.scene import atomic
+from prosim_scene import PART
 
 
 @contextmanager
@@ -41,9 +41,9 @@ def names(folder):
 def test_all_or_nothing(tmp_path):
     (tmp_path / "a").write_bytes(b"old")
     with little_room(5), pytest.raises(OSError, match="File too large"):
-        writing.write({tmp_path / "a": b"new", tmp_path / "b": b"longer"})
+        atomic.write({tmp_path / "a": b"new", tmp_path / "b": b"longer"})
     assert names(tmp_path) == ["a"] and (tmp_path / "a").read_bytes() == b"old"
-    assert writing.write({tmp_path / "a": b"new", tmp_path / "c" / "b": b"longer"}) == [
+    assert atomic.write({tmp_path / "a": b"new", tmp_path / "c" / "b": b"longer"}) == [
         tmp_path / "a",
         tmp_path / "c" / "b",
     ]
@@ -55,11 +55,11 @@ def test_mode_and_link_stay(tmp_path):
     true.write_bytes(b"old")
     true.chmod(0o640)
     link.symlink_to(true)
-    writing.write({link: b"new"})
+    atomic.write({link: b"new"})
     assert link.is_symlink() and true.read_bytes() == b"new" and stat.S_IMODE(true.stat().st_mode) == 0o640
     (circle := tmp_path / "circle").symlink_to(circle)  # leads to nothing that could stay
-    writing.check([circle], 3)
-    writing.write({circle: b"new"})
+    atomic.check([circle], 3)
+    atomic.write({circle: b"new"})
     assert circle.read_bytes() == b"new"
 
 
@@ -74,12 +74,12 @@ def test_check_finds_what_writing_would(tmp_path):
         (tmp_path / ("a" * (longest + 1)), f"at most {longest} bytes"),
     ]:
         with pytest.raises(OSError, match=says):
-            writing.check([path], 10)
-    writing.check([tmp_path / ("a" * longest), tmp_path / "new" / "deep" / "b"], 10)
+            atomic.check([path], 10)
+    atomic.check([tmp_path / ("a" * longest), tmp_path / "new" / "deep" / "b"], 10)
     with little_room(1000):
-        writing.check([tmp_path / "a"], 1000)
+        atomic.check([tmp_path / "a"], 1000)
         with pytest.raises(OSError, match="no file of 1001 bytes"):
-            writing.check([tmp_path / "a"], 1001)
+            atomic.check([tmp_path / "a"], 1001)
     assert names(tmp_path) == ["file", "folder"]
 
 
@@ -87,7 +87,7 @@ def test_check_finds_what_writing_would(tmp_path):
 def test_check_finds_a_folder_that_is_read_only(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(OSError, match="Permission denied"):
-        writing.check([tmp_path / "a"], 10)
+        atomic.check([tmp_path / "a"], 10)
 
 
 def test_rescue_finds_another_place(tmp_path, temporary, monkeypatch):
@@ -96,10 +96,10 @@ def test_rescue_finds_another_place(tmp_path, temporary, monkeypatch):
     home.mkdir()
     monkeypatch.setenv("HOME", str(home))
     contents = {tmp_path / "nowhere" / "a.exr": b"image", tmp_path / "nowhere" / "a.png": b"shown"}
-    exr, png = writing.rescue(contents)
+    exr, png = atomic.rescue(contents)
     assert exr.parent.parent == temporary and exr.read_bytes() == b"image" and png.read_bytes() == b"shown"
     monkeypatch.setattr(tempfile, "tempdir", "/proc")
-    assert writing.rescue(contents)[0].parent.parent == home
+    assert atomic.rescue(contents)[0].parent.parent == home
 
 
 def test_leftovers_of_killed_runs_are_removed(tmp_path, temporary):
@@ -107,15 +107,15 @@ def test_leftovers_of_killed_runs_are_removed(tmp_path, temporary):
     code = """if True:
         import os, signal, sys, tempfile
         from pathlib import Path
-        from mitsuba_prosim.scene_files import writing
-        with writing.scratch() as folder:
+        from mitsuba_prosim.scene import atomic
+        with atomic.scratch() as folder:
             (folder / "mesh.ply").touch()
             def stop(*_):
                 os.kill(os.getpid(), signal.SIGKILL)
             os.replace = stop
             print(folder, flush=True)
             sys.stdin.readline()
-            writing.write({Path(sys.argv[1], "image"): b"content"})
+            atomic.write({Path(sys.argv[1], "image"): b"content"})
         """
     with subprocess.Popen(
         [sys.executable, "-c", code, tmp_path],
@@ -125,18 +125,18 @@ def test_leftovers_of_killed_runs_are_removed(tmp_path, temporary):
     ) as process:
         folder = process.stdout.readline().decode().strip()
         os.utime(folder, (0, 0))
-        with writing.scratch():
+        with atomic.scratch():
             assert len(names(temporary)) == 2
         process.stdin.write(b"\n")
         process.stdin.flush()
         assert process.wait() == -signal.SIGKILL
     parts = [name for name in names(tmp_path) if name.startswith(PART)]
     assert len(parts) == 1
-    with writing.scratch():
-        writing.check([tmp_path / "image"], 10)
+    with atomic.scratch():
+        atomic.check([tmp_path / "image"], 10)
     assert names(tmp_path) == [*parts, "temporary"]  # it is new
     os.utime(tmp_path / parts[0], (0, 0))
-    with writing.scratch() as own:
-        writing.check([tmp_path / "image"], 10)
+    with atomic.scratch() as own:
+        atomic.check([tmp_path / "image"], 10)
         assert names(temporary) == [own.name]
     assert names(tmp_path) == ["temporary"] and names(temporary) == []

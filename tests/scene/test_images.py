@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
-from mitsuba_prosim.scene_files import images, session
+from mitsuba_prosim.scene import images, session
 
 
 def film(**settings):

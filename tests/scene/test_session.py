@@ -8,7 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from mitsuba_prosim.engine.estimate import Estimator
-from mitsuba_prosim.scene_files import images, opening, session
+from mitsuba_prosim.scene import images, scene_file, session
 
 
 def test_message_without_a_traceback_and_with_its_cause():
@@ -42,7 +42,7 @@ def test_scenes_with_plugins_in_python_are_not_made_in_parallel(
     monkeypatch.setattr(
         mi.parser, "instantiate", lambda config, state: asked.append(config.parallel) or make(config, state)
     )
-    opening.instantiate(opening.parse(path, {}))
+    scene_file.instantiate(scene_file.parse(path, {}))
     assert asked == [parallel]
 
 
@@ -54,7 +54,7 @@ def test_while_a_scene_is_loaded_other_threads_neither_load_nor_trace(variant_rg
     path.write_text(
         f'<scene version="3.0.0"><integrator type="prosim"/><sensor type="perspective">{film}</sensor></scene>'
     )
-    file = opening.SceneFile(path, tmp_path)
+    file = scene_file.SceneFile(path, tmp_path)
     scene, both, met = file.load(), threading.Barrier(2), []
     before = [str(folder) for folder in mi.file_resolver()], dr.thread_count()
 
@@ -66,7 +66,7 @@ def test_while_a_scene_is_loaded_other_threads_neither_load_nor_trace(variant_rg
             pass
         raise InterruptedError
 
-    monkeypatch.setattr(opening, "instantiate", meet)
+    monkeypatch.setattr(scene_file, "instantiate", meet)
     monkeypatch.setattr(Estimator, "take", meet)
     acts = {"load": file.load, "trace": lambda: scene.integrator().render(scene)}
 
@@ -95,5 +95,5 @@ def test_threads_are_lent_to_scenes_that_name_an_exr_alone(variant_rgb, tmp_path
         path = tmp_path / f"{name}.xml"
         path.write_text(f'<scene version="3.0.0"><bsdf type="diffuse" id="x">{texture}</bsdf></scene>')
         with session.threads(1):
-            opening.SceneFile(path, tmp_path).load()
+            scene_file.SceneFile(path, tmp_path).load()
     assert lent == ["a.xml"]

@@ -1,8 +1,7 @@
 """Mitsuba made ready: a variant, the plugins of all packages, threads and search paths."""
 
-import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -11,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
+from ..compat import EXR_THREADS, SOURCE_LINE, TRACEBACK
 
 #: Beginning of a variant's name -> (its backend, what that needs).
 BACKENDS = {
@@ -66,30 +66,28 @@ def load_plugins() -> None:
 
 
 def message(error: BaseException, lines: bool = False) -> str:
-    """What an error says, and what has caused it, without the Python traceback that Mitsuba puts in the midst of its
-    own words; nor the ``lines`` of Mitsuba's own source, unless they are asked for.
+    """The words of an error and of its cause, without the Python traceback that Mitsuba puts among them, and without
+    the ``lines`` of Mitsuba's source unless they are asked for.
     """
     cause = f" {message(error.__cause__, lines)}" if error.__cause__ else ""
-    text = re.sub(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?", "", str(error)) + cause
-    return text if lines else re.sub(r"\[\w+\.(?:cpp|h):\d+\] ", "", text)
+    text = TRACEBACK.sub("", str(error)) + cause
+    return text if lines else SOURCE_LINE.sub("", text)
 
 
-@contextmanager
-def search_paths(first: Iterable[str | Path] = (), last: Iterable[str | Path] = ()) -> Iterator[None]:
-    """Adds folders to both ends of Mitsuba's search path, for a while."""
+def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> mi.FileResolver:
+    """Mitsuba's search path with folders at both ends."""
     with alone():
-        resolver = mi.FileResolver(mi.file_resolver())
-        for path in reversed(list(first)):
-            resolver.prepend(str(path))
-        for path in last:
-            resolver.append(str(path))
-        with resolving(resolver):
-            yield
+        result = mi.FileResolver(mi.file_resolver())
+    for path in reversed(first):
+        result.prepend(str(path))
+    for path in last:
+        result.append(str(path))
+    return result
 
 
 @contextmanager
 def resolving(resolver: mi.FileResolver) -> Iterator[None]:
-    """Looks for files by another search path, for a while; other threads that want to do so wait."""
+    """Sets another search path for a while; other threads that want to do so wait."""
     with alone():
         before = mi.file_resolver()
         mi.set_file_resolver(resolver)
@@ -101,7 +99,7 @@ def resolving(resolver: mi.FileResolver) -> Iterator[None]:
 
 @contextmanager
 def threads(count: int | None) -> Iterator[None]:
-    """Works with so many threads, for a while; None: with as many as before."""
+    """Sets the number of threads for a while; None leaves it."""
     before = dr.thread_count()
     dr.set_thread_count(count or before)
     try:
@@ -111,5 +109,5 @@ def threads(count: int | None) -> Iterator[None]:
 
 
 def enough_threads() -> AbstractContextManager[None]:
-    """Lends a third thread for a while: Mitsuba 3.9 waits for ever when it reads or writes an EXR with one or two."""
-    return threads(max(dr.thread_count(), 3))
+    """Sets at least :data:`~mitsuba_prosim.compat.EXR_THREADS` for a while."""
+    return threads(max(dr.thread_count(), EXR_THREADS))

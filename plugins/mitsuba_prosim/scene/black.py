@@ -8,6 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import world_matrix
+
 #: Below half of the darkest grey of a PNG, in linear light.
 BLACK = 0.5 / 255 / 12.92
 #: Rays to see what is in view: so many a side.
@@ -65,7 +67,7 @@ def _where(scene: mi.Scene, sensor: mi.Sensor, ray: mi.Ray3f) -> str:
     for shape in solids or scene.shapes():
         box.expand(shape.bbox())
     rays = np.array(ray.d).T
-    eye, ahead = np.array(sensor.world_transform() @ mi.Point3f(0)).ravel(), np.mean(rays, axis=0)
+    eye, ahead = world_matrix(sensor)[:3, 3], np.mean(rays, axis=0)
     ahead /= np.linalg.norm(ahead)
     text = f"The eye is at {_point(eye)} and looks towards {_point(eye + ahead)}"
     if not box.valid():

@@ -17,15 +17,15 @@
 #include <sys/prctl.h>
 #include <unistd.h>
 
-/* By these words link.py knows a stand-in from a true plugin. */
-__attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a Python plugin, 2";
+/* By these words stand_ins.py knows a stand-in from a true plugin. */
+__attribute__((used)) static const char mark[] = "mitsuba-prosim stand-in for a Python plugin, 3";
 
 /* Not `python -m`, which would look for modules among the scenes, in the current folder. */
 static char program[] =
     "import sys\n"
     "sys.path = [p for p in sys.path if p]\n"
     "try:\n"
-    "    from mitsuba_prosim.command.hosted import main\n"
+    "    from mitsuba_prosim.stock_command.hosted import main\n"
     "except ModuleNotFoundError as error:\n"
     "    sys.exit(f'mitsuba: {sys.executable}: {error}. Set MITSUBA_PYTHON to the interpreter that has the plugins.')\n"
     "sys.exit(main(*sys.argv[1:]))\n";

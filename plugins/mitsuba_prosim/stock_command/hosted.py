@@ -16,8 +16,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scene_files import opening, rendering, session
-from . import reached
+from ..command import reached
+from ..scene import rendering, scene_file, session
 
 #: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
 OPTIONS = {
@@ -140,16 +140,16 @@ def run(plugin: str, words: Iterable[str]) -> None:
             raise ValueError("-D/--define: expect key=value pair!")
         parameters[key] = value
     begun = False
-    paths = [path for path in options.get("-a", [""])[0].split(";") if path]
-    for scene_file in scenes:
-        with session.search_paths(last=[*paths, os.path.dirname(scene_file) or "."]):
+    folders = [folder for folder in options.get("-a", [""])[0].split(";") if folder]
+    for path in scenes:
+        with session.resolving(session.resolver(last=[*folders, os.path.dirname(path) or "."])):
             with quiet(not begun):
-                state = opening.parse(scene_file, parameters)
-            begun = begun or plugin in opening.plugin_names(state)
+                state = scene_file.parse(path, parameters)
+            begun = begun or plugin in scene_file.plugin_names(state)
             if begun:
                 with session.enough_threads():
-                    scene = opening.instantiate(state)
-                render(scene, integer(options, "-s", 0), options.get("-o", [scene_file])[0])
+                    scene = scene_file.instantiate(state)
+                render(scene, integer(options, "-s", 0), options.get("-o", [path])[0])
     if scenes and not begun:
         raise RuntimeError(f'Plugin "{plugin}" is named by none of the scenes!')
 
@@ -167,7 +167,7 @@ def quiet(wanted: bool) -> Iterator[None]:
 
 def render(scene: mi.Scene, index: int, path: str) -> None:
     """Renders to the file that the film makes of ``path``; a hang-up signal writes the image so far."""
-    sensor, integrator = opening.pick_sensor(scene, index), scene.integrator()
+    sensor, integrator = scene_file.pick_sensor(scene, index), scene.integrator()
 
     def write():
         with session.enough_threads():

@@ -9,8 +9,6 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 
-from .tone import compress
-
 
 def encode(
     bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0, shown: Mapping[str, str] | None = None
@@ -33,6 +31,18 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
     if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
         return None
     return np.array(layer.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
+
+
+def compress(rgb: np.ndarray) -> np.ndarray:
+    """Compresses highlights to at most 1: the curve of Reinhard et al. (2002, equation 4) on the luminance.
+
+    ``rgb``: linear radiance, shape (height, width, 3), white being 1. The luminance that one pixel in a hundred exceeds
+    becomes white. An image within the range of the screen stays as it is. Ratios of the channels are kept, as far as
+    they fit the screen.
+    """
+    luminance = np.maximum(rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype), 0)[..., None]
+    white = max(1.0, float(np.percentile(luminance, 99)))
+    return rgb * (1 + luminance / white**2) / (1 + luminance)
 
 
 def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:

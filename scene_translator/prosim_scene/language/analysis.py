@@ -1,6 +1,5 @@
 """A text that has been read -> all that is wrong and doubtful in it, and the document if it is right."""
 
-import gc
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -8,6 +7,7 @@ from itertools import islice
 from os import PathLike
 from pathlib import PurePath
 
+from ..collector import still
 from ..model import Leaf, Operator, Pattern, Scene, Vector
 from .diagnostics import MOST, Diagnostic, SceneError, SceneWarning, Span, listing, quote, together
 from .document import Document
@@ -60,19 +60,13 @@ def analyse(
 ) -> tuple[Reader, list[Diagnostic], Document | None]:
     """A text, read; all its diagnostics, in the order of their places; and the document, if there is no error.
 
-    The garbage collector is paused: it would look again and again at what is being made, for a third of the time.
     Raises SceneError for what cannot be read at all.
     """
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
+    with still():
         reader = Reader(text, str(filename), define, tolerant)
         return reader, *_analyse(reader)
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _analyse(reader: Reader) -> tuple[list[Diagnostic], Document | None]:

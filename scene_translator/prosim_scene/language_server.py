@@ -11,6 +11,8 @@ from urllib.parse import unquote
 
 import click
 
+from . import extras
+
 try:
     from lsprotocol import types as lsp
     from pygls.exceptions import JsonRpcException
@@ -18,8 +20,7 @@ try:
     from pygls.protocol import LanguageServerProtocol, lsp_method
     from pygls.uris import to_fs_path
 except ModuleNotFoundError:
-    reason = "the language server needs the package pygls: pip install 'mitsuba-prosim[editors]'"
-    raise click.ClickException(reason) from None
+    raise click.ClickException(extras.needs("the language server", "editors")) from None
 
 from .evaluation import evaluated
 from .language.diagnostics import Diagnostic, SceneError

@@ -12,7 +12,7 @@ from typing import Any
 import click
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.definitions import FPS, FRAME, TIME
+from prosim_scene import FPS, FRAME, TIME
 from tqdm.auto import tqdm
 
 from ..scene import atomic, rendering, scene_file, session

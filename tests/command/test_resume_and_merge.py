@@ -60,8 +60,8 @@ def stop_within(monkeypatch, portions):
     monkeypatch.setattr(Keeper, "SHARE", 1e9)
     keep, left = Keeper.__call__, [portions]
 
-    def call(self, record, last):
-        keep(self, record, last)
+    def call(self, render, last=False):
+        keep(self, render, last)
         self.writer.join()
         left[0] -= 1
         if left[0] == 0:
@@ -184,7 +184,7 @@ def test_parts_make_the_image_and_it_goes_on(lamp, tmp_path, monkeypatch):
     said = done("resume", second).stdout
     assert f"It was finished before. When all parts are: prosim merge {tmp_path}/a.*-of-3.exr\n" in said
     said = done("merge", *parts, "-o", tmp_path / "b").stdout
-    assert "The 3 parts can be removed, unless the image is to go on: prosim merge --keep" in said
+    assert "The 3 parts can be removed, unless the image is to be continued: prosim merge --keep" in said
     assert alike(tmp_path / "whole", tmp_path / "b")
 
 

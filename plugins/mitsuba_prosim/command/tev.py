@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
@@ -11,8 +10,9 @@ from typing import Any
 
 import click
 import mitsuba as mi
+from prosim_scene import extras
 
-from ..scene import images
+from ..scene import images, rendering
 from ..watch.due import Due
 
 #: Where tev listens, if nothing else was said when it was started.
@@ -22,20 +22,7 @@ HOST, PORT = "127.0.0.1", 14158
 PATIENCE = 10.0
 
 #: What shows the progress of a render, and yields what is to be told of it; as :func:`.making.progress_bar`.
-Bar = Callable[[Any, str], AbstractContextManager[Callable[[float], None] | None]]
-
-
-class Place(click.ParamType):
-    """Where tev is: ``tev``, or ``tev=HOST:PORT``."""
-
-    name = "tev[=HOST:PORT]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, int]:
-        """Host and port."""
-        found = re.fullmatch(r"tev(?:=(?P<host>.+):(?P<port>\d{1,5}))?", value)
-        if not found:
-            self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
-        return (found["host"], int(found["port"])) if found["port"] else (HOST, PORT)
+Bar = Callable[[Any, str], AbstractContextManager[rendering.Tell | None]]
 
 
 @contextmanager
@@ -51,19 +38,19 @@ def beside(
     viewer = Viewer(*place, Path(scene).stem, film, warn)
 
     @contextmanager
-    def both(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
+    def both(integrator: mi.Integrator, variant: str) -> Iterator[rendering.Tell | None]:
         due = Due()
         with bar(integrator, variant) as tell:
 
-            def told(part: float) -> None:
+            def told(part: float, render: Any) -> None:
                 if tell is not None:
-                    tell(part)
-                if due and viewer.whole:
+                    tell(part, render)
+                if due:
                     with due.drawing():
-                        integrator.flush()
+                        render.put()
                         viewer.show()
 
-            yield told if hasattr(integrator, "flush") else tell
+            yield told
             viewer.show()
 
     with closing(viewer):
@@ -77,12 +64,8 @@ class Viewer:
         try:
             import tevclient
         except ImportError:
-            raise click.ClickException(
-                "--view tev needs tevclient, for Python 3.11 or later: pip install 'mitsuba-prosim[tev]'"
-            ) from None
+            raise click.ClickException(extras.needs("--view tev (Python 3.11 or later)", "tev")) from None
         self._name, self._film, self._warn = name, film, warn
-        #: Whether the film has no crop window: within a wave one that has is as large as without.
-        self.whole = list(film.crop_size()) == list(film.size())
         self._begun = False
         self._tev: Any = tevclient.Ipc(host, port)
         before = socket.getdefaulttimeout()

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .accumulate import Image
-from .camera import ray_sampler, uncropped
+from .camera import uncropped
 from .estimate import Estimator
 from .plan import Plan, index_within, pixels
 
@@ -36,16 +36,15 @@ class Derivatives:
         return self.film.develop()
 
     def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
-        """Yields ``(values, weights)``: the film's values of up to ``LANES`` samples, one a lane, with derivatives; and for
-        each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's index
-        in the window.
+        """Yields ``(values, weights)``: the film's values of up to ``LANES`` samples, one a lane, with derivatives; and
+        for each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's
+        index in the window.
         """
         window, reach = self.plan.window, self.plan.reach
         left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
         offsets = range(-reach, reach + 1)
         x, y, *_ = pixels(self.plan.region)
         with uncropped(self.sensor):
-            self.estimator.rays = ray_sampler(self.sensor)
             for plan, pixel, t in self.lanes():
                 self.estimator.plan = plan
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
@@ -55,14 +54,13 @@ class Derivatives:
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
                 for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
                     there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
-                    spread.append(
-                        (dr.select(there, weight * share, 0), dr.select(there, index_within(window, tx, ty), 0))
-                    )
+                    weight = dr.select(there, weight * share, 0)
+                    spread.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
                 yield values, spread
 
     def lanes(self) -> Iterator[tuple[Plan, mi.UInt32, mi.UInt32]]:
-        """All samples, up to ``LANES`` at a time: ``(plan, pixel, t)``, the pixels of the region and which of their samples
-        are taken, by the plan.
+        """All samples, up to ``LANES`` at a time: ``(plan, pixel, t)``, the pixels of the region and which of their
+        samples are taken, by the plan.
         """
         begin = 0
         for plan, end in self.plan.stages():
@@ -86,10 +84,10 @@ class Derivatives:
             for c, value in enumerate(values):
                 if dr.grad_enabled(value):
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
-            # The passes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
+            # All lanes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
             # but the sum itself would be a kernel of its own.
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
-            dr.eval()  # what was scattered to the parameters, so that no pass adds to the kernel of another
+            dr.eval()  # what was scattered to the parameters, so that each time has the same kernels
 
     def forward(self) -> mi.TensorXf:
         """The derivative of the film's values, by those that the scene's parameters have."""
@@ -101,11 +99,11 @@ class Derivatives:
             for values, spread in self.samples():
                 values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
                 if values:
-                    # What the passes share, behind the scene's parameters, is gone through once: it keeps its
+                    # What all lanes share, behind the scene's parameters, is gone through once: it keeps its
                     # derivatives.
                     dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
                 for c, value in values:
                     for w, p in spread:
                         dr.scatter_add(total, w * dr.grad(value), p * channels + c)
-                dr.eval(total)  # so that the size of a kernel does not grow with the number of passes
+                dr.eval(total)  # so that the size of a kernel does not grow with the number of samples
         return mi.TensorXf(total, self.storage.shape)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
@@ -16,6 +17,7 @@ from tqdm.auto import tqdm
 
 from ..scene import atomic, rendering, scene_file, session
 from .apart import Apart
+from .developed import Tell
 from .frames import Frame, definitions, digest, is_there, naming, of_frame, path, unfinished
 from .helping import Helping, pack
 from .interrupts import interruptible
@@ -172,14 +174,14 @@ class Film:
 
 
 @contextmanager
-def progress(scene: mi.Scene, bar: tqdm) -> Iterator[Callable[[float], None] | None]:
+def progress(scene: mi.Scene, bar: tqdm) -> Iterator[Tell | None]:
     """Yields what is to be told the part of a frame that is done, or None; at the end all of it is."""
     begun = bar.n
 
-    def tell(done: float) -> None:
+    def tell(done: float, _: Any) -> None:
         bar.update(max(begun + 100 * done - bar.n, 0))
 
-    yield tell if rendering.tells_progress(scene.integrator()) else None
+    yield tell if rendering.keeps(scene.integrator()) else None
     bar.update(begun + 100 - bar.n)
 
 

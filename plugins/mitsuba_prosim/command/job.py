@@ -119,7 +119,7 @@ class Job:
         except (KeyError, TypeError):
             raise ValueError(
                 "this state was not kept by prosim render, so the command can't know what it is of; continue it where "
-                "it comes from, by integrator.waves(begin=...)"
+                "it comes from, by integrator.progressive(begin=...)"
             ) from None
 
     def about(self, file: scene_file.SceneFile) -> dict[str, Any]:

@@ -105,7 +105,6 @@ class Pursuit:
             self.twin,
             self.state,
         )
-        done = self.part
 
         def finish() -> None:
             state.noise, state.noise_99 = twin.noise(state)

@@ -6,7 +6,7 @@ import warnings
 import prosim_scene
 import pytest
 from prosim_scene import SceneError, SceneWarning
-from prosim_scene.language.files import SIZE_LIMIT
+from prosim_scene.language.analysis import SIZE_LIMIT
 
 MINIMAL = """NAME: x
 LIGHTS POINT position 0 5 5 Intensity 60000 60000 60000

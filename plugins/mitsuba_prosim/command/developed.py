@@ -18,9 +18,6 @@ from ..scene import black, images, rendering, report, scene_file
 from . import denoised
 from .job import Job
 
-#: Shows the part done, 0 to 1, of a render in progress.
-Tell = Callable[[float, Any], None]
-
 
 @dataclass(frozen=True)
 class Developed:
@@ -50,7 +47,7 @@ def take(
     sensor: mi.Sensor,
     job: Job,
     denoise: bool,
-    tell: Tell | None,
+    tell: rendering.Tell | None,
     stopped: Callable[[], bool],
     keeper: Keeper | None = None,
     **how: Any,
@@ -96,11 +93,8 @@ def develop(
     contents: Mapping[str, bytes] = {}
     why = None
     if written:
-        facts = (
-            metadata(job, integrator, picture.reached, end is not None, seconds)
-            | dict(picture.facts)
-            | dict(further or {})
-        )
+        facts = metadata(job, integrator, picture.reached, end is not None, seconds)
+        facts |= dict(picture.facts) | dict(further or {})
         contents = images.encode(picture.bitmap, facts, exposure, picture.facts)
         shown = images.colours(picture.bitmap)
         why = None if shown is None else black.why(scene, sensor, shown * 2.0**exposure, exposure=exposure)
@@ -112,10 +106,10 @@ def develop(
 
 
 def metadata(
-    job: Job, integrator: mi.Integrator, far: Reached | None, interrupted: bool, seconds: float
+    job: Job, integrator: mi.Integrator, reached: Reached | None, interrupted: bool, seconds: float
 ) -> dict[str, str]:
-    """What an EXR image says of how it was made; ``far``: how far the render came."""
-    return report.facts(integrator, far, interrupted) | {
+    """What an EXR image says of how it was made; ``reached``: how far the render came."""
+    return report.facts(integrator, reached, interrupted) | {
         "prosim.scene": job.scene,
         "prosim.version": version("mitsuba-prosim"),
         "prosim.variant": job.variant,

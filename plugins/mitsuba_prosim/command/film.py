@@ -12,12 +12,11 @@ from typing import Any
 import click
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.definitions import FPS, FRAME, TIME
+from prosim_scene import FPS, FRAME, TIME
 from tqdm.auto import tqdm
 
 from ..scene import atomic, rendering, scene_file, session
 from .apart import Apart
-from .developed import Tell
 from .frames import Frame, definitions, digest, is_there, naming, of_frame, path, unfinished
 from .helping import Helping, pack
 from .interrupts import interruptible
@@ -174,7 +173,7 @@ class Film:
 
 
 @contextmanager
-def progress(scene: mi.Scene, bar: tqdm) -> Iterator[Tell | None]:
+def progress(scene: mi.Scene, bar: tqdm) -> Iterator[rendering.Tell | None]:
     """Yields what is to be told the part of a frame that is done, or None; at the end all of it is."""
     begun = bar.n
 

@@ -13,7 +13,7 @@ from typing import Any
 import click
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
 from ..engine.part import Part
 from ..engine.record import Record

@@ -22,7 +22,7 @@ from ..saved.keeper import Keeper
 from ..scene import atomic, rendering, report, scene_file, session
 from . import denoised, tev
 from . import output as files
-from .developed import Tell, develop, take
+from .developed import develop, take
 from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
@@ -85,7 +85,7 @@ def render(
     begin: Record | None = None,
     keep: Mapping[str, Any] | None = None,
     frame: Mapping[str, str] | None = None,
-    bar: Callable[[mi.Integrator, str], AbstractContextManager[Tell | None]] | None = None,
+    bar: Callable[[mi.Integrator, str], AbstractContextManager[rendering.Tell | None]] | None = None,
     by: Callable[[mi.Integrator], AbstractContextManager[Remote | None]] = lambda _: nullcontext(),
     sources: Collection[Path] = (),
 ) -> Made:
@@ -201,7 +201,7 @@ def warn(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Tell | None]:
+def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[rendering.Tell | None]:
     """Shows how far a render is, with the time left, if the integrator tells: by a bar if a person watches, else by a
     line now and then.
 

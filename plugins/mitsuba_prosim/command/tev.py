@@ -12,15 +12,14 @@ import click
 import mitsuba as mi
 from prosim_scene import extras
 
-from ..scene import images
+from ..scene import images, rendering
 from ..watch.due import Due
-from .developed import Tell
 
 #: Seconds after which a tev that takes nothing counts as gone: it hears when it draws, many times a second.
 PATIENCE = 10.0
 
 #: What shows the progress of a render, and yields what is to be told of it; as :func:`.making.progress_bar`.
-Bar = Callable[[Any, str], AbstractContextManager[Tell | None]]
+Bar = Callable[[Any, str], AbstractContextManager[rendering.Tell | None]]
 
 
 @contextmanager
@@ -36,7 +35,7 @@ def beside(
     viewer = Viewer(*place, Path(scene).stem, film, warn)
 
     @contextmanager
-    def both(integrator: mi.Integrator, variant: str) -> Iterator[Tell | None]:
+    def both(integrator: mi.Integrator, variant: str) -> Iterator[rendering.Tell | None]:
         due = Due()
         with bar(integrator, variant) as tell:
 

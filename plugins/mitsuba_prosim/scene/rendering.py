@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ..engine.work import Step
+
+#: Shows the part done, 0 to 1, of a render in progress.
+Tell = Callable[[float, Any], None]
 
 
 def keeps(integrator: mi.Integrator) -> bool:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from math import isnan
+from typing import TYPE_CHECKING
 
 import mitsuba as mi
 
 from ..engine.plan import UNLIMITED
-from ..engine.render import Reached
+
+if TYPE_CHECKING:
+    from ..engine.render import Reached
 
 #: An image is as long as was asked for from this part of the time on: its end is aimed at from below.
 IN_TIME = 0.97

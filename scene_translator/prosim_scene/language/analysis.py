@@ -231,6 +231,8 @@ def _lacking_behind_errors(reader: Reader) -> list[Diagnostic]:
     given = [*reader.spans, *(skipped.path for skipped in reader.skipped if skipped.path)]
     surfaces, transforms = ({int(p[1]) for p in given if p[0] == table} for table in ("surfaces", "transforms"))
     for skipped in reader.skipped:
+        if skipped.role in ("SURFACE", "TRANSFORM") and not skipped.path:
+            return []  # any index may have been meant
         if _may_hide_statements(reader, skipped):
             indices = {int(n) for n in INDEX.findall(reader.source.text, skipped.start, skipped.end)}
             surfaces |= indices

@@ -12,7 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import prosim_scene
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
 from ..denoising import layers
 from ..scene import black, session

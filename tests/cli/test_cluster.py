@@ -1,5 +1,6 @@
 """``prosim render --cluster`` and ``--workers``: the same bytes, whoever takes the samples, and whoever is lost."""
 
+import itertools
 import os
 import re
 import signal
@@ -18,12 +19,10 @@ import numpy as np
 import OpenEXR
 import psutil
 import pytest
-from mitsuba_prosim import cluster
 from mitsuba_prosim.cli import output as files
-from mitsuba_prosim.cluster import local, worker
-from mitsuba_prosim.cluster.errand import Whole
-from mitsuba_prosim.cluster.parcel import Parcel
-from mitsuba_prosim.cluster.remote import LOOK, Remote
+from mitsuba_prosim.parallel import cluster, worker
+from mitsuba_prosim.parallel.bundle import SceneBundle
+from mitsuba_prosim.parallel.executor import LOOK, ClusterError, DaskExecutor, ImageTask, render
 from mitsuba_prosim.saved import origin
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene import scene_file, session
@@ -52,7 +51,7 @@ def client():
     thread.start()
     with ExitStack() as until:
         try:
-            client = until.enter_context(local.workers(2))
+            client = until.enter_context(cluster.workers(2))
         finally:
             begun.set()
             thread.join()
@@ -78,7 +77,7 @@ def there(client, path, tell=None, say=lambda _: None, **changes):
     file = scene_file.SceneFile(path, path.parent, **changes)
     scene = file.load()
     integrator = scene.integrator()
-    with cluster.Remote(client, Parcel.of(file), say) as executor:
+    with DaskExecutor(client, SceneBundle.of(file), say) as executor:
         render = integrator.progressive(scene, seed=2, executor=executor)
         for step in render:
             if tell is not None:
@@ -100,22 +99,22 @@ def test_a_scene_travels_with_what_it_names(lamp, tmp_path):
     ).write(str(skin))
     path.write_text(LAMP.replace("</scene>", picture.format("skins/a.png")))
     file = scene_file.SceneFile(path, tmp_path)
-    parcel = Parcel.of(file)
-    assert set(parcel.contents) == {"lamp.xml", "skins/a.png"}
+    bundle = SceneBundle.of(file)
+    assert set(bundle.contents) == {"lamp.xml", "skins/a.png"}
     moved = path.parent.rename(tmp_path / "moved")
-    assert Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path)).key == parcel.key
-    assert Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path), sensor=1).key != parcel.key
-    scene, _ = parcel.load()
+    assert SceneBundle.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path)).key == bundle.key
+    assert SceneBundle.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path), sensor=1).key != bundle.key
+    scene, _ = bundle.load(bundle.contents)
     assert len(scene.shapes()) == 3
     (moved / "skins" / "a.png").rename(tmp_path / "a.png")
     for name, says in [
-        ("../a.png", "outside of the scene's folder"),
-        (str(tmp_path / "moved" / "b.png"), "by its place"),
+        ("../a.png", "lies outside of its folder"),
+        (str(tmp_path / "moved" / "b.png"), "by an absolute path"),
     ]:
         (tmp_path / "moved" / "b.png").write_bytes((tmp_path / "a.png").read_bytes())
         (moved / "lamp.xml").write_text(LAMP.replace("</scene>", picture.format(name)))
         with pytest.raises(ValueError, match=says):
-            Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path))
+            SceneBundle.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path))
 
 
 def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path):
@@ -128,12 +127,12 @@ def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path)
     keys = []
     for line in "400 9\n700 9\n", "400 9\n700 8\n":
         (tmp_path / "skins" / "lamp.spd").write_text(line)
-        parcel = Parcel.of(scene_file.SceneFile(lamp, tmp_path, definitions={"frame": "7"}))
-        assert set(parcel.contents) == {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
-        keys.append(parcel.key)
+        bundle = SceneBundle.of(scene_file.SceneFile(lamp, tmp_path, definitions={"frame": "7"}))
+        assert set(bundle.contents) == {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
+        keys.append(bundle.key)
     assert keys[0] != keys[1]
     (tmp_path / "skins").rename(tmp_path / "gone")
-    assert len(parcel.load()[0].shapes()) == 3
+    assert len(bundle.load(bundle.contents)[0].shapes()) == 3
 
 
 @pytest.mark.parametrize(
@@ -155,7 +154,7 @@ def test_workers_that_can_not_be_begun(lamp, monkeypatch):
     def fails(**_):
         raise RuntimeError("Nanny failed to start.")
 
-    monkeypatch.setattr(local.distributed, "LocalCluster", fails)
+    monkeypatch.setattr(cluster.distributed, "LocalCluster", fails)
     result = prosim("render", lamp, "--workers", 1)
     assert result.exit_code == 1 and "Error: the workers can't be begun here (Nanny failed to start.)" in result.output
 
@@ -168,7 +167,7 @@ def test_without_the_package_nothing_is_begun(lamp, monkeypatch):
 
 
 def test_no_scheduler(lamp, monkeypatch):
-    monkeypatch.setattr(local, "ANSWER", 0.2)
+    monkeypatch.setattr(cluster, "ANSWER", 0.2)
     result = prosim("render", lamp, "--cluster", "tcp://127.0.0.1:1")
     assert result.exit_code == 1 and "no scheduler answers at tcp://127.0.0.1:1" in result.stderr
 
@@ -180,11 +179,11 @@ def test_ctrl_c_while_workers_begin(client, lamp, monkeypatch):
     workers = set(client.run(os.getpid).values())
     assert len(workers) == 2 and workers | {os.getpid()} <= pressed and heard == ["here"]
 
-    def pressing(address, scheduler=local.scheduler):
+    def pressing(address, scheduler=cluster.scheduler):
         os.kill(os.getpid(), signal.SIGINT)
         return scheduler(address)
 
-    monkeypatch.setattr(local, "scheduler", pressing)
+    monkeypatch.setattr(cluster, "scheduler", pressing)
     result = prosim("render", lamp, "--cluster", client.scheduler.address)
     assert result.exit_code == 130 and "Interrupted before the image had begun; nothing was written." in result.output
     assert names(lamp.parent) == [lamp.name]
@@ -197,7 +196,7 @@ def test_ctrl_c_while_workers_begin(client, lamp, monkeypatch):
 def test_two_workers_make_the_same_image(client, lamp):
     for changes in ({}, {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}):
         expected = here(lamp, **changes)
-        assert np.array_equal(np.array(cluster.render(lamp, client=client, seed=2, **changes)), expected)
+        assert np.array_equal(np.array(render(lamp, client=client, seed=2, **changes)), expected)
 
 
 @pytest.mark.parametrize("address, more", [("inproc://127.0.0.1/1/2", 0), ("tcp://127.0.0.1:1", 2)])
@@ -210,7 +209,7 @@ def test_a_worker_that_shares_the_process_of_its_client_leaves_it_its_threads(va
 
 
 #: Lets a worker forget its scenes.
-FORGET = "from mitsuba_prosim.cluster import worker; worker.scenes.clear()"
+FORGET = "from mitsuba_prosim.parallel import worker; worker.scenes.clear()"
 
 
 def kill_one(client):
@@ -223,7 +222,7 @@ def kill_one(client):
 
 
 @pytest.mark.slow
-def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
+def test_workers_that_are_killed_andscenes_that_are_forgotten(client, lamp):
     """Another takes the place of the one that was killed, as Dask's nanny begins it anew; and of one whose nanny has
     given up.
     """
@@ -237,7 +236,7 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
 
     said = []
     image = there(client, lamp, tell, said.append, integrator=NOISE)
-    assert len(said) == 1 and "a worker was lost, 1 is left; others do what it had at hand" in said[0]
+    assert len(said) == 1 and "a worker was lost, 1 left; others do its work" in said[0]
     assert not acts and len(told) > 4 and np.array_equal(image, here(lamp, integrator=NOISE))
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
         gone = next(iter(client.cluster.workers.values()))
@@ -275,9 +274,9 @@ def test_each_set_of_photons_is_drawn_by_one_worker(client, scene, variant_rgb, 
     expected = here(scene)
 
     def drawn():
-        return sum(loaded.estimator.transport.caustics.draws for loaded in worker.scenes.values() if loaded.estimator)
+        return sum(loaded.draws for loaded in worker.scenes.values())
 
-    monkeypatch.setattr(Remote, "bound", lambda *_: 2000)
+    monkeypatch.setattr(DaskExecutor, "limit", lambda *_: 2000)
     client.run(exec, FORGET)
     assert np.array_equal(there(client, scene), expected)
     assert sum(client.run(drawn).values()) == 4
@@ -294,9 +293,7 @@ def test_workers_of_another_kind(client, lamp, monkeypatch):
     assert np.array_equal(there(client, lamp, say=said.append), here(lamp))
     assert said and all(re.search("is of another kind .processor .* there, another here", text) for text in said)
     monkeypatch.setattr(origin, "here", lambda: ours | {"mitsuba": "3.0"})
-    with pytest.raises(
-        cluster.ClusterError, match=r"no worker of the cluster can take part: .*mitsuba 3\.9.* 3\.0 here"
-    ):
+    with pytest.raises(ClusterError, match=r"no worker of the cluster can take part: .*mitsuba 3\.9.* 3\.0 here"):
         there(client, lamp)
 
 
@@ -317,14 +314,14 @@ def test_two_renders_on_one_cluster(client, lamp):
 
 def watch_kernels(client, on):
     """Begins or ends to note the kernels that workers launch."""
-    client.run(lambda: worker.hand().submit(dr.set_flag, dr.JitFlag.KernelHistory, on).result())
+    client.run(lambda: worker.render_thread().submit(dr.set_flag, dr.JitFlag.KernelHistory, on).result())
 
 
 def kernels(client):
     """The kernels that each worker has launched since this was asked last, but for trivial ones."""
 
     def launched():
-        history = worker.hand().submit(dr.kernel_history).result()
+        history = worker.render_thread().submit(dr.kernel_history).result()
         return {one["hash"] for one in history if one["type"] == dr.KernelType.JIT and one["operation_count"] > 100}
 
     return list(client.run(launched).values())
@@ -344,9 +341,11 @@ def test_a_film(client, lamp, monkeypatch):
     watch_kernels(client, True)
     result = prosim(*many, *cluster)
     assert result.exit_code == 0 and result.stderr.count("12x12 pixels distort the image") == 1
-    takers, clients, saved, make, save = [], [], [], Remote.make, files.save
-    monkeypatch.setattr(Remote, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
-    monkeypatch.setattr(local, "scheduler", lambda at, scheduler=local.scheduler: clients.append(at) or scheduler(at))
+    takers, clients, saved, make, save = [], [], [], DaskExecutor.make, files.save
+    monkeypatch.setattr(DaskExecutor, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
+    monkeypatch.setattr(
+        cluster, "scheduler", lambda at, scheduler=cluster.scheduler: clients.append(at) or scheduler(at)
+    )
 
     def saving(stem, contents):
         saved.append(stem.name)
@@ -366,7 +365,7 @@ def test_a_film(client, lamp, monkeypatch):
     watch_kernels(client, False)
     result = prosim(*again, *cluster)
     assert result.exit_code == 0 and "2 of 6 frames rendered, 4 had been rendered before" in result.stdout
-    assert len(clients) == 3 and len(set(saved)) == 6 and result.stderr.count("a worker was lost, 1 is left") == 1
+    assert len(clients) == 3 and len(set(saved)) == 6 and result.stderr.count("a worker was lost, 1 left") == 1
     for name in "b", "c":
         assert all(alike(film.with_name(f"{name}.000{n}.exr"), film.with_name(f"a.000{n}.exr")) for n in range(6))
     result = prosim(*again, *cluster, "--anew", "-D", "kd=0.98", "-o", film.with_name("d"))
@@ -387,9 +386,10 @@ def test_an_image_that_nobody_waits_for_any_more(client, lamp):
     def anywhere(name):
         return any(client.run(lambda: hasattr(worker, name)).values())
 
-    with Remote(client, parcel := Parcel.of(scene_file.SceneFile(lamp, lamp.parent))) as taker:
-        images = iter([Whole("an image", parcel, endless, (), 1)])
-        assert list(taker.make(images, lambda: anywhere("begun"))) == []
+    with DaskExecutor(client, bundle := SceneBundle.of(scene_file.SceneFile(lamp, lamp.parent))) as taker:
+        images = iter([ImageTask("an image", bundle, endless, (), 1)])
+        until = itertools.takewhile(lambda _: not anywhere("begun"), taker.make(images))
+        assert not any(until)
     end = time.monotonic() + 10
     while not anywhere("ended"):
         assert time.monotonic() < end
@@ -398,8 +398,8 @@ def test_an_image_that_nobody_waits_for_any_more(client, lamp):
 
 #: A cluster in a process of its own, which says where it is.
 ANOTHER = (
-    "import time; from mitsuba_prosim.cluster import local\n"
-    "with local.workers(1, 1) as client: print(client.scheduler.address, flush=True); time.sleep(100)"
+    "import time; from mitsuba_prosim.parallel import cluster\n"
+    "with cluster.workers(1, 1) as client: print(client.scheduler.address, flush=True); time.sleep(100)"
 )
 
 

@@ -59,7 +59,7 @@ IMPORT_ALL = """
                 if error.msg.startswith("Windows"):
                     raise
                 missing.add(error.name)
-    assert "mitsuba_prosim.cluster.local" in sys.modules or missing, "nothing was imported"
+    assert "mitsuba_prosim.parallel.cluster" in sys.modules or missing, "nothing was imported"
     """
 
 RENDER = """

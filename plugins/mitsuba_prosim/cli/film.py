@@ -29,11 +29,10 @@ from .job import Job
 from .log import log
 from .options import wrong_input
 from .progress import FilmBar, warn
-from .workers import Workers, pack
+from .workers import Workers, bundle_of
 
 if TYPE_CHECKING:
-    from ..cluster.errand import Whole
-    from ..cluster.remote import Remote
+    from ..parallel.executor import DaskExecutor, ImageTask
 
 #: What a frame's EXR says of what it was made of; see :func:`digest`.
 DIGEST = "prosim.digest"
@@ -128,12 +127,13 @@ class Film:
         job = frame.job
         with wrong_input():
             task = Task.of(job, frame.file, frame.stem, facts=frame.facts)
-            parcel = pack(task)
+            bundle = bundle_of(task)
         if task.about is not None and not job.overwrite:
             task = replace(task, begin=unfinished(frame.stem, task.about))
         if self.signals:  # from here on the render listens itself
             return None, "interrupted"
-        executor, before = workers.executor(parcel), workers.spent()
+        executor = workers.executor(bundle)
+        before = 0.0 if executor is None else executor.seconds
         result = render_image(task, self.bar, executor)
         if result.interrupted:
             return None, result.lost or "interrupted"
@@ -141,8 +141,7 @@ class Film:
         # A state is kept here, so that nothing is lost with a worker; and a time is that of all of them.
         if executor is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
             return None, None
-        seconds, work = (now - then for now, then in zip(workers.spent(), before))
-        return Apart(executor, task.size(), seconds, int(work)), None
+        return Apart(executor, task.size(), executor.seconds - before), None
 
     def frames_apart(self, apart: Apart, frames: Iterator[Frame]) -> str | None:
         """Lets each worker render some of the next frames, as long as they are small; returns by what it was
@@ -150,7 +149,7 @@ class Film:
         """
         for frame, result in apart.write(frames, lambda: bool(self.signals)):
             self.see(frame, result)
-        return "interrupted" if self.signals else apart.remote.gone
+        return "interrupted" if self.signals else apart.dask.gone
 
     def see(self, frame: Frame, result: Result) -> None:
         """Counts a frame that is there, and prints what is said of it."""
@@ -191,14 +190,13 @@ class Film:
 
 @dataclass
 class Apart:
-    """Small frames, each rendered by one worker of ``remote``: what goes before its samples, all workers do at a time.
-    ``size``: bytes of one at most; ``seconds``, ``work``: that one worker takes for one, and its samples, about.
+    """Small frames, each rendered by one worker of ``dask``: what goes before its samples, all workers do at a time.
+    ``size``: bytes of one at most; ``seconds``: that one worker takes for one, about.
     """
 
-    remote: Remote
+    dask: DaskExecutor
     size: int
     seconds: float
-    work: int
 
     def write(self, frames: Iterator[Frame], stopped: Callable[[], bool]) -> Iterator[tuple[Frame, Result]]:
         """Renders and writes frames in the order in which they are done, as long as they are small, and yields each. It
@@ -206,10 +204,10 @@ class Apart:
 
         What is wrong with a frame is raised when those before it are there. Raises ClickException.
         """
-        asked: dict[Whole, Frame] = {}
+        asked: dict[ImageTask, Frame] = {}
         wrong: list[click.ClickException] = []
 
-        def images() -> Iterator[Whole]:
+        def images() -> Iterator[ImageTask]:
             while self.seconds <= SMALL:
                 try:
                     if (frame := next(frames, None)) is None:
@@ -222,7 +220,7 @@ class Apart:
                 yield image
 
         try:
-            for answer in self.remote.make(images()):
+            for answer in self.dask.make(images()):
                 if stopped():
                     break
                 if answer is None:
@@ -236,19 +234,19 @@ class Apart:
                 yield frame, Result("\n".join(said), False, None, None, image.black)
         except RuntimeError as error:
             raise click.ClickException(str(error)) from None
-        if wrong and not stopped() and not self.remote.gone:
+        if wrong and not stopped() and not self.dask.gone:
             raise wrong[0]
 
-    def _image(self, frame: Frame) -> Whole:
-        from ..cluster.errand import Whole
-        from ..cluster.parcel import Parcel
+    def _image(self, frame: Frame) -> ImageTask:
+        from ..parallel.bundle import SceneBundle
+        from ..parallel.executor import ImageTask
 
         with naming(frame.number):
             output.check(Path(frame.job.scene), frame.stem, SUFFIXES, self.size)
             output.spare((path for _, path in frame.file.named_files()), output.SOURCES, frame.stem, SUFFIXES)
             with wrong_input():
-                parcel = Parcel.of(frame.file, frame.job.sensor)
-        return Whole(f"frame {frame.number}", parcel, on_worker, (frame.job, frame.facts), self.work)
+                bundle = SceneBundle.of(frame.file, frame.job.sensor)
+        return ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))
 
 
 def on_worker(scene: mi.Scene, sensor: mi.Sensor, wanted: Callable[[], bool], job: Job, facts: dict[str, str]) -> Image:

@@ -31,7 +31,7 @@ from .progress import Bar, ImageBar, warn
 from .tev import Viewer, viewer
 
 if TYPE_CHECKING:
-    from ..cluster.remote import Remote
+    from ..parallel.executor import DaskExecutor
 
 #: What an image is written as, and its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
@@ -165,7 +165,7 @@ def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     return rendering.progressive(scene, sensor, job.seed, job.spp, **how)
 
 
-def render(task: Task, bar: Bar, executor: Remote | None = None, shown: Viewer | None = None) -> Result:
+def render(task: Task, bar: Bar, executor: DaskExecutor | None = None, shown: Viewer | None = None) -> Result:
     """Renders and writes an image or its state. ``bar``: shows the progress; ``executor``: takes the samples, if not
     this process; ``shown``: where the image is shown.
 
@@ -206,7 +206,7 @@ def render(task: Task, bar: Bar, executor: Remote | None = None, shown: Viewer |
     return Result("\n".join(filter(None, lines)), bool(interrupted), lost, state, image.black)
 
 
-def gone(executor: Remote | None) -> str | None:
+def gone(executor: DaskExecutor | None) -> str | None:
     """Why those who take the samples are gone; None where they are there, or where it is this process."""
     return None if executor is None else executor.gone
 
@@ -360,18 +360,18 @@ def write_image(job: Job, stem: Path, begin: Record | None = None, sources: Coll
     ``begin``: continues from there; ``sources``: the files of ``begin``, which no image may overwrite. Raises
     InputError, where nothing has been written, and ClickException; ends the process where it was interrupted.
     """
-    from .workers import Workers, pack
+    from .workers import Workers, bundle_of
 
     with log(job.verbose), session.threads(job.threads):
         with atomic.scratch() as folder, wrong_input():
             task = Task.of(job, job.file(folder), stem, begin, sources)
-            parcel = pack(task)
+            bundle = bundle_of(task)
         with (
             Workers(job) as workers,
             viewer(job, task.sensor.film()) as shown,
             ImageBar(rendering.keeps(task.integrator)) as bar,
         ):
-            result = render(task, bar, workers.executor(parcel), shown)
+            result = render(task, bar, workers.executor(bundle), shown)
         if result.black:
             warn(result.black)
     click.echo(result.said)

@@ -14,12 +14,12 @@ from .job import Job
 from .progress import warn
 
 if TYPE_CHECKING:
-    from ..cluster.parcel import Parcel
-    from ..cluster.remote import Remote
+    from ..parallel.bundle import SceneBundle
+    from ..parallel.executor import DaskExecutor
 
 
-def pack(task: Task) -> Parcel | None:
-    """The scene as it is sent to the workers; None where there are none.
+def bundle_of(task: Task) -> SceneBundle | None:
+    """The scene as it travels to the workers; None without workers.
 
     Raises ClickException where Dask is missing, ValueError where the scene can't travel or its integrator does not
     render progressively, OSError.
@@ -29,14 +29,14 @@ def pack(task: Task) -> Parcel | None:
         return None
     if extras.missing("cluster"):
         raise click.ClickException(extras.needs(option, "cluster"))
-    from ..cluster.parcel import Parcel
+    from ..parallel.bundle import SceneBundle
 
     if not rendering.keeps(task.integrator):
         raise ValueError(
             f"{option}: other processes take the samples where prosim or prosim_adaptive says which, in all but scalar "
             f"variants; this scene's integrator is {task.integrator.class_name()}. {HOW_TO_SAMPLE}"
         )
-    return Parcel.of(task.file, task.job.sensor)
+    return SceneBundle.of(task.file, task.job.sensor)
 
 
 class Workers:
@@ -45,7 +45,7 @@ class Workers:
     def __init__(self, job: Job) -> None:
         self.job = job
         self.until = ExitStack()
-        self.remote: Remote | None = None
+        self.dask: DaskExecutor | None = None
 
     def __enter__(self) -> Workers:
         return self
@@ -53,26 +53,22 @@ class Workers:
     def __exit__(self, *_: object) -> None:
         self.until.close()
 
-    def executor(self, parcel: Parcel | None) -> Remote | None:
-        """What takes the samples of the scene ``parcel``; None where that is this process. Raises ClickException."""
-        if parcel is None:
+    def executor(self, bundle: SceneBundle | None) -> DaskExecutor | None:
+        """What takes the samples of the scene ``bundle``; None where that is this process. Raises ClickException."""
+        if bundle is None:
             return None
-        if self.remote is not None:
-            self.remote.turn_to(parcel)
-            return self.remote
-        from ..cluster import local
-        from ..cluster.remote import Remote
+        if self.dask is not None:
+            self.dask.turn_to(bundle)
+            return self.dask
+        from ..parallel import cluster
+        from ..parallel.executor import DaskExecutor
 
         job = self.job
-        there = local.scheduler(job.cluster) if job.cluster else local.workers(job.workers or 1, job.threads)
+        there = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
         try:
             client = self.until.enter_context(there)
-            self.remote = self.until.enter_context(Remote(client, parcel, warn))
+            self.dask = self.until.enter_context(DaskExecutor(client, bundle, warn))
         except RuntimeError as error:
             said = str(error) if job.cluster else f"the workers can't be begun here ({error})"
             raise click.ClickException(said) from None
-        return self.remote
-
-    def spent(self) -> tuple[float, int]:
-        """Seconds that they have taken samples for, all together, and how many these are."""
-        return (0.0, 0) if self.remote is None else (self.remote.taking, self.remote.work)
+        return self.dask

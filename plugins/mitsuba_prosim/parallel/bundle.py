@@ -61,8 +61,8 @@ class SceneBundle:
 
 
 def _travelling(file: scene_file.SceneFile) -> Iterator[tuple[Path, Path]]:
-    """``(place, path)`` of the files that make a scene; ``place`` is where the scene's text leads to, from the folder of
-    the XML file. Raises ValueError.
+    """``(place, path)`` of the files that make a scene; ``place`` is where the text of the scene leads to, from the
+    folder of its XML file. Raises ValueError.
     """
     home = Path(os.path.abspath(file.xml.parent))
     inside = [folder.resolve() for folder in (home, file.path.parent)]
@@ -70,8 +70,8 @@ def _travelling(file: scene_file.SceneFile) -> Iterator[tuple[Path, Path]]:
     for name, path in names + file.named_files():
         if not any(path.resolve().is_relative_to(folder) for folder in inside):
             raise ValueError(
-                f"{file.path}: the scene names {name}, which lies outside of its folder. A cluster renders scenes whose "
-                "files are in their own folder: copy the file there."
+                f"{file.path}: the scene names {name}, which lies outside of its folder. A cluster renders scenes with "
+                "all files in their own folder: copy the file there."
             )
         if (name, path) not in names and os.path.isabs(name):
             raise ValueError(

@@ -46,8 +46,8 @@ class ClusterError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class ImageTask:
-    """A whole image by one worker: ``make(scene, sensor, wanted, *arguments)``, see :func:`.worker.make`. ``name`` is for
-    messages.
+    """A whole image by one worker: ``make(scene, sensor, wanted, *arguments)``, see :func:`.worker.make`. Messages use
+    ``name``.
     """
 
     name: str
@@ -127,18 +127,21 @@ class DaskExecutor:
 
         Raises ClusterError if no worker can take part, or if a work item fails again and again.
         """
-        return self._results(map(self._task, items), ordered)
+        results = self._results(map(self._task, items))
+        return _in_order(results) if ordered else _values(results)
 
     def make(self, images: Iterable[ImageTask]) -> Generator[tuple[ImageTask, Any] | None, None, None]:
         """Yields each image with its result as soon as it is there, and None while there is nothing new.
 
         Raises ClusterError as for work items.
         """
-        tasks = (
-            _Task(worker.make, one.bundle, (one.make, one.arguments), lambda result, one=one: (one, result), one.name)
-            for one in images
-        )
-        return self._results(tasks, False)
+
+        def task(image: ImageTask) -> _Task:
+            return _Task(
+                worker.make, image.bundle, (image.make, image.arguments), lambda what: (image, what), image.name
+            )
+
+        return _values(self._results(map(task, images)))
 
     # ---------------------------------------------------------------- tasks
 
@@ -160,9 +163,8 @@ class DaskExecutor:
     def _drawn(self, which: Which, item: WorkItem) -> distributed.Future:
         """The photons of a set, which one worker draws for all."""
         if which not in self._photons:
-            with alone():
-                plan = pickle.dumps(item.stages[-1][0])
-            self._photons[which] = self._submit(_Task(worker.draw, self.bundle, (plan, which), tuple, "photons"))
+            arguments = worker.pickled(item.stages[-1][0]), which
+            self._photons[which] = self._submit(_Task(worker.draw, self.bundle, arguments, tuple, "photons"))
             while len(self._photons) > SETS:
                 self._photons.popitem(last=False)
         self._photons.move_to_end(which)
@@ -175,7 +177,7 @@ class DaskExecutor:
             key = f"prosim-{hashlib.sha256(content).hexdigest()}"
             known[key] = found[name] = known.get(key) or self.client.submit(bytes, content, key=key)
         if forget:
-            self._files = {future.key: future for future in found.values()}
+            self._files = {key: future for key, future in known.items() if future in found.values()}
         return found
 
     def _submit(self, task: _Task) -> distributed.Future:
@@ -192,10 +194,10 @@ class DaskExecutor:
                 pure=False,
             )
 
-    def _results(self, tasks: Iterator[_Task], ordered: bool) -> Generator[Any, None, None]:
+    def _results(self, tasks: Iterator[_Task]) -> Generator[tuple[int, Any] | None, None, None]:
+        """Yields the number of each task with its result, and None while there is nothing new."""
         running: dict[distributed.Future, _Task] = {}
-        finished, early = distributed.as_completed(loop=self.client.loop), {}
-        exhausted, asked, given = False, 0, 0
+        finished, asked, exhausted = distributed.as_completed(loop=self.client.loop), 0, False
 
         def hand_out(task: _Task) -> None:
             future = self._submit(task)
@@ -207,33 +209,32 @@ class DaskExecutor:
                 self._look()
                 if self.gone or (exhausted and not running):
                     return
-                for future in [f for f, task in running.items() if not task.workers & self._workers]:
-                    if self._workers:  # none of those that may run it is left
-                        future.cancel()
-                        hand_out(running.pop(future))
-                window = WINDOW * len(self._workers)
-                while not exhausted and len(running) < window and not (ordered and asked - given >= AHEAD * window):
+                for future in self._stranded(running):
+                    future.cancel()
+                    hand_out(running.pop(future))
+                window, oldest = WINDOW * len(self._workers), min((t.number for t in running.values()), default=asked)
+                while not exhausted and len(running) < window and asked - oldest < AHEAD * window:
                     if (task := next(tasks, None)) is None:
                         exhausted = True
                     else:
                         task.number, asked = asked, asked + 1
                         hand_out(task)
                 for future in finished.next_batch(block=False) if finished.has_ready() else []:
-                    if (task := running.pop(future, None)) is None:
-                        continue
-                    if not (outcome := self._outcome(future, task)):
-                        hand_out(task)
-                        continue
-                    early[task.number] = outcome[0]
-                    while early and (not ordered or given in early):
-                        given += 1
-                        yield early.pop(given - 1 if ordered else task.number)
+                    if (task := running.pop(future, None)) is not None:
+                        if outcome := self._outcome(future, task):
+                            yield task.number, outcome[0]
+                        else:
+                            hand_out(task)
                 if not finished.has_ready():
                     time.sleep(0.01)
                     yield None
         finally:
             for future in running:
                 future.cancel()
+
+    def _stranded(self, running: dict[distributed.Future, _Task]) -> list[distributed.Future]:
+        """Those of which none of the workers that may run them is left, if there are others."""
+        return [f for f, task in running.items() if not task.workers & self._workers] if self._workers else []
 
     def _outcome(self, future: distributed.Future, task: _Task) -> list[Any]:
         """What was made of a task, or nothing if it has to be handed out again. Raises ClusterError."""
@@ -267,7 +268,9 @@ class DaskExecutor:
                 return
             if self._workers - present:
                 left = len(self._workers & present)
-                self._warn(f"a worker was lost, {left or 'none'} {'is' if left < 2 else 'are'} left; the image stays the same")
+                self._warn(
+                    f"a worker was lost, {left or 'none'} {'is' if left < 2 else 'are'} left; the image stays the same"
+                )
             self._workers &= present
             self._refused = {address: why for address, why in self._refused.items() if address in present}
             for address in set(self._checks) - present:
@@ -315,6 +318,25 @@ class DaskExecutor:
             self.say(text)
 
 
+def _values(results: Iterator[tuple[int, Any] | None]) -> Generator[Any, None, None]:
+    """The results, without their numbers."""
+    for result in results:
+        yield None if result is None else result[1]
+
+
+def _in_order(results: Iterator[tuple[int, Any] | None]) -> Generator[Any, None, None]:
+    """The results in the order of their numbers."""
+    early, number = {}, 0
+    for result in results:
+        if result is None:
+            yield None
+            continue
+        early[result[0]] = result[1]
+        while number in early:
+            number += 1
+            yield early.pop(number - 1)
+
+
 def render(
     scene: str | Path,
     *,
@@ -341,7 +363,7 @@ def render(
     if not rendering.keeps(integrator):
         raise ValueError(
             f"{scene}: a cluster renders with prosim or prosim_adaptive, in all but scalar variants; this scene's "
-            f"integrator is {integrator.class_name()}. Add integrator={{\"noise\": 0.01}}, for example: prosim_adaptive "
+            f'integrator is {integrator.class_name()}. Add integrator={{"noise": 0.01}}, for example: prosim_adaptive '
             "then wraps it."
         )
     with DaskExecutor(client or distributed.default_client(), bundle, warnings.warn) as executor:

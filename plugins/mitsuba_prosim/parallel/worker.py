@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import gc
+import io
 import pickle
 import time
 import warnings
@@ -19,13 +20,16 @@ from typing import Any
 import distributed
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 import prosim_scene
 
 from ..alone import alone
 from ..caustics.caustics import Which
 from ..caustics.photons import Photons
+from ..engine.estimate import Estimator
 from ..engine.plan import Plan
 from ..engine.policies import POLICIES
+from ..engine.record import dr_array
 from ..engine.work import WorkItem
 from ..saved import origin
 from ..scene import session
@@ -59,16 +63,23 @@ class Loaded:
         self.scene, self.sensor = bundle.load(contents)
         self.integrator: Any = self.scene.integrator()
         self.sensor.film().prepare(self.integrator.aov_names())
-        self._estimator: Any = None
+        self._estimator: Estimator | None = None
 
-    def estimator(self, plan: Plan) -> Any:
+    @property
+    def draws(self) -> int:
+        """Photon sets that were drawn here."""
+        caustics = None if self._estimator is None else self._estimator.transport.caustics
+        return 0 if caustics is None else caustics.draws
+
+    def estimator(self, plan: Plan) -> Estimator:
         """The estimator of the scene, for ``plan``."""
         if self._estimator is None:
             self._estimator = self.integrator.estimator(plan, self.scene, self.sensor)
         return self._estimator
 
 
-_scenes: OrderedDict[str, Loaded] = OrderedDict()
+#: The last scene of each client.
+scenes: OrderedDict[str, Loaded] = OrderedDict()
 
 
 def loaded(bundle: SceneBundle, contents: Mapping[str, bytes]) -> Loaded:
@@ -79,14 +90,14 @@ def loaded(bundle: SceneBundle, contents: Mapping[str, bytes]) -> Loaded:
     """
     if mi.variant() != bundle.variant:
         session.set_variant(bundle.variant)
-    scene = _scenes.pop(bundle.session, None)
+    scene = scenes.pop(bundle.session, None)
     if scene is None or scene.key != bundle.key:
         scene = None
-        while len(_scenes) >= SCENES:
-            _scenes.popitem(last=False)
+        while len(scenes) >= SCENES:
+            scenes.popitem(last=False)
         gc.collect()  # scenes are in reference cycles
         scene = Loaded(bundle, contents)
-    _scenes[bundle.session] = scene
+    scenes[bundle.session] = scene
     return scene
 
 
@@ -108,10 +119,26 @@ def check(variant: str) -> Mapping[str, str]:
     return render_thread().submit(prepared).result()
 
 
+class _Pickler(pickle.Pickler):
+    """Dr.Jit arrays are read to the alignment of Dr.Jit's own memory, by which kernels are found again."""
+
+    def reducer_override(self, value: Any) -> Any:
+        if type(value) in (mi.Float, mi.UInt32, mi.Int32):
+            return dr_array, (np.array(value),)
+        return NotImplemented
+
+
+def pickled(value: Any) -> bytes:
+    """``value``, which may hold Dr.Jit arrays, for ``pickle.loads``."""
+    content = io.BytesIO()
+    with alone():
+        _Pickler(content).dump(value)
+    return content.getvalue()
+
+
 def packed(item: WorkItem) -> bytes:
     """``item`` as it travels: all but the scene, and what stores the sums."""
-    with alone():
-        return pickle.dumps((item.x, item.y, item.start, item.stages, item.quiet is not None))
+    return pickled((item.x, item.y, item.start, item.stages, item.quiet is not None))
 
 
 @in_render_thread
@@ -124,20 +151,30 @@ def take(
 ) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
     scene = loaded(bundle, contents)
+
+    def estimator(plan: Plan) -> Estimator:
+        found = scene.estimator(plan)
+        for which, (diffuse, glossy) in zip(sets, photons):
+            if not found.transport.caustics.has(which):
+                both = Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
+                found.transport.caustics.put(which, both)
+        return found
+
+    return taken(estimator, item)
+
+
+def taken(estimator: Callable[[Plan], Estimator], item: bytes) -> tuple[float, bytes]:
+    """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
         x, y, start, stages, quiet = pickle.loads(item)
         plan = stages[-1][0]
-        estimator = scene.estimator(plan)
-        for which, (diffuse, glossy) in zip(sets, photons):
-            if not estimator.transport.caustics.has(which):
-                both = Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
-                estimator.transport.caustics.put(which, both)
+        sampled = estimator(plan)
     policy: Any = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
     begun = time.perf_counter()
-    whole = WorkItem(estimator, x, y, start, stages, policy.quiet if quiet else None, 0, (0.0, 1.0), lambda _: None)
+    whole = WorkItem(sampled, x, y, start, stages, policy.quiet if quiet else None, 0, (0.0, 1.0), lambda _: None)
     sums = whole.take()
-    with alone():
-        return time.perf_counter() - begun, pickle.dumps(sums)
+    dr.sync_thread()
+    return time.perf_counter() - begun, pickled(sums)
 
 
 @in_render_thread

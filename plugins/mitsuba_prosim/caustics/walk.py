@@ -34,8 +34,8 @@ FAINT = 0.5
 MOST = 8
 
 
-#: Reach of a photon of a wide glossy lobe, in pixel widths. The lobe is wide if this part of its width is more: its width
-#: is the distance times the root of the solid angle 1 / pdf.
+#: Reach of a photon of a wide glossy lobe, in pixel widths. A lobe is wide if this part of its width is more, where its
+#: width is the distance times the root of the solid angle 1 / pdf.
 WIDE, PART = 4, 0.2
 
 

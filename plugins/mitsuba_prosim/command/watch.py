@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from prosim_scene import Kept, extras
-from prosim_scene.language.document import Document
+from prosim_scene import Document, Kept, extras
 
 from ..denoising import oidn
 from ..scene import atomic, images, scene_file, session
@@ -62,8 +61,8 @@ def watch(job: Job, port: int, browser: bool) -> None:
         shown = studio.Studio(Path(job.scene), opened, job.spp, job.seed, job.denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
-            state, bitmap, integrator = shown.result()
-            facts = metadata(job, integrator, state.doing != "done", state.seconds)
+            state, bitmap, integrator, reached = shown.result()
+            facts = metadata(job, integrator, reached, state.doing != "done", state.seconds)
             return images.encode(bitmap, facts, exposure)
 
         with server.served(shown, encode, sock) as address:

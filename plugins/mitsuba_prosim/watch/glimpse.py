@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
 from ..compat import world_matrix
 from . import takes

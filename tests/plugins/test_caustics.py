@@ -736,7 +736,14 @@ def specks(image, by=0.05):
 HEADS = {"glass": {"type": "dielectric"}, "frosted": {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}}
 
 
-@pytest.mark.parametrize("head, exponent", (("glass", 60.0), ("glass", 5.0), ("frosted", 60.0)))
+@pytest.mark.parametrize(
+    "head, exponent",
+    (
+        ("glass", 60.0),
+        pytest.param("glass", 5.0, marks=pytest.mark.slow),
+        pytest.param("frosted", 60.0, marks=pytest.mark.slow),
+    ),
+)
 def test_photons_of_a_large_glossy_floor_are_no_specks(variant_rgb, head, exponent):
     """Few of the photons that a floor reflects come to what is seen. They made some ten specks an image; now there are
     as few as without photons, but for two in four images.

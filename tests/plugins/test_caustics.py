@@ -18,7 +18,7 @@ from mitsuba_prosim.caustics.random import starts
 from mitsuba_prosim.caustics.sources import Sources, Start, left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import WIDE, Landed
-from mitsuba_prosim.command.job import job_of
+from mitsuba_prosim.cli.job import job_of
 from mitsuba_prosim.engine import work
 from mitsuba_prosim.engine.pursuit import in_full_sets
 from mitsuba_prosim.engine.record import Record

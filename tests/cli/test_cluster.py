@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -205,7 +205,8 @@ def test_a_worker_that_shares_the_process_of_its_client_leaves_it_its_threads(va
     here = SimpleNamespace(address=address, state=SimpleNamespace(nthreads=threads + 2))
     monkeypatch.setattr(worker.distributed, "get_worker", lambda: here)
     with session.threads(None):
-        assert worker.greet(variant_rgb, "").threads == dr.thread_count() == threads + more
+        assert worker.check(variant_rgb) == origin.here()
+        assert dr.thread_count() == threads + more
 
 
 #: Lets a worker forget its scenes.
@@ -222,7 +223,7 @@ def kill_one(client):
 
 
 @pytest.mark.slow
-def test_workers_that_are_killed_andscenes_that_are_forgotten(client, lamp):
+def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
     """Another takes the place of the one that was killed, as Dask's nanny begins it anew; and of one whose nanny has
     given up.
     """
@@ -236,7 +237,7 @@ def test_workers_that_are_killed_andscenes_that_are_forgotten(client, lamp):
 
     said = []
     image = there(client, lamp, tell, said.append, integrator=NOISE)
-    assert len(said) == 1 and "a worker was lost, 1 left; others do its work" in said[0]
+    assert len(said) == 1 and "a worker was lost, 1 left; others" in said[0]
     assert not acts and len(told) > 4 and np.array_equal(image, here(lamp, integrator=NOISE))
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
         gone = next(iter(client.cluster.workers.values()))
@@ -336,10 +337,10 @@ def test_a_film(client, lamp, monkeypatch):
     film.write_text(FILM)
     options = ["render", film, "--frames", "0:6", "--resolution", "12x12"]
     one, many, again = ([*options, "-o", film.with_name(name)] for name in ("a", "b", "c"))
-    cluster = ["--cluster", client.scheduler.address]
+    helpers = ["--cluster", client.scheduler.address]
     assert prosim(*one).exit_code == 0
     watch_kernels(client, True)
-    result = prosim(*many, *cluster)
+    result = prosim(*many, *helpers)
     assert result.exit_code == 0 and result.stderr.count("12x12 pixels distort the image") == 1
     takers, clients, saved, make, save = [], [], [], DaskExecutor.make, files.save
     monkeypatch.setattr(DaskExecutor, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
@@ -359,16 +360,16 @@ def test_a_film(client, lamp, monkeypatch):
 
     monkeypatch.setattr(files, "save", saving)
     for said in ("2 of 6 frames rendered; interrupted", "2 had been rendered before; the scheduler has gone away"):
-        result = prosim(*again, *cluster)
-        assert result.exit_code == 1 and f"{said}. The same command goes on" in result.stdout, result.output
-    assert max(map(len, kernels(client))) <= 6  # each frame takes two
+        result = prosim(*again, *helpers)
+        assert result.exit_code == 1 and f"{said}. The same command continues" in result.stdout, result.output
+    assert max(map(len, kernels(client))) <= 8  # six frames; each takes two
     watch_kernels(client, False)
-    result = prosim(*again, *cluster)
+    result = prosim(*again, *helpers)
     assert result.exit_code == 0 and "2 of 6 frames rendered, 4 had been rendered before" in result.stdout
-    assert len(clients) == 3 and len(set(saved)) == 6 and result.stderr.count("a worker was lost, 1 left") == 1
+    assert len(clients) == 3 and len(set(saved)) == 6 and result.stderr.count("a worker was lost, 1 left") <= 1
     for name in "b", "c":
         assert all(alike(film.with_name(f"{name}.000{n}.exr"), film.with_name(f"a.000{n}.exr")) for n in range(6))
-    result = prosim(*again, *cluster, "--anew", "-D", "kd=0.98", "-o", film.with_name("d"))
+    result = prosim(*again, *helpers, "--anew", "-D", "kd=0.98", "-o", film.with_name("d"))
     assert result.exit_code == 2 and f"frame 3: {film}:6:37: found '1.01' after kd" in result.stderr
     assert "d.0002.png" in names(film.parent) and "d.0003.png" not in names(film.parent)
 
@@ -387,9 +388,9 @@ def test_an_image_that_nobody_waits_for_any_more(client, lamp):
         return any(client.run(lambda: hasattr(worker, name)).values())
 
     with DaskExecutor(client, bundle := SceneBundle.of(scene_file.SceneFile(lamp, lamp.parent))) as taker:
-        images = iter([ImageTask("an image", bundle, endless, (), 1)])
-        until = itertools.takewhile(lambda _: not anywhere("begun"), taker.make(images))
-        assert not any(until)
+        images = iter([ImageTask("an image", bundle, endless, ())])
+        with closing(taker.make(images)) as results:
+            assert not any(itertools.takewhile(lambda _: not anywhere("begun"), results))
     end = time.monotonic() + 10
     while not anywhere("ended"):
         assert time.monotonic() < end
@@ -410,10 +411,10 @@ def test_a_scheduler_that_goes_away(lamp, monkeypatch):
     aim = ["--noise", 0.01]
     with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
 
-        def killing(self, record, last):
-            if not last and record().pixels["count"].any():
+        def killing(self, render, last=False):
+            if not last and render.counts().any():
                 process.kill()
-            keep(self, record, last)
+            keep(self, render, last)
 
         with monkeypatch.context() as patch:
             patch.setattr(Keeper, "__call__", killing)

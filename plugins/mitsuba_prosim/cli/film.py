@@ -132,9 +132,9 @@ class Film:
             task = replace(task, begin=unfinished(frame.stem, task.about))
         if self.signals:  # from here on the render listens itself
             return None, "interrupted"
-        executor = workers.executor(bundle)
-        before = 0.0 if executor is None else executor.seconds
-        result = render_image(task, self.bar, executor)
+        before = 0.0 if workers.dask is None else workers.dask.seconds
+        result = render_image(task, self.bar, workers, bundle)
+        executor = workers.dask
         if result.interrupted:
             return None, result.lost or "interrupted"
         self.see(frame, result)
@@ -220,8 +220,10 @@ class Apart:
                 yield image
 
         try:
-            for answer in self.dask.make(images()):
+            answers = self.dask.make(images())
+            for answer in answers:
                 if stopped():
+                    answers.close()
                     break
                 if answer is None:
                     continue

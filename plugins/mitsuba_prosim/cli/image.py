@@ -31,7 +31,9 @@ from .progress import Bar, ImageBar, warn
 from .tev import Viewer, viewer
 
 if TYPE_CHECKING:
+    from ..parallel.bundle import SceneBundle
     from ..parallel.executor import DaskExecutor
+    from .workers import Workers
 
 #: What an image is written as, and its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
@@ -165,9 +167,11 @@ def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     return rendering.progressive(scene, sensor, job.seed, job.spp, **how)
 
 
-def render(task: Task, bar: Bar, executor: DaskExecutor | None = None, shown: Viewer | None = None) -> Result:
-    """Renders and writes an image or its state. ``bar``: shows the progress; ``executor``: takes the samples, if not
-    this process; ``shown``: where the image is shown.
+def render(
+    task: Task, bar: Bar, workers: Workers, bundle: SceneBundle | None = None, shown: Viewer | None = None
+) -> Result:
+    """Renders and writes an image or its state. ``bar`` shows the progress; ``workers`` take the samples if ``bundle``,
+    the scene as it travels, is given, else this process does; ``shown`` is where the image is shown.
 
     Raises InputError, where nothing has been written, and ClickException; ends the process where it was interrupted
     before the first sample, unless it is a frame of a film.
@@ -175,7 +179,7 @@ def render(task: Task, bar: Bar, executor: DaskExecutor | None = None, shown: Vi
     job, is_frame = task.job, bool(task.facts)
     keeper = task.checked()
     with interruptible(task.integrator.cancel) as signals:
-        begun = perf_counter()
+        executor, begun = workers.executor(bundle), perf_counter()
         with failing():
             steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
             while not (signals or gone(executor)) and (step := next(steps, None)) is not None:
@@ -371,7 +375,7 @@ def write_image(job: Job, stem: Path, begin: Record | None = None, sources: Coll
             viewer(job, task.sensor.film()) as shown,
             ImageBar(rendering.keeps(task.integrator)) as bar,
         ):
-            result = render(task, bar, workers.executor(bundle), shown)
+            result = render(task, bar, workers, bundle, shown)
         if result.black:
             warn(result.black)
     click.echo(result.said)

@@ -266,11 +266,9 @@ class DaskExecutor:
             if present is None:
                 self.gone = f"the scheduler {self.address} has gone away"
                 return
-            if self._workers - present:
-                left = len(self._workers & present)
-                self._warn(
-                    f"a worker was lost, {left or 'none'} {'is' if left < 2 else 'are'} left; the image stays the same"
-                )
+            if (self._workers | set(self._checks)) - present:
+                left = len(self._workers & present) or "none"
+                self._warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
             self._workers &= present
             self._refused = {address: why for address, why in self._refused.items() if address in present}
             for address in set(self._checks) - present:

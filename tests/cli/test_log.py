@@ -98,7 +98,7 @@ def test_the_bar_of_a_step_that_had_begun_before(monkeypatch):
             return str(steps.bar)
 
         assert "reference:  50%" in told(0, "reference", 0.5) and "left" not in str(steps.bar)
-        assert "reference:  60%" in told(10, "reference", 0.6) and "| 00:10, 00:40 left" in str(steps.bar)
-        assert "reference:  60%" in told(20, "reference", 0.55) and "| 00:20, 03:00 left" in str(steps.bar)
+        assert "reference:  62%" in told(10, "reference", 0.625) and "| 00:10, 00:30 left" in str(steps.bar)
+        assert "reference:  62%" in told(20, "reference", 0.5625) and "| 00:20, 02:20 left" in str(steps.bar)
         assert "turns:   0%" in told(20, "turns", 0.0) and "| 00:00" in str(steps.bar)
         assert "turns:  25%" in told(50, "turns", 0.25) and "| 00:30, 01:30 left" in str(steps.bar)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Hashable
 from weakref import WeakKeyDictionary
 
 from .language.reading import Last
-from .solids import Faces, Results, Triangles
+from .solids import Faces, Triangles
 from .write.ply import ply
 
 
@@ -12,8 +12,7 @@ class Kept:
     """The faces of the last tree that was evaluated, by the content of its solids, and their PLY files.
 
     What they look like is no part of the content. They take as much memory as they take while they are made. ``made``
-    counts the trees that were evaluated. Of a tree that has changed, what the change does not touch is found in
-    ``results``; of a text that has changed, in ``text``.
+    counts the trees that were evaluated. Of a text that has changed, what has not is found in ``text``.
     """
 
     def __init__(self) -> None:
@@ -21,7 +20,6 @@ class Kept:
         self.found: Faces | None = None
         self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
         self.made = 0
-        self.results = Results()
         self.text = Last()
 
     def faces(self, key: Hashable, make: Callable[[], Faces]) -> Faces:

@@ -79,6 +79,7 @@ def measure(kind, count):
     import warnings
 
     import prosim_scene
+
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.scn"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
@@ -41,6 +40,11 @@ class Sampling:
     time: float
     jitter: str
     band: int
+
+    @property
+    def aims(self) -> bool:
+        """Whether noise or time end the image."""
+        return self.noise > 0 or self.noise_99 > 0 or self.time > 0
 
 
 #: Names of these parameters.
@@ -84,7 +88,7 @@ class Plan:
         """The plan for ``film``; a nonzero ``spp`` stands for N², in the place of ``samples`` and ``max_samples``."""
         full = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or full)
-        if sampling.noise or sampling.noise_99 or sampling.time:
+        if sampling.aims:
             most = sampling.max_samples or UNLIMITED
         elif sampling.adaptive == "graded":
             most = (0 if spp else sampling.max_samples) or GRADED * full
@@ -144,13 +148,6 @@ class Plan:
         """The plan by which all samples after the first ``begin`` are patterns of ``n``²."""
         skipped = dr.opaque(mi.UInt32, begin)
         return replace(self, n=n, permutations=Permutations(n, True), before=self, begin=begin, skipped=skipped)
-
-    def passes(self) -> Iterator[tuple[Plan, int]]:
-        """The passes of a pixel in their order, without end: ``(plan, number of the first sample)``."""
-        if self.before is not None:
-            yield from itertools.takewhile(lambda p: p[1] < self.begin, self.before.passes())
-        for r in itertools.count():
-            yield self, self.begin + r * self.n
 
     def stages(self) -> Iterator[tuple[Plan, int]]:
         """The plans of a pixel's samples in their order: ``(plan, number of the sample that is no more its own)``."""

@@ -79,7 +79,7 @@ class Leaves:
             np.concatenate([s.primitive.quadrics for s in self.solids]),
             np.array([s.to_world for s in self.solids])[at[:, 0]],
         )
-        surface = self._connected(surface, at[:, 0])
+        surface = self._connected(surface, *at.T)
         bearers = np.bincount(surface, bearing[at[:, 0]])
         shared = np.where(bearers[surface] > 1, surface, -1)
         for s, surfaces in zip(self.solids, np.split(shared, np.flatnonzero(np.diff(at[:, 0])) + 1)):
@@ -92,12 +92,14 @@ class Leaves:
         self.solids = [self.solids[i] for i in kept]
         self.of_leaf = renumbered[self.of_leaf]
 
-    def _connected(self, surface: np.ndarray, solid: np.ndarray) -> np.ndarray:
-        """Surfaces (n,) of solids (n,), equal ones by the number of the largest, where their boxes do not touch made
-        different ones: they do not matter to each other.
+    def _connected(self, surface: np.ndarray, solid: np.ndarray, face: np.ndarray) -> np.ndarray:
+        """Surfaces (n,) of faces of solids (n,), those of one number split where they do not matter to each other: flat
+        ones of solids whose boxes do not touch. Each is numbered by its largest bearer.
         """
         boxes = corners(self.solids)[solid]
         low, high = boxes.min(axis=1) - self._step, boxes.max(axis=1) + self._step
+        curved = face == [-1 if (c := self.solids[i].primitive.curved) is None else c for i in solid.tolist()]
+        low[curved], high[curved] = low.min(axis=0), high.max(axis=0)
         # Boxes of different surfaces are moved apart, so that all are looked at together.
         apart = np.unique(surface, return_inverse=True)[1] * 2 * (high.max(axis=0) - low.min(axis=0))[0]
         low[:, 0] += apart

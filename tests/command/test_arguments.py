@@ -15,6 +15,7 @@ def folder(tmp_path, monkeypatch):
         (tmp_path / name).write_bytes(content)
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "jug.xml").write_text("<scene/>")
+    (tmp_path / "scenes" / "pole.scn").write_text("SCENE")
     return tmp_path
 
 
@@ -26,7 +27,8 @@ def folder(tmp_path, monkeypatch):
         ("render", "mug.0007.exr", "'mug.0007.exr' is an EXR image, not a scene. Did you mean mug.scn?"),
         ("render", "night.exr", "'night.exr' is an EXR image, not a scene.\n"),
         ("format", "mgu.scn", "File 'mgu.scn' does not exist. Did you mean mug.scn?"),
-        ("render", "scenes", "'scenes' is a folder. Did you mean scenes/jug.xml?"),
+        ("render", "scenes", "'scenes' is a folder. Did you mean scenes/pole.scn?"),
+        ("render", "pole", "File 'pole' does not exist. Did you mean scenes/pole.scn?"),
         ("render", "scenes/jug.scn", "does not exist. Did you mean scenes/jug.xml?"),
         ("render", "scense/jug.scn", "does not exist (nor does the folder 'scense').\n"),
         ("translate", "scenes/jug.xml", "a scene of Mitsuba's already. To render it: prosim render scenes/jug.xml\n"),

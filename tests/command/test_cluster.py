@@ -139,7 +139,7 @@ def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path)
     [
         (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
         (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
-        (["--cluster", "localhost"], "'localhost' is not of the form tcp://machine:8786"),
+        (["--cluster", "localhost"], "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
         (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
         (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
     ],
@@ -161,7 +161,7 @@ def test_workers_that_can_not_be_begun(lamp, monkeypatch):
 def test_without_the_package_nothing_is_begun(lamp, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     result = prosim("render", lamp, "--workers", 2)
-    assert result.exit_code == 1 and "--workers needs Dask: pip install 'mitsuba-prosim[cluster]'" in result.stderr
+    assert result.exit_code == 1 and "to get it: pip install 'mitsuba-prosim[cluster]'" in result.stderr
     assert names(lamp.parent) == [lamp.name]
 
 

@@ -413,6 +413,8 @@ def test_page_in_a_browser(report):
         (["nosuchintegrator"], "there is no integrator 'nosuchintegrator'. What is compared is INTEGRATOR"),
         (["pth"], "'pth': there is no integrator 'pth'. Did you mean path?"),
         (["prosim", "path:multijiter"], "there is no sampler 'multijiter'. Did you mean multijitter?"),
+        (["prosim", "path,max_dept=4"], "path has no parameter 'max_dept'. Did you mean max_depth?"),
+        (["prosim,adaptiv=none"], "prosim has no parameter 'adaptiv'. Did you mean adaptive?"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
         (["prosim", "path", "--resolution", "5x5"], "too few"),

@@ -182,7 +182,7 @@ def test_a_wrong_frame_is_named_and_those_before_it_are_kept(film):
         (["--frames", "0:3", "-o", "turn.%04d.exr"], "frames number themselves, such as name.0007.exr"),
         (["--frames", "0:3", "--workers", "2", "-m", "scalar_rgb"], "--workers: scalar_rgb"),
         (["--fps", "3"], "--fps is for films"),
-        (["--anew"], "--anew is for films"),
+        (["--overwrite"], "--overwrite is for films"),
         (["-D", "turn=3"], "nothing in the scene says $turn"),
     ],
 )

@@ -5,7 +5,8 @@ import re
 import OpenEXR
 import prosim_scene
 import pytest
-from mitsuba_prosim.command import render, sampled
+from mitsuba_prosim.command import render
+from mitsuba_prosim.command.job import job_of
 from mitsuba_prosim.scene import rendering, scene_file, session
 from running import XML, names, prosim
 from tqdm.auto import tqdm
@@ -15,7 +16,10 @@ from tqdm.auto import tqdm
     "arguments, says",
     [
         (["--resolution", "40"], "not of the form WxH, such as 640x480"),
-        (["--noise", "1%"], "'1%' is not a number, such as 0.01"),
+        (["--noise", "60%"], "'60%' is not a number; write 0.6"),
+        (["--noise", "0,01"], "'0,01' is not a number; write 0.01"),
+        (["--noise", "little"], "'little' is not a number, such as 0.01"),
+        (["--exposre", "1"], "'--exposure'"),
         (["--spp", "many"], "'many' is not a whole number"),
         (["--resolution", "0x4"], "1 to 65536 pixels a side"),
         (["--resolution", "99999999x99999999"], "1 to 65536 pixels a side"),
@@ -93,25 +97,26 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
     """Those that the options ask for stand in what the integrator says of itself."""
     scene = palito if suffix == ".scn" else prosim_scene.translate(palito)
     for asked, samples, said in [
-        ((True, None, None), None, ["diffuse_bounces = -1", "max_level = -1"]),
-        ((True, 2, 0.5), 2, ["diffuse_bounces = -1", "max_level = 2", "threshold = 0.5", "samples = 2"]),
-        ((False, 0, None), None, ["diffuse_bounces = 0", "max_level = 0"]),
+        ({"paths": True}, None, ["diffuse_bounces = -1", "max_level = -1"]),
+        (
+            {"paths": True, "max_level": 2, "threshold": 0.5},
+            2,
+            ["diffuse_bounces = -1", "max_level = 2", "threshold = 0.5", "samples = 2"],
+        ),
+        ({"max_level": 0}, None, ["diffuse_bounces = 0", "max_level = 0"]),
     ]:
         loaded = scene_file.SceneFile(
-            scene,
-            tmp_path / "out",
-            samples=samples,
-            integrator=sampled.parameters(*asked[:2]) | sampled.sampling(asked[2], {}, None, None),
+            scene, tmp_path / "out", samples=samples, integrator=job_of(dict(asked)).integrator
         ).load()
         assert [text for text in said if text not in str(loaded.integrator())] == []
-        assert (loaded.integrator().ambient is None) == asked[0]
+        assert (loaded.integrator().ambient is None) == ("paths" in asked)
 
 
 @pytest.mark.parametrize("said", ["", "CAUSTICS TRUE\n"])
 @pytest.mark.parametrize("asked", [None, True, False])
 def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant_rgb, said, asked):
     palito.write_text(said + palito.read_text(encoding="utf-8"), encoding="utf-8")
-    loaded = scene_file.SceneFile(palito, tmp_path / "out", integrator=sampled.parameters(False, None, asked)).load()
+    loaded = scene_file.SceneFile(palito, tmp_path / "out", integrator=job_of({"caustics": asked}).integrator).load()
     assert loaded.integrator().caustics is (bool(said) if asked is None else asked)
 
 

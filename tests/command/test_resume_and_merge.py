@@ -184,7 +184,7 @@ def test_parts_make_the_image_and_it_goes_on(lamp, tmp_path, monkeypatch):
     said = done("resume", second).stdout
     assert f"It was finished before. When all parts are: prosim merge {tmp_path}/a.*-of-3.exr\n" in said
     said = done("merge", *parts, "-o", tmp_path / "b").stdout
-    assert "The 3 parts can be removed, unless the image is to go on: prosim merge --keep" in said
+    assert "The 3 parts can be removed, unless the image is to be continued: prosim merge --keep" in said
     assert alike(tmp_path / "whole", tmp_path / "b")
 
 

@@ -18,7 +18,7 @@ from mitsuba_prosim.caustics.random import starts
 from mitsuba_prosim.caustics.sources import Sources, Start, left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import Landed
-from mitsuba_prosim.command.sampled import parameters
+from mitsuba_prosim.command.job import job_of
 from mitsuba_prosim.engine import cutting
 from mitsuba_prosim.engine.pursuit import in_full_sets
 from mitsuba_prosim.engine.record import Record
@@ -266,9 +266,9 @@ def test_parts_of_a_wave_are_those_of_its_time(variant_rgb):
 
 
 def test_the_command_asks_for_them_in_a_word():
-    assert parameters(False, None, True) == {"caustics": True}
-    assert parameters(False, None, False) == {"caustics": False}
-    assert parameters(False, None) == {}
+    assert job_of({"caustics": True}).integrator == {"caustics": True}
+    assert job_of({"caustics": False}).integrator == {"caustics": False}
+    assert job_of({"caustics": None}).integrator == {}
 
 
 # ---------------------------------------------------------------- what is refused

@@ -28,7 +28,7 @@ SMALL = 30.0
 
 
 def render(
-    scene: mi.Scene, sensor: mi.Sensor, wanted: Callable[[], bool], job: Job, denoise: bool, facts: dict[str, str]
+    scene: mi.Scene, sensor: mi.Sensor, wanted: Callable[[], bool], job: Job, facts: dict[str, str]
 ) -> Developed:
     """What a worker does for a frame."""
     integrator = scene.integrator()
@@ -38,18 +38,17 @@ def render(
             integrator.cancel()
 
     start = perf_counter()
-    picture = take(scene, sensor, job, denoise, tell, lambda: not wanted())
+    picture = take(scene, sensor, job, job.denoise, tell, lambda: not wanted())
     return develop(job, scene, sensor, picture, perf_counter() - start, further=facts)
 
 
 @dataclass
 class Apart:
-    """Frames, each made by one of the workers of ``taker``. ``denoise``: whether they are denoised; ``size``: bytes of
-    one at most; ``seconds``, ``work``: that one worker takes for one, and its samples, about.
+    """Frames, each made by one of the workers of ``taker``. ``size``: bytes of one at most; ``seconds``, ``work``: that
+    one worker takes for one, and its samples, about.
     """
 
     taker: Remote
-    denoise: bool
     size: int
     seconds: float
     work: int
@@ -99,4 +98,4 @@ class Apart:
             files.spare(frame.sources(), files.SOURCES, frame.stem, SUFFIXES)
             with wrong_input():
                 parcel = Parcel.of(frame.file, frame.job.sensor)
-        return Whole(f"frame {frame.number}", parcel, render, (frame.job, self.denoise, frame.facts), self.work)
+        return Whole(f"frame {frame.number}", parcel, render, (frame.job, frame.facts), self.work)

@@ -1,136 +1,90 @@
 """``prosim compare``: a scene under two integrators or samplers, as a page with every measure."""
 
-import importlib.util
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import mitsuba as mi
+from prosim_scene import extras
 from tqdm.auto import tqdm
 
-from ..scene import atomic, scene_file, session
+from ..scene import atomic, session
 from . import denoised
 from . import output as files
-from .arguments import SCENE
+from .input_files import SceneFile
+from .job import Job, refuse_for_xml, takes_job
 from .lines import Steps
 from .log import log
 from .making import warn
-from .options import STOPS, Finite, InputError, Whole, choose_variant, defines, translation, wrong_input
+from .options import Command, Finite, InputError, Pattern, Whole, option, whole_numbers, wrong_input
 
 SUFFIXES = (".html", ".json", ".csv")
 
 
-class Levels(click.ParamType):
-    """Whole numbers separated by commas."""
-
-    name = "N,N,..."
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
-        """The numbers, in ascending order."""
-        try:
-            levels = tuple(int(word) for word in value.split(",")) if isinstance(value, str) else value
-        except ValueError:
-            levels = ()
-        if len(set(levels)) < 2 or min(levels) < 1:
-            self.fail(f"{value!r} is not of the form N,N,... (two or more)", param, ctx)
-        return tuple(sorted(set(levels)))
+def levels(text: str) -> tuple[int, ...]:
+    """Whole numbers, in ascending order. Raises ValueError where they are less than two."""
+    numbers = sorted(set(whole_numbers(text, ",")))
+    if len(numbers) < 2 or numbers[0] < 1:
+        raise ValueError
+    return tuple(numbers)
 
 
-#: Module -> package, of what this command alone needs.
-NEEDED = {"matplotlib": "matplotlib", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator", "jinja2": "jinja2"}
-
-
-def missing_packages() -> list[str]:
-    """Those of the packages that ``prosim compare`` needs which are not installed."""
-    return [package for module, package in NEEDED.items() if importlib.util.find_spec(module) is None]
-
-
-@click.command()
-@click.argument("scene", type=SCENE)
+@click.command(cls=Command)
+@click.argument("scene", type=SceneFile())
 @click.argument("a", default="prosim")
 @click.argument("b", default="path:multijitter")
-@click.option(
-    "-o",
-    "--output",
-    metavar="PATH",
-    show_default=False,
-    help="Page to write; the numbers go beside it, with the suffixes .json and .csv; or a folder. "
-    "[default: SCENE-compare.html beside the scene]",
+@takes_job(
+    "noise",
+    "denoise",
+    "output",
+    "exposure",
+    "definitions",
+    "resolution",
+    "allow_outside",
+    "mode",
+    "samples",
+    "light_units",
+    "tolerance",
 )
-@click.option(
-    "-m",
-    "--mode",
-    metavar="VARIANT",
-    show_default=False,
-    help="Mitsuba variant. [default: cuda_ad_rgb, metal_ad_rgb or llvm_ad_rgb]",
+@option("Comparison", "--rounds", type=Whole(min=1), default=5, help="Measured runs of each; medians are shown.")
+@option(
+    "Comparison",
+    "--levels",
+    type=Pattern("N,N,...", "2,3,4", levels),
+    default="2,3,4,6,9",
+    help="Square roots of the sample counts of the curves.",
 )
-@defines
-@click.option(
-    "--noise",
-    type=Finite(min=0, min_open=True),
-    show_default=False,
-    help="Let prosim render until the error of the displayed pixels, its root mean square, is so small, white being "
-    "1; what it then takes is what others get. [default: what the scene says]",
-)
-@click.option(
-    "--denoise",
-    is_flag=True,
-    help="Show each contestant's image denoised as well, as prosim render --denoise does it, and count its time.",
-)
-@click.option("--rounds", type=Whole(min=1), default=5, help="Measured runs of each; medians are shown.")
-@click.option("--levels", type=Levels(), default="2,3,4,6,9", help="Square roots of the sample counts of the curves.")
-@click.option(
+@option(
+    "Comparison",
     "--reference-seconds",
     type=Finite(min=0),
     default=60,
-    help="Time for each reference; one that is kept already is continued.",
+    help="Time for each reference; a cached one is continued.",
 )
-@click.option(
-    "--exposure",
-    type=Finite(-STOPS, STOPS),
-    default=0.0,
-    metavar="STOPS",
-    help="Makes everything that is measured and shown brighter by so many factors of two; negative: darker.",
-)
-@click.option(
+@option(
+    "Comparison",
     "--cache",
     type=click.Path(file_okay=False, path_type=Path),
-    show_default=False,
-    help="Folder that references are kept in. [default: mitsuba-prosim/references in the user's cache folder]",
+    help="Folder of references. [default: mitsuba-prosim/references in the user's cache folder]",
 )
-@translation
 def compare(
-    scene: Path,
-    a: str,
-    b: str,
-    output: str | None,
-    mode: str | None,
-    definitions: tuple[tuple[str, str], ...],
-    noise: float | None,
-    denoise: bool,
-    rounds: int,
-    levels: tuple[int, ...],
-    reference_seconds: float,
-    exposure: float,
-    cache: Path | None,
-    resolution: tuple[int, int] | None,
-    samples: int | None,
-    **language: Any,
+    job: Job, a: str, b: str, rounds: int, levels: tuple[int, ...], reference_seconds: float, cache: Path | None
 ) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time, samples, and light left out.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5. B also renders with as many samples, and in as much time, as A; errors are against a
     converged reference. Where A is prosim and B is not, A renders both in B's transport of light and in the scene's.
-    Without SAMPLER, it is the scene's.
+    Without SAMPLER, it is the scene's. The page (.html) and its numbers (.json, .csv) are written beside the scene, as
+    SCENE-compare.
     """
-    if missing := missing_packages():
-        raise click.ClickException(
-            f"prosim compare needs {', '.join(missing)}. Run: pip install 'mitsuba-prosim[compare]'"
-        )
-    stem = files.stem(output, scene.with_name(scene.stem + "-compare"), SUFFIXES, scene)
-    variant = choose_variant(mode)
+    if extras.missing("compare"):
+        raise click.ClickException(extras.needs("prosim compare", "compare"))
+    refuse_for_xml(job, "light_units", "tolerance", "allow_outside")
+    scene, stem = Path(job.scene), files.default_stem(job.output, job.scene, SUFFIXES, "-compare")
+    variant, noise, exposure = job.variant, job.integrator.get("noise"), job.exposure or 0.0
     if variant.startswith("scalar_") or not variant.endswith("_rgb"):
         raise click.ClickException(
             f"prosim compare can't use {variant}: it needs a variant that ends in _rgb and does not begin with scalar_."
@@ -147,12 +101,8 @@ def compare(
                     raise ValueError(f"--noise is for prosim, and neither {a} nor {b} is")
                 specs = specs[0].until(noise), specs[1].until(noise)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            opened = scenes.FileScene(
-                scene_file.SceneFile(
-                    scene, folder, definitions=dict(definitions), resolution=resolution, samples=samples, **language
-                )
-            )
-            if denoise:
+            opened = scenes.FileScene(replace(job, integrator={}).file(folder))
+            if job.denoise:
                 denoised.check(opened.scene().sensors()[0].film())
             for spec in specs:  # whatever is wrong with them shows before the long work
                 try:
@@ -165,7 +115,7 @@ def compare(
         files.check(scene, stem, SUFFIXES, 2**23)
         cache = place_of_references(cache, folder, 2**4 * 3 * width * height)
         with tqdm(total=100, unit="%", bar_format=Steps.FORM, smoothing=0, disable=None, leave=False) as bar:
-            effort = Effort(levels, rounds, reference_seconds, cache, denoise, Steps(bar))
+            effort = Effort(levels, rounds, reference_seconds, cache, job.denoise, Steps(bar))
             facts, images = study(opened, scene.name, *specs, effort, exposure)
     texts = page.html(facts, images), page.json_text(facts), page.csv_text(facts)
     written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))

@@ -12,8 +12,8 @@ import mitsuba as mi
 from ..engine.part import Part
 from ..engine.record import Record
 from ..saved.keeper import Keeper
-from ..scene import black, images, rendering, scene_file
-from . import denoised, reached
+from ..scene import black, images, rendering, report, scene_file
+from . import denoised
 from .job import Job
 
 
@@ -70,24 +70,24 @@ def develop(
     """What the render of ``scene`` that has taken so many ``seconds`` has come to. ``picture``: None where it is not to
     be written; ``end``: what has interrupted it, if something has; ``further``: metadata.
     """
-    integrator = scene.integrator()
+    integrator, exposure = scene.integrator(), job.exposure or 0.0
     contents: Mapping[str, bytes] = {}
     why = None
     if picture is not None:
         facts = metadata(job, integrator, end is not None, seconds) | dict(picture.facts) | dict(further or {})
-        contents = images.encode(picture.bitmap, facts, job.exposure, picture.facts)
+        contents = images.encode(picture.bitmap, facts, exposure, picture.facts)
         shown = images.colours(picture.bitmap)
-        why = None if shown is None else black.why(scene, sensor, shown * 2.0**job.exposure, exposure=job.exposure)
+        why = None if shown is None else black.why(scene, sensor, shown * 2.0**exposure, exposure=exposure)
     width, height = sensor.film().crop_size()
     at_most = None if picture is None else picture.at_most
-    sentence = reached.sentence(integrator, end is not None, end or "", at_most)
+    sentence = report.sentence(integrator, end is not None, end or "", at_most)
     said = sentence, None if picture is None else picture.said
     return Developed(contents, why, (int(width), int(height)), seconds, said)
 
 
 def metadata(job: Job, integrator: mi.Integrator, interrupted: bool, seconds: float) -> dict[str, str]:
     """What an EXR image says of how it was made."""
-    return reached.facts(integrator, interrupted) | {
+    return report.facts(integrator, interrupted) | {
         "prosim.scene": job.scene,
         "prosim.version": version("mitsuba-prosim"),
         "prosim.variant": job.variant,

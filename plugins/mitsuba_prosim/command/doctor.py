@@ -4,25 +4,14 @@ import os
 import platform
 import sys
 from importlib.metadata import version
-from importlib.util import find_spec
 
 import click
 import mitsuba as mi
+from prosim_scene import extras
 
 from .. import llvm
-from ..denoising import oidn
 from ..scene import session
 from ..stock_command import stand_ins
-from .compare import missing_packages
-
-#: What only some need, and the modules that it brings.
-EXTRAS = {
-    "cluster": ["distributed"],
-    "editors": ["pygls"],
-    "watch": ["starlette", "uvicorn", "watchfiles"],
-    "tev": ["tevclient"],
-    "notebooks": ["ipywidgets"],
-}
 
 
 @click.command()
@@ -61,21 +50,8 @@ def doctor() -> None:
     else:
         say("mitsuba", "the mitsuba command runs plugins written in Python on Linux only; use prosim render")
 
-    lacking = missing_packages()
-    say(
-        "compare",
-        f"lacks {', '.join(lacking)}; to get them: pip install 'mitsuba-prosim[compare]'" if lacking else "ready",
-    )
-    try:
-        say("denoise", f"Open Image Denoise {oidn.load().oidn_version()}")
-    except oidn.MissingError:
-        say("denoise", "lacks mitsuba-oidn; to get it: pip install 'mitsuba-prosim[denoise]'")
-    for extra, modules in EXTRAS.items():
-        lacking = [name for name in modules if find_spec(name) is None]
-        say(
-            extra,
-            f"lacks {', '.join(lacking)}; to get it: pip install 'mitsuba-prosim[{extra}]'" if lacking else "ready",
-        )
+    for extra in sorted(extras.EXTRAS):
+        say(extra, extras.needs("", extra).strip() if extras.missing(extra) else "ready")
 
     for trouble in troubles:
         click.echo(f"\n{trouble}")

@@ -21,9 +21,9 @@ from .helping import Helping, pack
 from .interrupts import interruptible
 from .job import Job
 from .log import log
-from .making import refuse_to_keep, refuse_waves, size_of_image, warn
+from .making import refuse_to_keep, size_of_image, warn
 from .making import render as render_image
-from .options import Helpers, wrong_input
+from .options import wrong_input
 
 #: What is said of a film that was ended by a signal.
 INTERRUPTED = "interrupted"
@@ -32,29 +32,27 @@ INTERRUPTED = "interrupted"
 class Film:
     """The frames of one job, rendered in their order; finished ones that are there already are left."""
 
-    def __init__(self, job: Job, stem: Path, frames: Sequence[int], fps: float, keep: bool, denoise: bool, anew: bool):
-        """``keep``, ``denoise``: as for :func:`.making.make`; ``anew``: whether frames that are there are not left."""
-        self.job, self.stem, self.frames, self.fps = job, stem, frames, fps
-        self.keep, self.denoise, self.anew = keep, denoise, anew
+    def __init__(self, job: Job, stem: Path, frames: Sequence[int]) -> None:
+        self.job, self.stem, self.frames, self.fps = job, stem, frames, job.fps or FPS
         self.kept = prosim_scene.Kept()
         self.made = self.left = self.black = 0
         #: Why frames are black; each reason is said once.
         self.reasons: set[str] = set()
         self.text = Path(job.scene).read_bytes()
         with wrong_input():
-            self.names = scene_file.uses(job.scene, {**job.definitions, **definitions(0, fps)}, (FRAME, TIME))
+            self.names = scene_file.uses(job.scene, {**job.definitions, **definitions(0, self.fps)}, (FRAME, TIME))
             if not self.names and len(frames) > 1:
                 raise ValueError(
                     f"{job.scene} says neither ${FRAME} nor ${TIME}, so all frames would be alike; say where it moves, "
                     f"such as {{360 * ${FRAME} / {len(frames)}}}"
                 )
 
-    def render(self, threads: int | None, verbose: int, helpers: Helpers | None = None) -> str | None:
-        """Renders what is missing, or lets ``helpers`` do so; returns by what it was interrupted, in words."""
-        helping = Helping(helpers, threads, warn)
+    def render(self) -> str | None:
+        """Renders what is missing, or lets workers do so; returns by what it was interrupted, in words."""
+        helping = Helping(self.job, warn)
         with (
-            log(verbose),
-            session.threads(threads),
+            log(self.job.verbose),
+            session.threads(self.job.threads),
             atomic.scratch() as folder,
             interruptible(lambda: None) as signals,
             helping,
@@ -82,8 +80,8 @@ class Film:
             with naming(number), wrong_input():
                 file = job.file(folder, self.kept)
                 self.see_changes(number)
-                made_of = digest(job, file, self.denoise)
-            if self.anew or not is_there(stem, made_of):
+                made_of = digest(job, file)
+            if job.overwrite or not is_there(stem, made_of):
                 yield Frame(number, job, stem, file, made_of)
                 continue
             self.left += 1
@@ -98,11 +96,11 @@ class Film:
         with wrong_input():
             scene = frame.file.load()
             opened = frame.file, scene, scene_file.pick_sensor(scene, job.sensor)
-            about = job.about(frame.file) if self.keep else None
-            if self.keep:
+            about = job.about(frame.file) if job.keep else None
+            if job.keep:
                 refuse_to_keep(scene.integrator())
-            parcel = pack(helping.helpers, frame.file, scene.integrator(), job.sensor)
-        begin = None if about is None or self.anew else unfinished(frame.stem, about)
+            parcel = pack(job, frame.file, scene.integrator())
+        begin = None if about is None or job.overwrite else unfinished(frame.stem, about)
         if signals:  # from here on the render listens itself
             return None, INTERRUPTED
         before = helping.spent()
@@ -112,7 +110,6 @@ class Film:
             frame.stem,
             begin,
             about,
-            denoise=self.denoise,
             frame=frame.facts,
             bar=lambda *_: progress(scene, bar),
             by=partial(helping, parcel),
@@ -125,11 +122,11 @@ class Film:
         self.made += 1
         integrator = scene.integrator()
         # A state is kept here, so that nothing is lost with a worker; and a time is that of all of them.
-        if helping.taker is None or self.keep or integrator.time or (self.denoise and helping.elsewhere):
+        if helping.taker is None or job.keep or integrator.time or (job.denoise and helping.elsewhere):
             return None, None
         seconds, work = (now - then for now, then in zip(helping.spent(), before))
-        size = size_of_image(integrator, opened[2].film(), self.denoise)
-        return Apart(helping.taker, self.denoise, size, seconds, int(work)), None
+        size = size_of_image(integrator, opened[2].film(), job.denoise)
+        return Apart(helping.taker, size, seconds, int(work)), None
 
     def frames_apart(self, apart: Apart, frames: Iterator[Frame], bar: tqdm, signals: list[int]) -> str | None:
         """Lets each worker make some of the next frames, as long as they are small; returns by what it was interrupted,
@@ -186,33 +183,20 @@ def progress(scene: mi.Scene, bar: tqdm) -> Iterator[Callable[[float], None] | N
     bar.update(begun + 100 - bar.n)
 
 
-def render(
-    job: Job,
-    stem: Path,
-    frames: Sequence[int],
-    fps: float | None,
-    threads: int | None,
-    verbose: int,
-    keep: bool,
-    denoise: bool,
-    anew: bool,
-    helpers: Helpers | None = None,
-) -> None:
+def render(job: Job, stem: Path) -> None:
     """Renders the frames of ``job`` and says what was done; ends the process where it was interrupted.
 
     Raises UsageError, InputError and ClickException; what is finished by then is kept.
     """
     if given := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(given)}=... and --frames both say what ${min(given)} stands for; give one.")
-    if helpers is not None:
-        refuse_waves([str(helpers)], job.variant)
     if "%" in stem.name:
         raise click.BadParameter(
-            f"{stem.name!r}: frames number themselves, such as name.0007.exr; give the name alone.", param_hint="-o"
+            f"'{stem.name}': frames number themselves, such as name.0007.exr; give the name alone.", param_hint="-o"
         )
-    film = Film(job, stem, frames, fps or FPS, keep, denoise, anew)
-    interruption = film.render(threads, verbose, helpers)
+    film = Film(job, stem, job.frames or ())
+    interruption = film.render()
     if interruption:
-        click.echo(f"{film.said()}; {interruption}. The same command goes on with the others.")
+        click.echo(f"{film.said()}; {interruption}. The same command continues with the others.")
         sys.exit(1)
     click.echo(film.said())

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,31 +23,6 @@ from .making import STATE
 
 #: What a frame's EXR says of what it was made of; see :func:`digest`.
 DIGEST = "prosim.digest"
-
-#: Beyond this a film is a mistake: an hour and a half at 24 frames a second.
-LAST = 2**17
-
-
-class Frames(click.ParamType):
-    """Frames such as 0:48, 0:48:2 or 7, counted as Python's slices are: the last one is not among them."""
-
-    name = "A:B[:STEP]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> range:
-        """The numbers of the frames, one at least, from 0."""
-        try:
-            numbers = [int(word) for word in value.split(":")]
-            frames = range(*numbers) if len(numbers) > 1 else range(numbers[0], numbers[0] + 1)
-        except (TypeError, ValueError):
-            self.fail(f"{value!r} is not of the form {self.name}, such as 0:48, 0:48:2 or 7", param, ctx)
-        if not frames or min(frames) < 0 or max(frames) >= LAST or frames.step < 0:
-            self.fail(
-                f"{value!r}: A is 0 or more, B is more than A (frame B is not rendered), STEP is 1 or more, and no "
-                f"frame is beyond {LAST - 1}",
-                param,
-                ctx,
-            )
-        return frames
 
 
 @dataclass(frozen=True)
@@ -95,15 +70,15 @@ def of_frame(job: Job, number: int, fps: float, names: set[str]) -> Job:
     return replace(job, definitions={**job.definitions, **own}, seed=(job.seed + number) % 2**32)
 
 
-def digest(job: Job, file: scene_file.SceneFile, denoise: bool) -> str:
+def digest(job: Job, file: scene_file.SceneFile) -> str:
     """What is the same for frames of the same bytes, wherever the scene lies: SHA-256 of the scene's content, of what
     is changed in it, and of what makes its samples.
     """
     here = origin.here()
     own = job if file.xml == file.path else replace(job, definitions={})  # said in the translation
-    said = asdict(replace(own, scene="")) | {
+    said = replace(own, scene="").image() | {
         "digest": file.digest(),
-        "denoise": denoise,
+        "denoise": job.denoise,
         "origin": [here[name] for name in origin.EXACT],
     }
     return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()

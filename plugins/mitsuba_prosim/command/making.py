@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -19,8 +19,8 @@ from ..engine.part import Part
 from ..engine.record import Record
 from ..engine.state import KEPT
 from ..saved.keeper import Keeper
-from ..scene import atomic, rendering, scene_file, session
-from . import denoised, reached, tev
+from ..scene import atomic, rendering, report, scene_file, session
+from . import denoised, tev
 from . import output as files
 from .developed import develop, take
 from .helping import Helping, pack
@@ -28,7 +28,7 @@ from .interrupts import interruptible
 from .job import Job
 from .lines import Left, Lines
 from .log import log
-from .options import Helpers, InputError, wrong_input
+from .options import InputError, refuse_waves, wrong_input
 
 if TYPE_CHECKING:
     from ..cluster.remote import Remote
@@ -50,49 +50,31 @@ class Made:
     black: str | None
 
 
-def make(
-    job: Job,
-    stem: Path,
-    threads: int | None,
-    verbose: int,
-    begin: Record | None = None,
-    keep: bool = False,
-    part: Part | None = None,
-    denoise: bool = False,
-    helpers: Helpers | None = None,
-    view: tuple[str, int] | None = None,
-    sources: Collection[Path] = (),
-) -> None:
-    """Renders ``job`` and writes its image in both kinds, ``stem`` being their path without suffix; says what was done.
+def make(job: Job, stem: Path, begin: Record | None = None, sources: Collection[Path] = ()) -> None:
+    """Renders ``job``, or its part alone, and writes its image, ``stem`` being the path without suffix; prints what was
+    done.
 
-    ``threads``: None for all; ``verbose``: as for :func:`.log.log`; ``begin``: goes on from there; ``keep``: whether to
-    write the state beside the image, from time to time and at the end; ``part``: renders this part of it alone, of
-    which the state is all that is written; ``denoise``: whether the image is denoised, where none of these is asked
-    for; ``helpers``: who takes the samples, if not this process; ``view``: where the viewer tev is, if it shows the
-    image; ``sources``: the files of ``begin``, which no image may overwrite.
-    Raises InputError, where nothing has been written, and ClickException; ends the process where it was
-    interrupted.
+    ``begin``: continues from there; ``sources``: the files of ``begin``, which no image may overwrite. Raises
+    InputError, where nothing has been written, and ClickException; ends the process where it was interrupted.
     """
-    with log(verbose), session.threads(threads):
+    keep = job.keep or job.part is not None
+    with log(job.verbose), session.threads(job.threads):
         with atomic.scratch() as folder, wrong_input():
             opened = job.open(folder)
             about = job.about(opened[0]) if keep or begin is not None else {}
             if about:
                 refuse_to_keep(opened[1].integrator())
             refuse_another_scene(job, begin, about)
-            if helpers is not None:
-                refuse_waves([str(helpers)], job.variant)
             sources = [*sources, *(path.resolve() for _, path in opened[0].named_files())]
-            parcel = pack(helpers, opened[0], opened[1].integrator(), job.sensor)
-        beside = tev.beside(progress_bar, view, job.scene, opened[2].film(), warn)
-        with Helping(helpers, threads, warn) as helping, beside as bar:
+            parcel = pack(job, opened[0], opened[1].integrator())
+        beside = tev.beside(progress_bar, job.view, job.scene, opened[2].film(), warn)
+        with Helping(job, warn) as helping, beside as bar:
             by = partial(helping, parcel)
-            kept = about if keep else None
-            made = render(job, opened, stem, begin, kept, part, denoise, bar=bar, by=by, sources=sources)
+            made = render(job, opened, stem, begin, about if keep else None, bar=bar, by=by, sources=sources)
     click.echo(made.said)
     if made.interrupted:
         if made.keeper is not None:
-            click.echo(f"To go on with it: prosim resume {made.keeper.path}")
+            click.echo(f"To continue it: prosim resume {made.keeper.path}")
         sys.exit(1)
 
 
@@ -102,8 +84,6 @@ def render(
     stem: Path,
     begin: Record | None = None,
     keep: Mapping[str, Any] | None = None,
-    part: Part | None = None,
-    denoise: bool = False,
     frame: Mapping[str, str] | None = None,
     bar: Callable[[mi.Integrator, str], AbstractContextManager[Callable[[float], None] | None]] | None = None,
     by: Callable[[mi.Integrator], AbstractContextManager[Remote | None]] = lambda _: nullcontext(),
@@ -117,9 +97,9 @@ def render(
     ``sources``: files that no image may overwrite.
     """
     file, loaded, chosen = opened
-    integrator = loaded.integrator()
-    refuse_waves((name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)), job.variant)
-    size = size_of_image(integrator, chosen.film(), denoise)
+    integrator, part = loaded.integrator(), job.part
+    refuse_waves([name for name in ("noise", "noise_99", "time") if getattr(integrator, name, 0)], job.variant)
+    size = size_of_image(integrator, chosen.film(), job.denoise)
     suffixes: tuple[str, ...] = SUFFIXES if part is None else ()
     keeper, state = None, STATE if part is None else f".{part}.exr"
     if keep is not None:
@@ -134,7 +114,7 @@ def render(
         try:
             with (bar or progress_bar)(integrator, job.variant) as tell:
                 picture = take(
-                    loaded, chosen, job, denoise, tell, lambda: bool(signals or gone(taker)), begin, keeper, part
+                    loaded, chosen, job, job.denoise, tell, lambda: bool(signals or gone(taker)), begin, keeper, part
                 )
         except ValueError as error:
             raise InputError(str(error)) from None
@@ -142,7 +122,7 @@ def render(
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
         lost = gone(taker)
         seconds, interrupted = perf_counter() - start, bool(signals or lost)
-        if interrupted and frame is None and reached.nothing(integrator):
+        if interrupted and frame is None and report.nothing(integrator):
             nothing = "before the image had begun; nothing was written."
             if lost:
                 raise click.ClickException(f"{lost} {nothing}")
@@ -161,7 +141,7 @@ def render(
             files.save(stem, {state: keeper.unwritten})
         written.append(keeper.path)
     said = [
-        made.line(job, file, written, part) + (f", {reached.interrupted(integrator)}" if interrupted else ""),
+        made.line(job, file, written, part) + (f", {report.interrupted(integrator)}" if interrupted else ""),
         lost,
         *(made.said[1:] if part else made.said),
     ]
@@ -218,16 +198,6 @@ def size_of_state(integrator: mi.Integrator, film: mi.Film, part: Part | None) -
 def warn(text: str) -> None:
     """Says something beside the progress bar."""
     tqdm.write(f"warning: {text}", file=sys.stderr)
-
-
-def refuse_waves(names: Iterable[str], variant: str) -> None:
-    """Raises InputError where something of these names was asked of a scalar variant, which knows no waves."""
-    if variant.startswith("scalar_") and (names := list(names)):
-        raise InputError(
-            f"{', '.join(names)}: {variant} finishes one pixel after the other, each with the samples of the scene's "
-            "sampler, and can't go by what the whole image has come to. Take a variant that can, such as -m "
-            "llvm_ad_rgb (prosim doctor says which this machine can run), or say --spp instead."
-        )
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
@@ -11,6 +10,7 @@ from typing import Any
 
 import click
 import mitsuba as mi
+from prosim_scene import extras
 
 from ..scene import images
 from ..watch.due import Due
@@ -23,19 +23,6 @@ PATIENCE = 10.0
 
 #: What shows the progress of a render, and yields what is to be told of it; as :func:`.making.progress_bar`.
 Bar = Callable[[Any, str], AbstractContextManager[Callable[[float], None] | None]]
-
-
-class Place(click.ParamType):
-    """Where tev is: ``tev``, or ``tev=HOST:PORT``."""
-
-    name = "tev[=HOST:PORT]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, int]:
-        """Host and port."""
-        found = re.fullmatch(r"tev(?:=(?P<host>.+):(?P<port>\d{1,5}))?", value)
-        if not found:
-            self.fail(f"{value!r} is not of the form {self.name}", param, ctx)
-        return (found["host"], int(found["port"])) if found["port"] else (HOST, PORT)
 
 
 @contextmanager
@@ -77,9 +64,7 @@ class Viewer:
         try:
             import tevclient
         except ImportError:
-            raise click.ClickException(
-                "--view tev needs tevclient, for Python 3.11 or later: pip install 'mitsuba-prosim[tev]'"
-            ) from None
+            raise click.ClickException(extras.needs("--view tev (Python 3.11 or later)", "tev")) from None
         self._name, self._film, self._warn = name, film, warn
         #: Whether the film has no crop window: within a wave one that has is as large as without.
         self.whole = list(film.crop_size()) == list(film.size())

@@ -9,8 +9,9 @@ import click
 import prosim_scene
 
 from ..stock_command import stand_ins
-from .arguments import LANGUAGE
-from .options import InputError, defines, translation
+from .input_files import LanguageFile
+from .job import Job, takes_job
+from .options import Command, InputError, option
 from .output import KNOWN, expanded, refuse_folders
 
 
@@ -22,45 +23,47 @@ class Folder(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The folder's path."""
-        path = Path(os.fsdecode(super().convert(expanded(os.fsdecode(value)), param, ctx)))
-        if path.suffix.lower() in KNOWN and not path.exists():
+        path = Path(os.fsdecode(super().convert(str(expanded(os.fsdecode(value))), param, ctx)))
+        if KNOWN.fullmatch(path.suffix.lower()) and not path.exists():
             self.fail(f"'{path}': name the folder; the file in it is called after the scene.", param, ctx)
-        refuse_folders(os.fsdecode(value), path)
+        refuse_folders(path)
         return path
 
 
-@click.command()
-@click.argument("scene", type=LANGUAGE)
-@click.option("-o", "--output", type=Folder(), show_default=False, help="Folder to write to. [default: the scene's]")
-@click.option(
+@click.command(cls=Command)
+@click.argument("scene", type=LanguageFile())
+@takes_job("definitions", "resolution", "allow_outside", "samples", "light_units", "tolerance")
+@option("Output", "-o", "--output", type=Folder(), help="Folder to write to. [default: the scene's]")
+@option(
+    "Output",
     "--target",
     type=click.Choice(["prosim", "stock"]),
     default="prosim",
     help="Plugins that the XML names: this package's, or only those that Mitsuba brings.",
 )
-@click.option("--check", is_flag=True, help="Write nothing; only say what is wrong or doubtful.")
-@defines
-@translation
-def translate(
-    scene: Path, output: Path | None, check: bool, definitions: tuple[tuple[str, str], ...], **options: Any
-) -> None:
+@option("Output", "--check", is_flag=True, help="Write nothing; only print errors and warnings.")
+def translate(job: Job, output: Path | None, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
-    options["define"] = dict(definitions)
+    options: dict[str, Any] = {
+        "target": target,
+        "define": job.definitions,
+        "resolution": job.resolution,
+        "samples": job.samples,
+        **job.language,
+    }
     try:
         if check:
-            prosim_scene.check(scene, **options)
-        else:
-            click.echo(prosim_scene.translate(scene, output, **options))
-            if options["target"] == "prosim" and sys.platform == "linux" and not stand_ins.installed():
-                click.echo(
-                    "prosim render can render this scene; for the mitsuba command, run once: prosim link", err=True
-                )
+            prosim_scene.check(job.scene, **options)
+            return
+        click.echo(prosim_scene.translate(job.scene, output, **options))
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
+    if target == "prosim" and sys.platform == "linux" and not stand_ins.installed():
+        click.echo("prosim render can render this scene; for the mitsuba command, run once: prosim link", err=True)
 
 
 @click.command("format")
-@click.argument("scenes", type=LANGUAGE, nargs=-1, required=True)
+@click.argument("scenes", type=LanguageFile(), nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES in the thesis's scene language in tidy form; what they mean stays the same."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import re
 from abc import ABC, abstractmethod
@@ -9,9 +10,11 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..compat import UNREFERENCED
 from ..saved import origin
 from ..scene import scene_file
 from ..scene.errors import nearest
+from ..scene.overrides import SAMPLING
 from .runs import Contestant
 
 #: How a contestant is said.
@@ -185,8 +188,18 @@ class Spec:
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
+#: Parameters of integrators, Mitsuba's and ours, that contestants are given.
+PARAMETERS = (*SAMPLING, "caustics", "diffuse_bounces", "hide_emitters", "max_depth", "max_level", "rr_depth")
+
+
 def unknown(spec: Spec, error: RuntimeError) -> str | None:
-    """What is said where ``error`` is that Mitsuba knows no such integrator or sampler; None where it is another."""
+    """What is said where ``error`` is that Mitsuba knows no such integrator, sampler or parameter; None where it is
+    another.
+    """
+    if (found := UNREFERENCED.search(str(error))) and found[2] in spec.parameters:
+        near = difflib.get_close_matches(found[2], PARAMETERS, n=1)
+        hint = f" Did you mean {near[0]}?" if near else ""
+        return f"{spec.text!r}: {found[1]} has no parameter {found[2]!r}.{hint}"
     found = re.search(r'Plugin "(.+?)" not found', str(error))
     kinds = {spec.integrator: mi.ObjectType.Integrator, spec.sampler: mi.ObjectType.Sampler}
     if not found or (name := found[1]) not in kinds:

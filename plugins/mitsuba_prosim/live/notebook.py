@@ -16,6 +16,7 @@ from weakref import WeakSet
 import mitsuba as mi
 import numpy as np
 import prosim_scene
+from prosim_scene import extras
 
 from ..scene import session
 from ..scene.images import compress, png
@@ -111,7 +112,7 @@ class View:
         try:
             import ipywidgets as widgets
         except ImportError as error:
-            raise ImportError("show needs ipywidgets: pip install 'mitsuba-prosim[notebooks]'") from error
+            raise ImportError(extras.needs("show", "notebooks")) from error
         from IPython.display import display
 
         #: What renders it in the background, where there is a notebook.

@@ -16,8 +16,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..command import reached
-from ..scene import rendering, scene_file, session
+from ..scene import rendering, report, scene_file, session
 
 #: Option -> (its long form, whether a value follows), in the order in which the native command tries them.
 OPTIONS = {
@@ -180,7 +179,7 @@ def render(scene: mi.Scene, index: int, path: str) -> None:
             write()
 
     rendering.render(scene, sensor, tell=progress)
-    if said := reached.sentence(integrator, interrupted=False):
+    if said := report.sentence(integrator, interrupted=False):
         mi.Log(mi.LogLevel.Info, said)
     write()
 

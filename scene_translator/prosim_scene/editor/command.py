@@ -2,6 +2,8 @@
 
 import click
 
+from .. import extras
+
 
 @click.command("language-server")
 def language_server() -> None:
@@ -14,7 +16,5 @@ def language_server() -> None:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("pygls", "lsprotocol"):
             raise
-        raise click.ClickException(
-            "the language server needs the package pygls: pip install 'mitsuba-prosim[editors]'"
-        ) from None
+        raise click.ClickException(extras.needs("the language server", "editors")) from None
     serve()

@@ -9,7 +9,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.caustics.caustics import Caustics
+from mitsuba_prosim.caustics.caustics import Caustics, placed
 from mitsuba_prosim.caustics.footprint import Footprint
 from mitsuba_prosim.caustics.gathering import Gathering
 from mitsuba_prosim.caustics.merging import expected
@@ -342,15 +342,19 @@ def met_by_rays():
     }
 
 
-def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb):
-    """The same line, of a photon that starts and of a ray of the eye that ends in its source."""
+@pytest.mark.parametrize("edge", (1, 4))
+def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb, edge):
+    """The same line, of a photon that starts and of a ray of the eye that ends in its source. A pair has ``edge``²
+    cells.
+    """
     glass = {"type": "dielectric"}
     world = scene(4, near=ball(glass), far=ball(glass, (1, 0.3, 1), 0.3), **met_by_rays())
     sources, n = Sources(world, Targets.of(world)), 128
-    pair = dr.arange(mi.UInt32, sources.pairs * n) // n
-    shares = 100 + 50 * dr.arange(mi.Float, sources.pairs)
-    start = sources.start(pair, shares, *starts(mi.UInt32(5), dr.arange(mi.UInt32, dr.width(pair))), mi.Color0f())
-    own = dr.gather(mi.EmitterPtr, sources.pointers, pair // 2)
+    i = dr.arange(mi.UInt32, sources.pairs * n)
+    cell = i * edge**2 // n
+    shares = 100 + 50 * dr.arange(mi.Float, sources.pairs * edge**2)
+    start = sources.start(cell, shares, *starts(mi.UInt32(5), i), mi.Color0f())
+    own = dr.gather(mi.EmitterPtr, sources.pointers, i // (2 * n))
     origin = dr.zeros(mi.Interaction3f)
     origin.p = start.ray(dr.select(own.is_environment(), 0, 0.1))
     ds = mi.DirectionSample3f(world, world.ray_intersect(mi.Ray3f(origin.p, -start.ray.d)), origin)
@@ -471,8 +475,12 @@ def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(varian
 ROUGHLY = {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.05}
 
 
-@pytest.mark.parametrize("glass", ({"type": "dielectric"}, ROUGHLY), ids=("smooth", "rough"))
-def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(variant_rgb, glass):
+@pytest.mark.parametrize(
+    "glass, cells",
+    (({"type": "dielectric"}, 1), ({"type": "dielectric"}, 16), (ROUGHLY, 1)),
+    ids=("smooth", "by cells", "rough"),
+)
+def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(variant_rgb, glass, cells):
     """Walls of radiance 1 send pi times the surface of a ball into it. Facets that shade one another lose some, as much
     as the eye misses of an even sky that it sees through the ball.
     """
@@ -480,9 +488,9 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     thing = ball(glass, (0.2, 0.1, 0), 0.5)
     world = mi.load_dict({"type": "scene", "sensor": camera(4), "walls": walls, "ball": thing})
     caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
-    n = 1 << 17
-    i = dr.arange(mi.UInt32, n)
-    start = caustics.sources.start(0 * i, mi.Float(n), *starts(mi.UInt32(7), i), mi.Color0f())
+    shares, _, cell = placed(np.linspace(0.3, 1.7, cells) * (1 << 17) / cells if cells > 1 else np.array([1 << 17]))
+    i = dr.arange(mi.UInt32, dr.width(cell))
+    start = caustics.sources.start(cell, shares, *starts(mi.UInt32(7), i), mi.Color0f())
     landed, _ = caustics.walk(start, i)
     power = dr.sum(dr.select(landed.lies, landed.flux.x, 0))[0]
     place = (
@@ -712,6 +720,42 @@ CASES = {
     ),
     "through a slab, on what is taken whole": (lambda: ball({"type": "dielectric"}), lamp),
 }
+
+
+def specks(image, by=0.05):
+    """Number of isolated bright pixels: those whose displayed luminance exceeds each of the 8 around by ``by``."""
+    shown = np.where(image <= 0.0031308, 12.92 * image, 1.055 * np.maximum(image, 0.0031308) ** (1 / 2.4) - 0.055)
+    y = np.clip(shown, 0, 1) @ (0.2126, 0.7152, 0.0722)
+    h, w = y.shape
+    padded = np.pad(y, 1, mode="edge")
+    around = [padded[j : j + h, i : i + w] for j in range(3) for i in range(3) if (i, j) != (1, 1)]
+    return int((y > np.max(around, axis=0) + by).sum())
+
+
+#: name -> head of a figure whose body is painted, on a glossy floor.
+HEADS = {"glass": {"type": "dielectric"}, "frosted": {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}}
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_photons_of_a_large_glossy_floor_are_no_specks(variant_rgb, head):
+    """Few of the photons that a floor reflects come to what is seen. They made some ten specks an image; now there are
+    as few as without photons, but for two in four images.
+    """
+    gloss = {"type": "prosim_phong", "diffuse_reflectance": 0.4, "specular_reflectance": 0.2, "exponent": 60.0}
+    paint = {"type": "prosim_composite", "diffuse_reflectance": 0.3, "int_ior": 1.5, "exponent": 40.0}
+    world = scene(
+        100,
+        sensor=camera(100, (0.3, 1.2, 5), (0, 0.7, 0), 28),
+        floor=floor(0.4) | {"bsdf": gloss, "to_world": mi.ScalarTransform4f().rotate((1, 0, 0), -90).scale(14)},
+        body={"type": "cylinder", "p0": (0, 0, 0), "p1": (0, 0.9, 0), "radius": 0.3, "bsdf": paint},
+        head=ball(HEADS[head], (0, 1.25, 0), 0.33),
+        lamp=lamp(0.3, 350.0, (-3, 4.5, 3.5)),
+    )
+    found = [
+        sum(specks(render(world, k, samples=5, caustics=on, caustic_photons=1 << 18)) for k in range(4))
+        for on in (True, False)
+    ]
+    assert found[0] <= found[1] + 2
 
 
 @pytest.mark.slow

@@ -12,8 +12,8 @@ import click
 import mitsuba as mi
 from prosim_scene import extras
 
+from ..live.throttle import Throttle
 from ..scene import images
-from ..watch.due import Due
 
 #: Where tev listens, if nothing else was said when it was started.
 HOST, PORT = "127.0.0.1", 14158
@@ -39,7 +39,7 @@ def beside(
 
     @contextmanager
     def both(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
-        due = Due()
+        due = Throttle()
         with bar(integrator, variant) as tell:
 
             def told(part: float) -> None:

@@ -38,7 +38,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """
     if extras.missing("watch"):
         raise click.ClickException(extras.needs("prosim watch", "watch"))
-    from ..watch import changes, server, studio
+    from ..live import server, viewer
 
     refuse_for_xml(job, "light_units", "tolerance")
     refuse_waves(["prosim watch"], job.variant)
@@ -59,11 +59,11 @@ def watch(job: Job, port: int, browser: bool) -> None:
         def opened(document: Document | None = None) -> tuple[scene_file.SceneFile, Any, Any]:
             return job.open(folder, kept, confined, document)
 
-        shown = studio.Studio(Path(job.scene), opened, job.spp, job.seed, job.denoise)
+        shown = viewer.Viewer(Path(job.scene), opened, job.spp, job.seed, job.denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
-            state, bitmap, integrator = shown.result()
-            facts = metadata(job, integrator, state.doing != "done", state.seconds)
+            state, bitmap, integrator, reached = shown.result()
+            facts = metadata(job, integrator, reached, state.doing != "done", state.seconds)
             return images.encode(bitmap, facts, exposure)
 
         with server.served(shown, encode, sock) as address:
@@ -73,8 +73,8 @@ def watch(job: Job, port: int, browser: bool) -> None:
             with (
                 log(job.verbose),
                 session.threads(job.threads),
-                changes.watched(shown.files.known, shown.desk.saved, shown.files.missing),
-                interruptible(shown.desk.leave),
+                shown.files.watched(shown.requests.saved),
+                interruptible(shown.requests.close),
             ):
                 shown.run()
 

@@ -174,12 +174,10 @@ def put_parts_together(most: int, folder: Path, size: int, chance: random.Random
         for of in range(1, most + 1):
             paths = [folder / f"part.{number}-of-{of}.exr" for number in range(1, of + 1)]
             for number, path in enumerate(paths, 1):
-                integrator.keep = lambda record, last, path=path: saved.save(record(), path) if last else None
-                for _ in integrator.waves(loaded, seed=1, part=Part(number, of)):
-                    pass
-            integrator.keep = None
+                part = integrator.progressive(loaded, seed=1, part=Part(number, of)).run()
+                saved.save(part.checkpoint(), path)
             chance.shuffle(paths)
-            *_, last = integrator.waves(loaded, seed=1, begin=saved.merge(paths))
+            last = integrator.progressive(loaded, seed=1, begin=saved.merge(paths)).run()
             if np.array(last.image()).tobytes() != whole:
                 raise SystemExit(f"{policy}, {rfilter}, {of} parts: the bytes are others")
         print(f"{policy}, {rfilter}: the same bytes from 1 to {most} parts", flush=True)

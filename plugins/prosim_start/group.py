@@ -12,7 +12,7 @@ COMMANDS = {
     "compare": ("compare:compare", "Compare two integrators or samplers on a scene."),
     "doctor": ("doctor:doctor", "Print what was found on this machine."),
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
-    "language-server": ("prosim_scene.editor.command:language_server", "Help an editor with scenes."),
+    "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.link:link", "Let the mitsuba command run plugins in Python."),
     "merge": ("resume:merge", "Make the image of parts that were rendered one by one."),
     "render": ("render:render", "Render a scene to an EXR and a PNG image."),

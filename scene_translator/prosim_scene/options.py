@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
-from .language.messages import SceneError
-from .language.quantities import Numbers
-from .language.words import PIXELS, numbers
+from .language.diagnostics import SceneError
+from .language.words import PIXELS, Numbers, numbers
 from .targets import TARGETS, lights
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from .assembling import assemble, looking
+from .files import read
 from .kept import Kept
 from .language import document_of
+from .language.diagnostics import SceneError
 from .language.document import Document
-from .language.files import read
-from .language.messages import SceneError
 from .model import Scene
 from .nodes import Comment, Node
 from .options import Options
@@ -23,14 +23,13 @@ from .write import output, xml
 AnyPath = str | os.PathLike[str]
 
 
-def document(path: AnyPath, define: Mapping[str, object] | None = None, kept: Kept | None = None) -> Document:
-    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`;
-    ``kept`` is what the text of before has left: of that, only what has changed is read.
+def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
+    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`.
 
     :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
     asked for first is read but once. Raises :class:`SceneError`.
     """
-    return document_of(read(path), path, define, kept.text if kept else None)
+    return document_of(read(path), path, define)
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:

@@ -78,10 +78,12 @@ def there(client, path, tell=None, say=lambda _: None, **changes):
     file = scene_file.SceneFile(path, path.parent, **changes)
     scene = file.load()
     integrator = scene.integrator()
-    integrator.progress = tell
-    with cluster.Remote(client, Parcel.of(file), say) as taker:
-        integrator.taker = taker
-        return np.array(integrator.render(scene, seed=2))
+    with cluster.Remote(client, Parcel.of(file), say) as executor:
+        render = integrator.progressive(scene, seed=2, executor=executor)
+        for step in render:
+            if tell is not None:
+                tell(step.done)
+        return np.array(render.image())
 
 
 # ------------------------------------------------------------------ what travels

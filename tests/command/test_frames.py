@@ -112,15 +112,15 @@ def test_what_is_finished_is_kept_where_it_is_interrupted(film, monkeypatch, kee
     assert rendered(film, *options, "-o", film.with_name("whole")) == (3, 0)
     take, begun = making.take, []
 
-    def interrupted(*arguments):
-        scene, sensor, job, denoise, _, stopped, record, *others = arguments
-        begun.append(record)
+    def interrupted(*arguments, **how):
+        scene, sensor, job, denoise, _, stopped, *others = arguments
+        begun.append(how["begin"])
 
-        def tell(_):
+        def tell(*_):
             if len(begun) == 2 and not stopped():
                 os.kill(os.getpid(), signal.SIGINT)
 
-        return take(scene, sensor, job, denoise, tell, stopped, record, *others)
+        return take(scene, sensor, job, denoise, tell, stopped, *others, **how)
 
     monkeypatch.setattr(making, "take", interrupted)
     done = prosim("render", film, *options)
@@ -137,9 +137,9 @@ def test_what_is_finished_is_kept_where_it_is_interrupted(film, monkeypatch, kee
 def test_a_scene_that_changes_meanwhile(film, monkeypatch):
     take = making.take
 
-    def changing(*arguments):
+    def changing(*arguments, **how):
         film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
-        return take(*arguments)
+        return take(*arguments, **how)
 
     monkeypatch.setattr(making, "take", changing)
     done = prosim("render", film, "--frames", "1:4")

@@ -84,10 +84,10 @@ def test_a_variant_that_this_machine_cannot_run(scene, monkeypatch):
 
 
 def test_memory_that_is_not_there(scene, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise RuntimeError("jit_malloc(): out of memory!")
 
-    monkeypatch.setattr(rendering, "render", fail)
+    monkeypatch.setattr(rendering, "progressive", fail)
     done = prosim("render", scene)
     assert done.exit_code == 1 and "could not be rendered: jit_malloc(): out of memory!" in done.stderr
 
@@ -176,4 +176,4 @@ def test_what_is_going_on_is_said_from_the_beginning(scene, monkeypatch):
     monkeypatch.setattr("mitsuba_prosim.command.making.tqdm", Bar)
     scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/></integrator>'))
     assert prosim("render", scene).exit_code == 0
-    assert words == ["compiling kernels", "rendering"]
+    assert words[0] == "compiling kernels" and set(words[1:]) == {"rendering"}

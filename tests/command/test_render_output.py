@@ -139,7 +139,7 @@ def test_nothing_that_the_image_is_made_of_is_overwritten(palito, variant_rgb):
     ],
 )
 def test_what_cannot_be_written_is_found_before_the_render(scene, monkeypatch, place, says):
-    monkeypatch.setattr(rendering, "render", lambda *_: pytest.fail("has rendered"))
+    monkeypatch.setattr(rendering, "progressive", lambda *_, **__: pytest.fail("has rendered"))
     done = prosim("render", scene, "-o", scene.parent / place)
     assert done.exit_code == 2 and re.search(says, done.stderr)
     assert names(scene.parent) == ["scene.xml"]

@@ -70,11 +70,11 @@ def test_time_alone_says_what_the_noise_is_at_most(scene, variant_rgb):
     loaded = mi.load_string(NOISY.replace('"path"/>', '"prosim_adaptive"><integrator type="path"/></integrator>'))
     integrator = loaded.integrator()
     integrator.noise, integrator.adaptive = 0.001, "graded"
-    *_, snapshot = integrator.waves(loaded)
-    assert 0.9 < snapshot.noise_at_most() / integrator.reached.noise < 10
+    render = integrator.progressive(loaded).run()
+    assert 0.9 < render.noise_at_most() / render.reached.noise < 10
     integrator.noise, integrator.adaptive = 0, "none"
-    *_, snapshot = integrator.waves(loaded, spp=1)
-    assert math.isnan(snapshot.noise_at_most())
+    render = integrator.progressive(loaded, spp=1).run()
+    assert math.isnan(render.noise_at_most())
 
 
 def test_an_integrator_that_takes_no_samples_from_a_sensor(scene):
@@ -104,7 +104,7 @@ def test_a_signal_after_the_first_wave_leaves_a_whole_image(scene, monkeypatch):
     monkeypatch.setattr(os, "_exit", lambda _: None)
     scene.write_text(NOISY)
     done = prosim("render", scene, "--noise", 1e-5)
-    assert done.exit_code == 1 and "ended by a signal" in done.stdout
+    assert done.exit_code == 1 and "ended by a signal" in done.stdout, done.output
     assert facts(scene)["ended"] == "interrupted"
     assert pixels(scene.with_suffix(".exr")).max(axis=2).min() > 0
     assert told == sorted(told)

@@ -60,8 +60,8 @@ def stop_within(monkeypatch, portions):
     monkeypatch.setattr(Keeper, "SHARE", 1e9)
     keep, left = Keeper.__call__, [portions]
 
-    def call(self, record, last):
-        keep(self, record, last)
+    def call(self, render, last=False):
+        keep(self, render, last)
         self.writer.join()
         left[0] -= 1
         if left[0] == 0:

@@ -19,7 +19,7 @@ from mitsuba_prosim.caustics.sources import Sources, Start, left_out
 from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import Landed
 from mitsuba_prosim.command.job import job_of
-from mitsuba_prosim.engine import cutting
+from mitsuba_prosim.engine import work
 from mitsuba_prosim.engine.pursuit import in_full_sets
 from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.light.table import Lights
@@ -179,17 +179,14 @@ def test_an_image_goes_on_as_if_there_had_been_nothing_between(variant_rgb):
         {"type": "prosim", "samples": 2, "max_samples": 30, "adaptive": "graded", "caustics": True}
         | {"caustic_photons": 1 << 12, "threshold": 1e-4}
     )
-    records = []
-    integrator.keep = lambda record, end: records.append(record())
-    whole = np.array(mi.render(world, integrator=integrator, seed=3))
-    integrator.keep = None
-    begun = next(record for record in records if not record.finished)
-    for _ in integrator.waves(world, seed=3, begin=begun):
-        pass
+    render = integrator.progressive(world, seed=3)
+    begun, *_ = [render.checkpoint() for _ in render]
+    whole = np.array(render.image())
+    integrator.progressive(world, seed=3, begin=begun).run()
     assert np.array_equal(np.array(world.sensors()[0].film().develop()), whole)
     integrator.caustic_photons += 1
     with pytest.raises(ValueError, match="photons of a set: 4096 there, 4097 here"):
-        next(integrator.waves(world, seed=3, begin=begun))
+        integrator.progressive(world, seed=3, begin=begun)
     assert isinstance(begun, Record)
 
 
@@ -214,19 +211,21 @@ def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
     more = {"samples": 2, "max_samples": 32, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 10}
     world = small(12, integrator={"type": "prosim", "band": 40} | more)
     integrator = world.integrator()
-    *_, last = integrator.waves(world, seed=1)
-    assert len(drawn) == 8 and np.all(np.array(last.state.estimate.count) == 32)
+
+    def counts(executor=None):
+        render = integrator.progressive(world, seed=1, executor=executor).run()
+        return np.array(render.state.estimate.count)
+
+    assert np.all(counts() == 32) and len(drawn) == 8
     image = np.array(world.sensors()[0].film().develop())
-    integrator.taker = taker = Elsewhere(world, most=1500)
-    assert np.array_equal(np.array(integrator.render(world, seed=1)), image)
+    taker = Elsewhere(world, most=1500)
+    assert np.all(counts(taker) == 32) and np.array_equal(np.array(world.sensors()[0].film().develop()), image)
     assert len(taker.compiled) > 5 and taker.estimator.transport.caustics.draws == 8 == len(drawn[8:])
-    integrator.taker = None
     del drawn[8:]
     monkeypatch.setattr(
         Photons, "of", lambda *rest, of=Photons.of: (drawn[-1] == 10 and integrator.cancel(), of(*rest))[1]
     )
-    *_, last = integrator.waves(world, seed=1)
-    assert len(drawn) == 12 and set(np.array(last.state.estimate.count).tolist()) <= {12, 16}
+    assert set(counts().tolist()) <= {12, 16} and len(drawn) == 12
 
 
 def test_portions_of_the_second_image_of_a_few_pixels_have_the_same_photons(variant_rgb):
@@ -255,13 +254,12 @@ def test_parts_of_a_wave_are_those_of_its_time(variant_rgb):
     state = SimpleNamespace(
         estimator=SimpleNamespace(transport=SimpleNamespace(caustics=caustics)),
         plan=SimpleNamespace(first=SimpleNamespace(n=2)),
-        taker=SimpleNamespace(in_turn=True),
         set_cost=10.0,
     )
-    spans = [span for _, span in cutting.steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state)]
+    spans = [span for _, span in work.photon_steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state, 1)]
     assert np.allclose(spans, [(0, 18 / 46), (18 / 46, 32 / 46), (32 / 46, 1)])
-    state.taker.in_turn = False  # two sets to a step
-    spans = [span for _, span in cutting.steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state)]
+    # Two sets to a step.
+    spans = [span for _, span in work.photon_steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state, None)]
     assert np.allclose(spans, [(0, 32 / 56), (32 / 56, 1)])
 
 

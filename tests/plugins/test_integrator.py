@@ -433,30 +433,28 @@ def test_several_sensors_and_specfilm(variant_spectral):
 @pytest.mark.parametrize("kept", [0, 1 << 30])
 def test_progress_and_cancel(variant_rgb, monkeypatch, kept):
     """What is stopped is a whole image, by one sample where there was none; where sums are not kept, after the first
-    wave alone. What was finished before is as it would be.
+    pass alone. What was finished before is as it would be.
     """
     monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     scene = mi.load_dict(penumbra(type="prosim", band=64))
     integrator = scene.integrator()
-    done = []
-    integrator.progress = done.append
-    whole = np.array(mi.render(scene))
+    done = [step.done for step in integrator.progressive(scene)]
+    whole = np.array(scene.sensors()[0].film().develop())
     assert done == sorted(done) and len(done) > 16 and done[-1] == 1
     first = np.array(mi.render(scene, integrator=mi.load_dict({"type": "prosim", "threshold": 1e9})))
 
     def stopped(part):
-        def stop(done):
-            if done > part:
+        render = integrator.progressive(scene)
+        for step in render:
+            if step.done > part:
                 integrator.cancel()
-
-        integrator.progress = stop
-        return np.array(mi.render(scene))
+        assert not render.finished
+        return np.array(scene.sensors()[0].film().develop())
 
     early, late = stopped(0.1), stopped(0.3)
     one = np.array(mi.render(scene, integrator=mi.load_dict({"type": "prosim", "time": 1e-6})))
     assert np.array_equal(early[:12], first[:12]) and np.array_equal(early[-8:], one[-8:] if kept else 0 * one[-8:])
     assert ((late == first) | (late == whole)).all() and (late[-8:] > 0).any()
-    integrator.progress = None
     assert np.array_equal(np.array(mi.render(scene)), whole)
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 from mitsuba_prosim.scene import atomic
-from prosim_scene.replacing import PART
+from prosim_scene import PART
 
 
 @contextmanager

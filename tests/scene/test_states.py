@@ -3,6 +3,7 @@
 import errno
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import mitsuba as mi
 import numpy as np
@@ -155,12 +156,12 @@ def test_a_state_is_written_every_few_seconds_and_seldom_where_that_takes_long(t
     monkeypatch.setattr("time.thread_time", lambda: processor[0])
     monkeypatch.setattr("drjit.thread_count", lambda: 4)
     monkeypatch.setattr(atomic, "write", write)
-    keeper = Keeper(tmp_path / "a", {}, said.append)
+    keeper, render = Keeper(tmp_path / "a", {}, said.append), SimpleNamespace(checkpoint=record)
 
     def until(seconds):
         del written[:]
         while clock[0] < seconds:
-            keeper(record, False)
+            keeper(render)
             if keeper.writer is not None:
                 keeper.writer.join()
             clock[0] += 0.25
@@ -177,7 +178,7 @@ def test_a_state_is_written_every_few_seconds_and_seldom_where_that_takes_long(t
     cost[0] = -1e-9
     until(clock[0] + 100)
     assert len(written) > 10 and len(said) == 1 and "full; the render goes on" in said[0]
-    keeper(record, True)
+    keeper(render, True)
     assert keeper.unwritten is not None
     keeper.unwritten(tmp_path / "b")
     assert (tmp_path / "b").read_bytes()[:4] == b"\x76\x2f\x31\x01"

@@ -9,7 +9,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine import collector
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from . import random
@@ -88,7 +87,6 @@ class Caustics:
         """Maps of a set, for patterns of ``n``² samples."""
         return min(n * n, MAPS)
 
-    @collector.suspended()
     def draw(self, seed: int, number: int, n: int) -> None:
         """Makes the set ``number`` under ``seed``, for passes of ``n`` samples, what samples gather from."""
         self._drawn, glossy = self.photons((seed, number, n))
@@ -96,7 +94,6 @@ class Caustics:
             self.merging.draw(glossy, self._places(self.maps(n))[0])
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
-    @collector.suspended()
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
         """Those of a set, on diffuse surfaces, and on glossy ones where these gather any: kept, or drawn."""
         if which not in self._sets:

@@ -45,11 +45,7 @@ def render(
             'integrator={"noise": 0.01}: it is put within prosim_adaptive then.'
         )
     with Remote(client or distributed.default_client(), parcel, warnings.warn) as taker:
-        integrator.taker, taker.stop = taker, integrator.cancel
-        try:
-            image = integrator.render(loaded, chosen, seed=seed, spp=spp)
-        finally:
-            integrator.taker = None
+        render = integrator.progressive(loaded, chosen, seed, spp, executor=taker).run()
         if taker.gone:
             raise ClusterError(taker.gone)
-    return image
+        return render.image()

@@ -31,14 +31,8 @@ def render(
     scene: mi.Scene, sensor: mi.Sensor, wanted: Callable[[], bool], job: Job, facts: dict[str, str]
 ) -> Developed:
     """What a worker does for a frame."""
-    integrator = scene.integrator()
-
-    def tell(_: float) -> None:
-        if not wanted():
-            integrator.cancel()
-
     start = perf_counter()
-    picture = take(scene, sensor, job, job.denoise, tell, lambda: not wanted())
+    picture = take(scene, sensor, job, job.denoise, None, lambda: not wanted())
     return develop(job, scene, sensor, picture, perf_counter() - start, further=facts)
 
 
@@ -77,7 +71,12 @@ class Apart:
                 yield image
 
         try:
-            for image, made in self.taker.make(images(), stopped):
+            for answer in self.taker.make(images()):
+                if stopped():
+                    break
+                if answer is None:
+                    continue
+                image, made = answer
                 frame = asked.pop(image)
                 self.seconds = made.seconds
                 with naming(frame.number):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import click
 import mitsuba as mi
 
 from ..denoising import halves, layers, oidn
+from ..engine.render import Reached
 from .options import InputError
 
 #: Channels of the raw and of the denoised image, and of the errors.
@@ -25,6 +26,8 @@ class Picture:
     facts: Mapping[str, str] = field(default_factory=dict)
     said: str | None = None
     at_most: float | None = None
+    #: How far the render came; None where the integrator does not say.
+    reached: Reached | None = None
 
 
 def check(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
@@ -42,18 +45,12 @@ def check(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
         raise InputError(f"--denoise: {error}") from None
 
 
-def render(
-    scene: mi.Scene,
-    sensor: mi.Sensor,
-    seed: int,
-    spp: int,
-    tell: Callable[[float], None] | None,
-    stopped: Callable[[], bool],
-) -> Picture:
-    """Renders and denoises; where that is ``stopped``, the first half, or what there is of it, stays as it is."""
-    both = halves.halves(scene, sensor, scene.integrator(), seed, spp, tell, stopped)
+def denoise(render: halves.Rendering, film: mi.Film) -> Picture:
+    """Denoises what was rendered; where that was stopped, the first half, or what there is of it, stays as it is."""
+    both = render.halves
     if both.second is None:
-        return Picture(layers.undenoised(both), {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted")
+        facts, said = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
+        return Picture(layers.undenoised(both), facts, said, reached=render.reached)
     result = both.denoised()
     raw, final = result.noise(result.raw_error), result.noise(result.final_error)
     facts = {
@@ -63,6 +60,6 @@ def render(
         "prosim.denoised.raw_noise": f"{raw:.6g}",
     }
     said = f"denoised: noise about {final:.2g}, raw {raw:.2g}"
-    if not sensor.film().rfilter().is_box_filter():
+    if not film.rfilter().is_box_filter():
         said += " (the film's filter is wider than a pixel: a denoiser can do more with a box filter)"
-    return Picture(layers.bitmap(both, result), facts, said)
+    return Picture(layers.bitmap(both, result), facts, said, reached=render.reached)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.definitions import FPS, FRAME, TIME
+from prosim_scene import FPS, FRAME, TIME
 from tqdm.auto import tqdm
 
 from ..scene import atomic, rendering, scene_file, session
@@ -172,14 +173,14 @@ class Film:
 
 
 @contextmanager
-def progress(scene: mi.Scene, bar: tqdm) -> Iterator[Callable[[float], None] | None]:
+def progress(scene: mi.Scene, bar: tqdm) -> Iterator[rendering.Tell | None]:
     """Yields what is to be told the part of a frame that is done, or None; at the end all of it is."""
     begun = bar.n
 
-    def tell(done: float) -> None:
+    def tell(done: float, _: Any) -> None:
         bar.update(max(begun + 100 * done - bar.n, 0))
 
-    yield tell if rendering.tells_progress(scene.integrator()) else None
+    yield tell if rendering.keeps(scene.integrator()) else None
     bar.update(begun + 100 - bar.n)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 import OpenEXR
-from prosim_scene.language.definitions import FRAME, TIME
+from prosim_scene import FRAME, TIME
 
 from .. import saved
 from ..engine.record import Record

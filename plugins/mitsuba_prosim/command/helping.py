@@ -77,12 +77,7 @@ class Helping:
         from ..cluster.faults import ClusterError
 
         try:
-            taker = self._turned_to(parcel)
-            integrator.taker, taker.stop = taker, integrator.cancel
-            try:
-                yield taker
-            finally:
-                integrator.taker, taker.stop = None, lambda: None
+            yield self._turned_to(parcel)
         except ClusterError as error:
             raise click.ClickException(str(error)) from None
 

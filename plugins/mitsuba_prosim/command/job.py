@@ -13,7 +13,7 @@ from typing import Any
 import click
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
 from ..engine.part import Part
 from ..engine.record import Record
@@ -119,7 +119,7 @@ class Job:
         except (KeyError, TypeError):
             raise ValueError(
                 "this state was not kept by prosim render, so the command can't know what it is of; continue it where "
-                "it comes from, by integrator.waves(begin=...)"
+                "it comes from, by integrator.progressive(begin=...)"
             ) from None
 
     def about(self, file: scene_file.SceneFile) -> dict[str, Any]:

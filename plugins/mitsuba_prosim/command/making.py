@@ -85,7 +85,7 @@ def render(
     begin: Record | None = None,
     keep: Mapping[str, Any] | None = None,
     frame: Mapping[str, str] | None = None,
-    bar: Callable[[mi.Integrator, str], AbstractContextManager[Callable[[float], None] | None]] | None = None,
+    bar: Callable[[mi.Integrator, str], AbstractContextManager[rendering.Tell | None]] | None = None,
     by: Callable[[mi.Integrator], AbstractContextManager[Remote | None]] = lambda _: nullcontext(),
     sources: Collection[Path] = (),
 ) -> Made:
@@ -113,16 +113,16 @@ def render(
         start = perf_counter()
         try:
             with (bar or progress_bar)(integrator, job.variant) as tell:
-                picture = take(
-                    loaded, chosen, job, job.denoise, tell, lambda: bool(signals or gone(taker)), begin, keeper, part
-                )
+                how = {} if job.denoise else {"begin": begin, "part": part, "executor": taker}
+                stopped = lambda: bool(signals or gone(taker))  # noqa: E731
+                picture = take(loaded, chosen, job, job.denoise, tell, stopped, keeper, **how)
         except ValueError as error:
             raise InputError(str(error)) from None
         except (RuntimeError, MemoryError) as error:
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
         lost = gone(taker)
         seconds, interrupted = perf_counter() - start, bool(signals or lost)
-        if interrupted and frame is None and report.nothing(integrator):
+        if interrupted and frame is None and report.nothing(picture.reached):
             nothing = "before the image had begun; nothing was written."
             if lost:
                 raise click.ClickException(f"{lost} {nothing}")
@@ -131,7 +131,7 @@ def render(
         end = None if not interrupted else "the loss of the cluster" if lost else "a signal"
         written: list[Path] = []
         unwritten = part is not None or (frame is not None and interrupted)
-        made = develop(job, loaded, chosen, None if unwritten else picture, seconds, end, frame)
+        made = develop(job, loaded, chosen, picture, seconds, end, frame, not unwritten)
         if made.contents:
             written = files.save(stem, made.contents)
         if made.black and frame is None:
@@ -141,7 +141,7 @@ def render(
             files.save(stem, {state: keeper.unwritten})
         written.append(keeper.path)
     said = [
-        made.line(job, file, written, part) + (f", {report.interrupted(integrator)}" if interrupted else ""),
+        made.line(job, file, written, part) + (f", {report.interrupted(picture.reached)}" if interrupted else ""),
         lost,
         *(made.said[1:] if part else made.said),
     ]
@@ -201,20 +201,20 @@ def warn(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
+def progress_bar(integrator: mi.Integrator, variant: str) -> Iterator[rendering.Tell | None]:
     """Shows how far a render is, with the time left, if the integrator tells: by a bar if a person watches, else by a
     line now and then.
 
     Yields the function to be told the part done, 0 to 1, or None.
     """
-    told = rendering.tells_progress(integrator)
+    told = rendering.keeps(integrator)
     form = "{l_bar}{bar}| {elapsed}" if told else "{desc}"
     # The first step comes when the kernels are compiled and a part is rendered.
-    doing = "compiling kernels" if told and not variant.startswith("scalar") else "rendering"
+    doing = "compiling kernels" if told else "rendering"
     with tqdm(desc=doing, total=100, unit="%", bar_format=form, disable=None, file=sys.stderr, leave=False) as bar:
         lines, left = Lines(), Left()
 
-        def tell(done: float) -> None:
+        def tell(done: float, _: Any) -> None:
             if bar.disable:
                 lines("rendering", done)
             bar.set_description_str("rendering", refresh=False)

@@ -13,7 +13,7 @@ import mitsuba as mi
 from prosim_scene import extras
 
 from ..live.throttle import Throttle
-from ..scene import images
+from ..scene import images, rendering
 
 #: Where tev listens, if nothing else was said when it was started.
 HOST, PORT = "127.0.0.1", 14158
@@ -22,7 +22,7 @@ HOST, PORT = "127.0.0.1", 14158
 PATIENCE = 10.0
 
 #: What shows the progress of a render, and yields what is to be told of it; as :func:`.making.progress_bar`.
-Bar = Callable[[Any, str], AbstractContextManager[Callable[[float], None] | None]]
+Bar = Callable[[Any, str], AbstractContextManager[rendering.Tell | None]]
 
 
 @contextmanager
@@ -38,19 +38,19 @@ def beside(
     viewer = Viewer(*place, Path(scene).stem, film, warn)
 
     @contextmanager
-    def both(integrator: mi.Integrator, variant: str) -> Iterator[Callable[[float], None] | None]:
+    def both(integrator: mi.Integrator, variant: str) -> Iterator[rendering.Tell | None]:
         due = Throttle()
         with bar(integrator, variant) as tell:
 
-            def told(part: float) -> None:
+            def told(part: float, render: Any) -> None:
                 if tell is not None:
-                    tell(part)
-                if due and viewer.whole:
+                    tell(part, render)
+                if due:
                     with due.drawing():
-                        integrator.flush()
+                        render.put()
                         viewer.show()
 
-            yield told if hasattr(integrator, "flush") else tell
+            yield told
             viewer.show()
 
     with closing(viewer):
@@ -66,8 +66,6 @@ class Viewer:
         except ImportError:
             raise click.ClickException(extras.needs("--view tev (Python 3.11 or later)", "tev")) from None
         self._name, self._film, self._warn = name, film, warn
-        #: Whether the film has no crop window: within a wave one that has is as large as without.
-        self.whole = list(film.crop_size()) == list(film.size())
         self._begun = False
         self._tev: Any = tevclient.Ipc(host, port)
         before = socket.getdefaulttimeout()

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from prosim_scene import Kept, extras
-from prosim_scene.language.document import Document
+from prosim_scene import Document, Kept, extras
 
 from ..denoising import oidn
 from ..scene import atomic, images, scene_file, session

@@ -16,18 +16,26 @@ if TYPE_CHECKING:
     RaySampler = Callable[[mi.Float, mi.Float, mi.Point2f, mi.Point2f], tuple[mi.Ray3f, mi.Spectrum]]
 
 
-def ray_sampler(sensor: mi.Sensor) -> RaySampler:
-    """What ``sensor.sample_ray_differential`` is, but for the differentials, for a film without a crop window.
+def has_own_rays(sensor: mi.Sensor) -> bool:
+    """Whether :func:`ray_sampler` knows the camera's matrices, so that the crop window of the film has no say."""
+    return bool(sensor.class_name() == "PerspectiveCamera")
 
-    Not every sensor has a ``sample_ray``. Mitsuba's perspective camera has the film's size as a
-    constant in its code, so that each resolution would be compiled anew: its rays are made here, by its own matrices.
+
+def ray_sampler(sensor: mi.Sensor) -> RaySampler:
+    """Returns what ``sensor.sample_ray_differential`` does without differentials, by a place on the whole film. A
+    sensor without :func:`has_own_rays` is to be :func:`uncropped` when it is called.
+
+    Not every sensor has a ``sample_ray``. Mitsuba's perspective camera has the film's size as a constant in its code,
+    so that Dr.Jit would compile a kernel for each resolution: its rays are made here, by its own matrices.
     """
-    if sensor.class_name() != "PerspectiveCamera":
+    if not has_own_rays(sensor):
         return sensor.sample_ray_differential
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
-    to_camera = sensor.projection_transform().inverse()
-    near, far = dr.opaque(mi.Float, sensor.near_clip()), dr.opaque(mi.Float, sensor.far_clip())
+    size, near, far = mi.ScalarVector2i(sensor.film().size()), sensor.near_clip(), sensor.far_clip()
+    fov = float(params["x_fov"][0])  # a literal, as the kernel of an array would have the size as a constant
+    to_camera = mi.perspective_projection(size, size, mi.ScalarVector2i(0), fov, near, far).inverse()
+    near, far = dr.opaque(mi.Float, near), dr.opaque(mi.Float, far)
     dr.make_opaque(to_camera, offset)
 
     def sample_ray(
@@ -49,8 +57,8 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
 
 @contextlib.contextmanager
 def uncropped(sensor: mi.Sensor) -> Iterator[None]:
-    """The film of ``sensor`` without its crop window, so that the rays of a crop are those of the whole image to the
-    bit (a sensor scales positions by the window).
+    """Removes the crop window of the film of ``sensor`` for a while, so that the rays of a crop are those of the whole
+    image to the bit (a sensor scales positions by the window). Only within :func:`.alone`, as the film is the user's.
     """
     film = sensor.film()
     offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())

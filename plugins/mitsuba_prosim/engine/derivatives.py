@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .accumulate import Image
-from .camera import ray_sampler, uncropped
+from .camera import uncropped
 from .estimate import Estimator
 from .plan import Plan, index_within, pixels
 
@@ -42,7 +42,6 @@ class Derivatives:
         offsets = range(-plan.reach, plan.reach + 1)
         x, y, *_ = pixels(plan.region)
         with uncropped(self.sensor):
-            self.estimator.rays = ray_sampler(self.sensor)
             for plan, start in self.plan.passes():
                 start = dr.opaque(mi.UInt32, start)
                 taken = dr.compress(self.counts > start)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +14,12 @@ from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import NRook, SamplerPoints
 from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
+from .camera import ray_sampler
 from .error import error_between_passes, standard_error
 from .film import Channels, luminance
 from .plan import Plan
 
 if TYPE_CHECKING:
-    from .camera import RaySampler
-
     #: From the sums of the luminance and of its square over the first ``t`` samples: which pixels need no more.
     Quiet = Callable[[mi.Float, mi.Float, mi.UInt32], mi.Bool]
 
@@ -102,8 +100,7 @@ class Estimator:
         self.plan, self.scene, self.sensor, self.transport, self.channels = plan, scene, sensor, transport, channels
         #: What the samples are drawn from, if not from N-rook patterns; and how often it was seeded.
         self.sampler, self.seeded = sampler, 0
-        #: What :func:`.camera.ray_sampler` returns, to be set where the sensor is :func:`.camera.uncropped`.
-        self.rays: RaySampler | None = None
+        self.rays = ray_sampler(sensor)
         width, height = (int(v) for v in sensor.film().size())
         self.rfilter = sensor.film().rfilter()
         self.inverse_size = mi.Vector2f(dr.opaque(mi.Float, 1 / width), dr.opaque(mi.Float, 1 / height))
@@ -136,7 +133,6 @@ class Estimator:
         if moving:
             time += other.x * self.sensor.shutter_open_time()
         on_film = (mi.Point2f(mi.Float(x), mi.Float(y)) + position) * self.inverse_size
-        assert self.rays is not None
         ray, weight = self.rays(time, wavelength, on_film, lens)
         return ray, weight, position
 
@@ -182,32 +178,21 @@ class Estimator:
         down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
-    def take(
-        self,
-        x: mi.Int32,
-        y: mi.Int32,
-        start: Estimate,
-        end: mi.UInt32,
-        quiet: Quiet | None = None,
-        running: Callable[[], AbstractContextManager[Any]] = nullcontext,
-    ) -> Estimate:
-        """Goes on from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or are ``quiet`` after
-        a pass. All arguments are evaluated arrays, so that one kernel serves every wave, and so is what is returned;
-        ``running()`` surrounds the running of kernels.
+    def take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None = None) -> Estimate:
+        """Continues from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or are ``quiet``
+        after a pass. All arguments are evaluated arrays, so that one kernel serves every item; so is what it returns.
         """
         caustics = self.transport.caustics
         if caustics is None:
             start = self._take(x, y, start, end, quiet)
-            with running():
-                dr.eval(start)
+            dr.eval(start)
             return start
         for which in self.sets(self.plan, start.count, end):
             caustics.draw(*which)
             _, number, n = which
             until = dr.minimum(end, dr.opaque(mi.UInt32, (number + 1) * caustics.maps(n)))
             start = self._take(x, y, start, dr.maximum(start.count, until), quiet)
-            with running():
-                dr.eval(start)
+            dr.eval(start)
         return start
 
     def sets(self, plan: Plan, count: mi.UInt32, end: mi.UInt32) -> Iterator[tuple[int, int, int]]:

@@ -42,6 +42,11 @@ class Sampling:
     jitter: str
     band: int
 
+    @property
+    def aims(self) -> bool:
+        """Whether noise or time end the image."""
+        return self.noise > 0 or self.noise_99 > 0 or self.time > 0
+
 
 #: Names of these parameters.
 SAMPLING = tuple(field.name for field in fields(Sampling))
@@ -84,7 +89,7 @@ class Plan:
         """The plan for ``film``; a nonzero ``spp`` stands for N², in the place of ``samples`` and ``max_samples``."""
         full = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or full)
-        if sampling.noise or sampling.noise_99 or sampling.time:
+        if sampling.aims:
             most = sampling.max_samples or UNLIMITED
         elif sampling.adaptive == "graded":
             most = (0 if spp else sampling.max_samples) or GRADED * full

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Any
 
 import drjit as dr
@@ -16,6 +15,7 @@ from .plan import UNLIMITED, in_patterns, pixels
 from .state import State
 from .target import Target
 from .twin import Twin
+from .work import Limit, Pass
 
 #: A set of photons is worth while for so many times fewer samples than there are photons, or than all pixels take.
 SPARSE = 2
@@ -32,8 +32,17 @@ class Pursuit:
     #: chance it ends too early. A wave aims a little lower.
     ENOUGH, AIM = 0.97, 0.94
 
-    def __init__(self, target: Target, state: State, policy: Any, cancelled: Callable[[], bool]) -> None:
-        self.target, self.state, self.policy, self.cancelled = target, state, policy, cancelled
+    def __init__(
+        self,
+        target: Target,
+        state: State,
+        policy: Any,
+        sets: int | None,
+        image_pass: Callable[[mi.UInt32, int | None], Pass],
+        limit: Callable[[int | None], Limit],
+    ) -> None:
+        self.target, self.state, self.policy = target, state, policy
+        self.sets, self.image_pass, self.limit = sets, image_pass, limit
         decisions = state.decisions
         if decisions.need is not None and decisions.variance is not None:
             self.need, self.variance = decisions.need, decisions.variance
@@ -46,15 +55,12 @@ class Pursuit:
         self.speed = mean(state.estimate.count) / target.passed if decisions.effort else 0.0
         self._time_photons(mean(state.estimate.count), target.passed, 0.0)
 
-    def waves(self, tell: Callable[[float], None] | None) -> Iterator[State]:
-        """Yields the state after each wave; ``tell``: called with the part of the time that is done, 0 to 1, as far as
-        can be known: it may fall.
-        """
+    def passes(self) -> Iterator[Pass]:
+        """The passes over the image; what they say of the progress may fall."""
         state, decisions = self.state, self.state.decisions
-        state.portion = self._portion()
-        if decisions.wanted is None:
-            self._measure()
-        while not self._ended() and not self.target.excess(state) <= self.ENOUGH:
+        if decisions.wanted is None and not (yield from self._measure(False)):
+            return
+        while not self.target.over and not self.target.excess(state) <= self.ENOUGH:
             samples = mean(state.estimate.count)
             wanted = decisions.wanted
             if wanted is None:
@@ -66,21 +72,17 @@ class Pursuit:
                         self._choose_patterns(samples)
                     wanted = self._next(samples)
                 if not dr.any(wanted > state.estimate.count):
-                    break  # each pixel has all that the plan allows
+                    return  # each pixel has all that the plan allows
                 decisions.wanted = wanted
-            start, drawing = time.perf_counter(), self._drawing
-            whole = state.grow(wanted, None, self._progress(wanted, tell), self._ended)
-            more, passed = mean(state.estimate.count) - samples, max(time.perf_counter() - start, 1e-9)
+            drawing, work = self._drawing, self.image_pass(wanted, self._portion())
+            work.timed, work.of_image, work.progress = True, self.twin is None, self._progress(wanted)
+            yield work
+            more, passed = mean(state.estimate.count) - samples, max(work.seconds, 1e-9)
             self.speed = more / passed
             self._time_photons(more, passed, drawing)
-            state.portion = self._portion()
-            if not whole or not self._measure():
-                yield state
+            if not work.whole or not (yield from self._measure(True)):
                 return
             decisions.wanted = None
-            yield state
-        if tell is not None:
-            tell(1.0)
 
     def _judge(self) -> None:
         """Asks the policy what each pixel needs, as far as can be known by now."""
@@ -94,17 +96,22 @@ class Pursuit:
         dr.scatter(self.need, need + dr.opaque(mi.Float, mean(need) / 20), inside)
         self.variance = display_variance(state.estimate)
 
-    def _ended(self) -> bool:
-        return self.cancelled() or self.target.over
-
-    def _measure(self) -> bool:
-        """Returns whether it got to its end."""
+    def _measure(self, shown: bool) -> Generator[Pass, None, bool]:
+        """Measures the noise; ``shown``: whether the image is shown then. Returns whether that got to its end."""
         if self.twin is None:
             return True
-        followed = self.twin.follow(self.state, self._ended)
-        if followed:
-            self.state.noise, self.state.noise_99 = self.twin.noise(self.state)
-        return followed
+        work, twin, state = (
+            self.twin.catch_up(self.state, self.sets, self.limit(self._portion())),
+            self.twin,
+            self.state,
+        )
+
+        def finish() -> None:
+            state.noise, state.noise_99 = twin.noise(state)
+
+        work.timed, work.of_image, work.finish = True, shown, finish
+        yield work
+        return work.whole
 
     def _portion(self) -> int | None:
         """Samples of a portion; None: no bound."""
@@ -206,22 +213,18 @@ class Pursuit:
 
         return after
 
-    def _progress(self, wanted: mi.UInt32, tell: Callable[[float], None] | None) -> Callable[[float], None] | None:
-        """``tell`` for a wave to the counts that are ``wanted``: called with the part of the wave that is done, it is
-        told that of the image, as far as can be known.
-        """
-        if tell is None:
-            return None
+    def _progress(self, wanted: mi.UInt32) -> Callable[[float], float]:
+        """From the part of a pass to the counts that are ``wanted`` to that of the image, as far as can be known."""
         state, target = self.state, self.target
         passed, (wave, rest) = target.passed, self._seconds(state.estimate.count, wanted)
         if target.noisy:
             rest += sum(self._seconds(wanted, dr.maximum(self._in_the_end(), wanted)))
 
-        def told(part: float) -> None:
+        def progress(part: float) -> float:
             by_time = 1 - target.left / target.seconds if target.seconds else 0.0
-            tell(min(max((passed + wave * part) / max(passed + wave + rest, 1e-9), by_time), 1.0))
+            return min(max((passed + wave * part) / max(passed + wave + rest, 1e-9), by_time), 1.0)
 
-        return told
+        return progress
 
     def _in_the_end(self) -> mi.UInt32:
         """The counts with which the noise is what was asked for, as far as can be known."""

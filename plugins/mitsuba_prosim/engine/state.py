@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
-from . import collector
 from .accumulate import Image
-from .cutting import portions, steps
 from .decisions import Decisions
 from .estimate import Estimate, Estimator
 from .part import Part, Tiles
 from .plan import Plan, Rectangle, area, index_within, pixels, widened
-from .taking import Here, Portion, Round, Taker
-
-if TYPE_CHECKING:
-    from .estimate import Quiet
 
 #: Bytes that the sums of all pixels may take. Each has as many as its filter reaches pixels, times the channels: where
 #: that is more (images beyond 1920 x 1080 with a wide filter, for example), they are not kept from wave to wave, but
@@ -32,19 +25,12 @@ class State:
 
     The first samples of a pixel, as many as it has, are the same whatever was taken when; so the image depends on the
     counts alone. ``margin``: how many pixels beyond its own the image must know, as its decisions look at them;
-    ``part``: the part of it whose samples are taken, None for all; ``taker``: who takes them, None for this process.
+    ``part``: the part of it whose samples are taken, None for all.
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        estimator: Estimator,
-        own_aovs: Sequence[str],
-        margin: int = 0,
-        part: Part | None = None,
-        taker: Taker | None = None,
+        self, plan: Plan, estimator: Estimator, own_aovs: Sequence[str], margin: int = 0, part: Part | None = None
     ) -> None:
-        self.taker = taker or Here()
         self.plan, self.estimator, self.own_aovs, self.part = plan, estimator, own_aovs, part
         #: The pixels that are known, row by row.
         self.outer = widened(plan.region, margin, plan.domain)
@@ -54,9 +40,7 @@ class State:
         # Of parts they are always kept, as it is by them that these are put together.
         self.keeps = part is not None or 4 * estimator.values * pixel_count <= KEPT
         self.estimate = Estimate.nothing(estimator.values if self.keeps else 0, pixel_count)
-        #: Samples of a portion, if there is a reason to bound them, and the noise, if it was measured (see
-        #: :class:`.Twin`).
-        self.portion: int | None = None
+        #: The noise, if it was measured (see :class:`.Twin`).
         self.noise = self.noise_99 = float("nan")
         self.decisions = Decisions()
         #: A set of photons takes as long as so many samples, as far as is known.
@@ -75,96 +59,7 @@ class State:
         x, y, *_ = pixels(self.outer)
         return dr.select(self.tiles.near(self.part, x, y, reach), counts, 0)
 
-    # ---------------------------------------------------------------- growing
-
-    @collector.suspended()
-    def grow(
-        self,
-        wanted: mi.UInt32,
-        quiet: Quiet | None = None,
-        tell: Callable[[float], None] | None = None,
-        cancelled: Callable[[], bool] = lambda: False,
-    ) -> bool:
-        """A wave: goes on until each pixel has the samples that are ``wanted`` of it; those that have them stay as they
-        are. Returns whether it got to its end.
-
-        ``tell``: called from time to time with the part done, 0 to 1; ``cancelled``: asked as often whether to stop.
-        """
-        all_steps: Iterable[Iterator[Portion]] = ()
-        if self.keeps:
-            all_steps = (self._portions(*step, quiet) for step in steps(self.estimate.count, wanted, self))
-        elif self.decisions.rows is not None or dr.any(wanted > self.estimate.count):
-            all_steps = (self._bands(wanted, quiet),)
-        wave = Round(all_steps, self.taker, cancelled, in_order=not self.keeps)
-        for done in wave:
-            if tell is not None or done < 1:
-                dr.eval(self.estimate)
-                dr.sync_thread()  # bounds the memory, and lets progress be true
-            if tell is not None:
-                tell(done)
-        return wave.whole
-
-    def _portions(self, wanted: mi.UInt32, step: tuple[float, float], quiet: Quiet | None) -> Iterator[Portion]:
-        """The pixels that lack samples, ``band`` at a time. ``step``: of :func:`steps`."""
-        for span, some, work in portions(self.estimate.count, wanted, self, step):
-            whole = dr.width(some) == dr.width(wanted)  # all: spares two copies of the state
-
-            def put(more: Estimate, some: mi.UInt32 = some, whole: bool = whole) -> None:
-                if whole:
-                    self.estimate = more
-                else:
-                    self.estimate.put(more, some)
-
-            x, y = self._places(some)
-            start = self.estimate if whole else self.estimate.at(some)
-            end = wanted if whole else dr.gather(mi.UInt32, wanted, some)
-            dr.eval(x, y, start, end)
-            yield Portion(self.estimator, x, y, start, [(self.plan, end)], quiet, work, span, put)
-
-    def _bands(self, wanted: mi.UInt32, quiet: Quiet | None) -> Iterator[Portion]:
-        """All pixels, band by band, with all their samples anew, as their sums are not known any more."""
-        _, top, _, bottom = self.outer
-        image, begin = self.decisions.rows or (self.black(), top)
-        above = dr.arange(mi.UInt32, dr.width(wanted)) < (begin - top) * (self.outer[2] - self.outer[0])
-        if dr.any(above & (wanted > self.estimate.count)):
-            image, begin = self.black(), top  # the rows above were made of fewer samples
-        most = max(int(dr.max(wanted)[0]), 1)
-        while begin < bottom:
-            band = self._band(begin, most)
-            begin = band[3]
-
-            x, y, *_ = pixels(band)
-            some = index_within(self.outer, x, y)
-            count, end = (dr.gather(mi.UInt32, counts, some) for counts in (self.estimate.count, wanted))
-            stages = [
-                (plan, dr.minimum(dr.maximum(count, end), dr.opaque(mi.UInt32, until)))
-                for plan, until in self.plan.stages()
-            ]
-            start = Estimate.nothing(self.estimator.values, area(band))
-
-            def put(more: Estimate, band: Rectangle = band, some: mi.UInt32 = some) -> None:
-                self.estimate.put(replace(more, sums=[]), some)
-                self._add(image, band, band, more)
-                image.wait()
-                self.decisions.rows = (image, band[3]) if band[3] < bottom else None
-                if self.made is None or band[3] == bottom:
-                    self.made = image
-
-            dr.eval(x, y, start, stages)
-            span = ((band[1] - top) / (bottom - top), (band[3] - top) / (bottom - top))
-            yield Portion(self.estimator, x, y, start, stages, quiet, area(band) * most, span, put)
-
-    def _band(self, begin: int, most: int) -> Rectangle:
-        """The rows from that one on that are taken at a time, as their samples are bounded too; ``most``: samples of a
-        pixel.
-        """
-        left, _, right, bottom = self.outer
-        size, bound = self.plan.band, self.taker.bound(self.portion, (right - left) * (bottom - begin) * most)
-        if bound is not None:
-            size = min(size, bound // most)
-        return left, begin, right, min(begin + max(1, size // (right - left)), bottom)
-
-    def _places(self, index: mi.UInt32) -> tuple[mi.Int32, mi.Int32]:
+    def places(self, index: mi.UInt32) -> tuple[mi.Int32, mi.Int32]:
         """The pixels with these indices."""
         left, top, right, _ = (dr.opaque(mi.Int32, v) for v in self.outer)
         y = mi.Int32(index) // (right - left)
@@ -185,7 +80,7 @@ class State:
         image = self.black()
         if self.keeps:
             for band in self.bands(self.plan.region):
-                self._add(image, self.outer, band, self.estimate)
+                self.add(image, self.outer, band, self.estimate)
         return image
 
     @property
@@ -205,7 +100,8 @@ class State:
         for begin in range(top, bottom, rows):
             yield left, begin, right, min(begin + rows, bottom)
 
-    def _add(self, image: Image, outer: Rectangle, band: Rectangle, estimate: Estimate) -> None:
+    def add(self, image: Image, outer: Rectangle, band: Rectangle, estimate: Estimate) -> None:
+        """Adds the pixels of ``band`` to ``image``; ``estimate`` is laid out over ``outer``."""
         aovs = [own_channel(name, estimate, self.plan.pass_size) for name in self.own_aovs]
         image.add(outer, band, estimate.sums, estimate.count, aovs, self.plan.reach)
 

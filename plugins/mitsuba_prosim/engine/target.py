@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
+from .plan import Plan
 from .state import State
 
 #: Seconds between two looks at whether to stop; where the samples are slower than those before, it is more.
@@ -27,6 +26,12 @@ class Target:
     seconds: float = 0.0
     begun: float = field(default_factory=time.perf_counter)
     noise_99: float = 0.0
+
+    @classmethod
+    def of(cls, plan: Plan, passed: float) -> Target:
+        """What ``plan`` asks for; ``passed``: seconds since the beginning."""
+        sampling = plan.sampling
+        return cls(sampling.noise, sampling.time, time.perf_counter() - passed, sampling.noise_99)
 
     def __bool__(self) -> bool:
         return self.noisy or self.seconds > 0
@@ -68,23 +73,3 @@ class Target:
         """
         step = min(STEP, self.seconds / 100) if self.seconds else STEP
         return max(1, int(speed * dr.width(state.estimate.count) * step))
-
-
-def first_in_time(
-    target: Target, state: State, wanted: mi.UInt32, tell: Callable[[float], None] | None, cancelled: Callable[[], bool]
-) -> bool:
-    """A first wave that the time can cut short: sample by sample, as after one of them there is an image.
-
-    Returns whether it got to its end.
-    """
-    most = int(dr.max(wanted)[0])
-    for count in range(1, most + 1):
-        start = time.perf_counter()
-        soon = dr.minimum(wanted, dr.opaque(mi.UInt32, count))
-        if not state.grow(soon, None, None, cancelled if count == 1 else lambda: cancelled() or target.over):
-            return False
-        passed = (0.1 if count == 1 else 1) * (time.perf_counter() - start)  # the first had to compile
-        state.portion = target.portion(state, 1 / max(passed, 1e-9))
-        if tell is not None:
-            tell(count / most)
-    return True

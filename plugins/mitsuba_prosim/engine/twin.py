@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import drjit as dr
@@ -11,12 +11,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..sampling.hash import hash32
-from .cutting import portions, steps
 from .error import displayed
 from .estimate import Estimate
 from .plan import area, pixels
 from .state import State
-from .taking import Portion, Round
+from .work import Limit, Pass, WorkItem, photon_steps, portions
 
 
 class Twin:
@@ -53,30 +52,27 @@ class Twin:
         self.estimate = state.decisions.twin
         dr.eval(self.x, self.y, self.index)
 
-    def follow(self, state: State, cancelled: Callable[[], bool] = lambda: False) -> bool:
-        """Takes as many samples as ``state`` has. Returns whether it got to its end."""
+    def catch_up(self, state: State, sets: int | None, limit: Limit) -> Pass:
+        """A pass until the twin has as many samples as ``state``; the arguments as for :func:`.work.image_pass`."""
         end = dr.gather(mi.UInt32, state.estimate.count, self.index)
         dr.eval(end)
-        all_steps = (self._portions(state, *step) for step in steps(self.estimate.count, end, state))
-        wave = Round(all_steps, state.taker, cancelled)
-        for _ in wave:
-            dr.eval(self.estimate)
-            dr.sync_thread()
-        return wave.whole
+        steps = photon_steps(self.estimate.count, end, state, sets)
+        return Pass((self._items(state, *step, limit) for step in steps), of_image=False)
 
-    def _portions(self, state: State, wanted: mi.UInt32, step: tuple[float, float]) -> Iterator[Portion]:
-        for span, some, work in portions(self.estimate.count, wanted, state, step):
+    def _items(self, state: State, wanted: mi.UInt32, step: tuple[float, float], limit: Limit) -> Iterator[WorkItem]:
+        for span, some, work in portions(self.estimate.count, wanted, state, step, limit):
             x, y, end = (dr.gather(type(v), v, some) for v in (self.x, self.y, wanted))
             start, seed = self.estimate.at(some), self.seed
             if self.copies > 1:
                 seed = dr.gather(mi.UInt32, seed, some)
             dr.eval(x, y, start, end, seed)
 
-            def put(more: Estimate, some: mi.UInt32 = some) -> None:
-                self.estimate.put(more, some)
+            def put(sums: Estimate, some: mi.UInt32 = some) -> None:
+                self.estimate.put(sums, some)
+                dr.eval(self.estimate)
 
             plan = replace(state.plan, seed=seed, own_photon_seed=self.photon_seed)
-            yield Portion(self.estimator, x, y, start, [(plan, end)], None, work, span, put)
+            yield WorkItem(self.estimator, x, y, start, [(plan, end)], None, work, span, put)
 
     def noise(self, state: State) -> tuple[float, float]:
         """Root mean square of the error of the displayed pixels of ``state``, white being 1, and what 99 in 100 are

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
-from ..engine import collector
+from ..alone import alone
 from ..engine.film import aov_values
-from ..engine.integrator import WaveIntegrator
+from ..engine.integrator import ProgressiveIntegrator
 from ..light.emission import read_emission
 from ..parameters import expose, number, reject, whole
 from ..registry import plugin
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @plugin("integrator", "prosim")
-class Prosim(WaveIntegrator):
+class Prosim(ProgressiveIntegrator):
     r"""
     .. _integrator-prosim:
 
@@ -260,7 +260,7 @@ class Prosim(WaveIntegrator):
         ]
         return super().parameter_names() + names
 
-    @collector.suspended()
+    @alone()
     def sample(
         self,
         scene: mi.Scene,

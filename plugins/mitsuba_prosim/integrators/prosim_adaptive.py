@@ -7,14 +7,14 @@ from typing import Any
 import mitsuba as mi
 
 from ..engine.film import aov_values, with_more_channels
-from ..engine.integrator import WaveIntegrator
+from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import reject
 from ..registry import plugin
 from ..transport.nested import Nested
 
 
 @plugin("integrator", "prosim_adaptive")
-class ProsimAdaptive(WaveIntegrator):
+class ProsimAdaptive(ProgressiveIntegrator):
     r"""
     .. _integrator-prosim_adaptive:
 

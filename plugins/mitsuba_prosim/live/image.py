@@ -29,6 +29,8 @@ class ProgressiveImage:
     def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
         self.done = False
+        #: Whether there is more than :meth:`layers` has returned.
+        self.new = False
         #: Progress, 0 to 1. It never falls: an estimate of it that has become worse is not shown.
         self.part = 0.0
         self.render: Any = None
@@ -39,8 +41,12 @@ class ProgressiveImage:
         """Takes another work item; returns whether a pass over the image is complete."""
         step = next(self._steps, None)
         self.done = step is None
-        self.part = max(self.part, step.done) if step else 1.0
-        return step is not None and step.complete
+        if step is None:
+            self.part = 1.0
+            return False
+        self.part = max(self.part, step.done)
+        self.new |= not step.complete  # which takes no more samples
+        return step.complete
 
     def _run(self) -> Iterator[Step]:
         self.render = self.begin(self.seed, self.spp)
@@ -63,6 +69,7 @@ class ProgressiveImage:
         now = self.taken()
         if now is None:
             return None
+        self.new = False
         known = now["samples"] > 0
         return now if known.all() else {"final": over(known, now["final"], self._coarse)}
 
@@ -127,7 +134,7 @@ class DenoisedImage(ProgressiveImage):
             "raw": result.raw,
             "denoised": result.denoised,
         }
-        self._noise = result.noise(result.final_error)
+        self._noise, self.new = result.noise(result.final_error), True
         yield Step(1.0, True)
 
 

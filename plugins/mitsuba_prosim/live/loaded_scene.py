@@ -12,8 +12,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from prosim_scene.language.document import Document
-from prosim_scene.model import Leaf
+from prosim_scene import Document, Leaf
 
 from .. import compat, registry
 from ..scene.scene_file import SceneFile

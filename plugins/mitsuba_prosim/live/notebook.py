@@ -197,7 +197,7 @@ class View:
             with interrupting(self.stop):
                 complete = self._image.step()
                 self._part.value = self._image.part
-                if complete or self._stopped or self._throttle:
+                if self._stopped or (self._image.new and (complete or self._throttle)):
                     self._look()
             yield
 

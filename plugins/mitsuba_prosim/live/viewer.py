@@ -13,7 +13,7 @@ from typing import Any
 
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
 from ..denoising import layers
 from ..scene import black, session
@@ -113,8 +113,8 @@ class Viewer:
         # The kernels of an image hold the materials of all scenes that there are, so the last one has to go.
         last, self._scene, self._images, self.requests.home = self._scene, None, {}, None
         self._shown, self._seconds = replace(self._shown, saves=request.saves), 0.0
-        before = self.publisher.state, self.publisher.pictures
         self.publisher.publish(doing="opening", saves=request.saves)
+        before = self.publisher.state, self.publisher.pictures
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
             try:
@@ -190,16 +190,16 @@ class Viewer:
 
     def _step(self) -> None:
         """Another work item of the image that has waited longest."""
-        if self._done or self._scene is None:
+        if self._shown.stopped or self._done or self._scene is None:
             return
         begun = time.perf_counter()
         which = next(name for name, image in self._images.items() if not image.done)
         image = self._images[which]
         complete = image.step()
         self._images[which] = self._images.pop(which)  # the last from now on
-        if complete or (self._throttle and self.publisher.followed and not image.done):
+        if image.new and (complete or (self._throttle and self.publisher.followed)):
             self._show(which)
-            if which == "own" and complete:
+        if complete and which == "own":
                 final = self._pictures["own"].layers["final"]
                 why = black.why(self._scene.scene, self._scene.sensor, final, ON_THE_PAGE)
                 self.publisher.publish(black=why)

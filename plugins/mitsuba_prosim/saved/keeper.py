@@ -13,6 +13,7 @@ from typing import Any
 import drjit as dr
 
 from ..engine.record import Record
+from ..engine.render import Render
 from ..scene import atomic
 from . import files
 
@@ -37,16 +38,16 @@ class Keeper:
         self.unwritten: atomic.Content | None = None
         self.writer: threading.Thread | None = None
 
-    def __call__(self, record: Callable[[], Record], last: bool) -> None:
-        """Writes it if it is time for it, beside the work; or the ``last`` time, and waits for the end of that. What
-        fails is tried again the next time.
+    def __call__(self, render: Render, last: bool = False) -> None:
+        """Writes the checkpoint of ``render`` if it is time for it, in a thread; or the ``last`` time, and waits for
+        its end. What fails is tried again the next time.
         """
         if last and self.writer is not None:
             self.writer.join()
         elif not last and (time.perf_counter() - self.last < self.wait or (self.writer and self.writer.is_alive())):
             return
         begun, used = time.perf_counter(), time.thread_time()
-        content = replace(record(), about=self.about)
+        content = replace(render.checkpoint(), about=self.about)
         self.writer = threading.Thread(target=self._write, args=(content, begun, time.thread_time() - used, last))
         self.writer.start()
         if last:

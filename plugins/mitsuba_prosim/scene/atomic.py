@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from prosim_scene.replacing import PART, refuse_special
+from prosim_scene import PART, refuse_special
 
 if sys.platform != "win32":  # where nobody can remove a file that is open: that is its lock
     import fcntl

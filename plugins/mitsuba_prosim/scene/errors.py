@@ -8,9 +8,7 @@ import re
 from pathlib import Path
 
 import mitsuba as mi
-from prosim_scene.language.document import Document
-from prosim_scene.language.messages import Place, Source, quote
-from prosim_scene.targets.pictures import images, located
+from prosim_scene import Document, Source, Span, images, located
 
 from .. import registry
 from ..compat import DAMAGED, LIBRARIES, NOT_FOUND, PLACE, TAGS
@@ -51,7 +49,7 @@ def _line(name: str, line: int, column: int) -> str:
     if not 0 < line <= len(source.line_starts):
         return ""
     start = source.line_starts[line - 1] + max(column - 1, 0)
-    return source.message(Place(start, start + 1), "").partition("\n")[2]
+    return source.message(Span(start, start + 1), "").partition("\n")[2]
 
 
 # ---------------------------------------------------------------- the plugin
@@ -91,6 +89,4 @@ def check_images(document: Document) -> None:
             words = message(error)
             short = DAMAGED.search(words)
             why = f"it ends after {short[1]} of {short[2]} bytes that are to follow" if short else words
-            raise document.error(
-                f"the image {quote(name)} is not whole, or damaged: {why}; save it again", *way
-            ) from None
+            raise document.error(f"the image {name!r} is not whole, or damaged: {why}; save it again", *way) from None

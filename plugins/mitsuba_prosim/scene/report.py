@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from math import isnan
+from typing import TYPE_CHECKING
 
 import mitsuba as mi
 
 from ..engine.plan import UNLIMITED
+
+if TYPE_CHECKING:
+    from ..engine.render import Reached
 
 #: An image is as long as was asked for from this part of the time on: its end is aimed at from below.
 IN_TIME = 0.97
 
 
 def sentence(
-    integrator: mi.Integrator, interrupted: bool, by: str = "a signal", at_most: float | None = None
+    integrator: mi.Integrator,
+    reached: Reached | None,
+    interrupted: bool,
+    by: str = "a signal",
+    at_most: float | None = None,
 ) -> str | None:
-    """Noise, samples and seconds of the last render of ``integrator``, and what ended it if that was not the noise;
-    None where neither noise nor time was asked for. ``by``: what has ``interrupted`` it; ``at_most``: what the noise is
-    at most, about, where nobody has measured it.
+    """Noise, samples and seconds of a render of ``integrator`` that has ``reached`` this, and what ended it if that was
+    not the noise; None where neither noise nor time was asked for. ``by``: what has ``interrupted`` it; ``at_most``:
+    what the noise is at most, about, where nobody has measured it.
     """
-    if not asked(integrator):
+    if reached is None or not asked(integrator):
         return None
-    reached, ended = integrator.reached, end(integrator, interrupted)
+    ended = end(integrator, reached, interrupted)
     parts = [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s"]
     if integrator.time:
         parts[1] += f" of {integrator.time:g}"
@@ -31,50 +39,47 @@ def sentence(
         )
     # Where it was cut short, the image has got better since.
     below = "" if ended in ("noise", "samples") else "below "
-    for word, measured, most in reversed(noises(integrator)):
+    for word, measured, most in reversed(noises(integrator, reached)):
         parts.insert(0, f"{word} {'not known yet,' if isnan(measured) else f'{below}{measured:.2g}'} of {most:g}")
     if ended == "samples":
         parts.append(f"ended by the most samples that a pixel may have, {integrator.max_samples or UNLIMITED}")
-    elif ended == "interrupted" or (ended == "time" and noises(integrator)):
+    elif ended == "interrupted" or (ended == "time" and noises(integrator, reached)):
         parts.append("ended by " + (by if interrupted else "the time"))
     return ", ".join(parts)
 
 
-def facts(integrator: mi.Integrator, interrupted: bool) -> dict[str, str]:
+def facts(integrator: mi.Integrator, reached: Reached | None, interrupted: bool) -> dict[str, str]:
     """The same as metadata: ``prosim.samples``, the mean of a pixel; ``prosim.noise`` and
     ``prosim.noise_99``, if they were measured; and ``prosim.ended``, by what, where noise or time was asked for.
     """
     result = {}
-    if reached := getattr(integrator, "reached", None):
+    if reached is not None:
         result["prosim.samples"] = f"{reached.samples:.6g}"
         for name in ("noise", "noise_99"):
             if not isnan(measured := getattr(reached, name)):
                 result[f"prosim.{name}"] = f"{measured:.6g}"
         if asked(integrator):
-            result["prosim.ended"] = end(integrator, interrupted)
+            result["prosim.ended"] = end(integrator, reached, interrupted)
     return result
 
 
-def nothing(integrator: mi.Integrator) -> bool:
-    """Whether the last render of ``integrator`` is known to have ended before the first sample."""
-    last = getattr(integrator, "reached", None)
-    return last is not None and last.samples == 0
+def nothing(reached: Reached | None) -> bool:
+    """Whether a render is known to have ended before the first sample."""
+    return reached is not None and reached.samples == 0
 
 
-def interrupted(integrator: mi.Integrator) -> str:
-    """What a signal has left of the last render of ``integrator``, in words."""
-    last = getattr(integrator, "reached", None)
-    return "interrupted" if last is None or last.least > 0 else "interrupted: pixels without a sample are black"
+def interrupted(reached: Reached | None) -> str:
+    """What a signal has left of a render, in words."""
+    return "interrupted" if reached is None or reached.least > 0 else "interrupted: pixels without a sample are black"
 
 
 def asked(integrator: mi.Integrator) -> bool:
-    """Whether an integrator has rendered, and was asked for noise or time."""
-    return getattr(integrator, "reached", None) is not None and bool(noises(integrator) or integrator.time)
+    """Whether an integrator was asked for noise or time."""
+    return any(getattr(integrator, name, 0) for name in ("noise", "noise_99", "time"))
 
 
-def noises(integrator: mi.Integrator) -> list[tuple[str, float, float]]:
+def noises(integrator: mi.Integrator, reached: Reached) -> list[tuple[str, float, float]]:
     """What was asked for of the noise: ``(what in words, measured, asked)``."""
-    reached = integrator.reached
     asked = [
         ("noise", reached.noise, integrator.noise),
         ("that of 99 pixels in 100", reached.noise_99, integrator.noise_99),
@@ -82,15 +87,15 @@ def noises(integrator: mi.Integrator) -> list[tuple[str, float, float]]:
     return [one for one in asked if one[2]]
 
 
-def end(integrator: mi.Integrator, interrupted: bool) -> str:
-    """What ended the last render: ``interrupted``, ``noise``, ``time``, or ``samples`` (each pixel has all that it may
+def end(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str:
+    """What ended a render: ``interrupted``, ``noise``, ``time``, or ``samples`` (each pixel has all that it may
     have).
     """
     if interrupted:
         return "interrupted"
-    noise = noises(integrator)
+    noise = noises(integrator, reached)
     if noise and all(measured <= most for _, measured, most in noise):
         return "noise"
-    if integrator.time and integrator.reached.seconds >= IN_TIME * integrator.time:
+    if integrator.time and reached.seconds >= IN_TIME * integrator.time:
         return "time"
     return "samples"

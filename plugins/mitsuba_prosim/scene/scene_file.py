@@ -11,8 +11,7 @@ from typing import Any, cast
 
 import mitsuba as mi
 import prosim_scene
-from prosim_scene.language.document import Document
-from prosim_scene.view import misfit
+from prosim_scene import Document, misfit
 
 from .. import registry
 from . import overrides, session
@@ -117,7 +116,7 @@ class SceneFile:
 
     def read(self) -> Document:
         """What the text of a scene in the thesis's language says by now. Raises :class:`prosim_scene.SceneError`."""
-        return prosim_scene.document(self.path, self.definitions, self._kept)
+        return prosim_scene.document(self.path, self.definitions)
 
     def sensor(self, document: Document) -> dict[str, Any]:
         """The sensor of the VIEW of ``document``, which says the same scene but for that, as a dictionary."""
@@ -168,7 +167,7 @@ class SceneFile:
             raise ValueError(f"{self.path}: {error}") from None
 
     def _warn_of_distortion(self, width: int, height: int) -> None:
-        """Warns where pixels of this resolution are not square; see :func:`prosim_scene.view.misfit`."""
+        """Warns where pixels of this resolution are not square; see :func:`prosim_scene.misfit`."""
         for node in self.state.nodes:
             if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
                 left, right, bottom, top = (

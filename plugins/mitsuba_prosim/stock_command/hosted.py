@@ -172,14 +172,13 @@ def render(scene: mi.Scene, index: int, path: str) -> None:
         with session.enough_threads():
             sensor.film().write(path)
 
-    def progress(_: float) -> None:
+    progressive = rendering.progressive(scene, sensor)
+    for _ in progressive:
         if hang_ups:
             hang_ups.clear()
-            integrator.flush()
+            progressive.put()
             write()
-
-    rendering.render(scene, sensor, tell=progress)
-    if said := report.sentence(integrator, interrupted=False):
+    if said := report.sentence(integrator, progressive.reached, interrupted=False):
         mi.Log(mi.LogLevel.Info, said)
     write()
 

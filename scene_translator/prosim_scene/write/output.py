@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 
-from ..replacing import PART, refuse_special, replace
+from ..files import PART, refuse_special, replace
 
 if sys.platform != "win32":
     import fcntl

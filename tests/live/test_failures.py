@@ -126,7 +126,7 @@ def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkey
             say(*said, **changes)
             seen.append(dict(viewer.publisher.state.pictures))
 
-        monkeypatch.setattr(viewer.board, "say", heard)
+        monkeypatch.setattr(viewer.publisher, "publish", heard)
         save(viewer, path, path.read_text().replace('z="5"', 'z="6"'))
         is_(viewer, "done", 1)
     later = [pictures for pictures in seen if pictures["own"] != before["own"]]

@@ -274,7 +274,7 @@ def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path,
     mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.5), write_async=False)
 
     def opened():
-        there.append(started and started[0].board.pictures["own"])
+        there.append(started and started[0].publisher.pictures["own"])
         assert all(subject() is None for subject in gone)
         if full:
             raise OSError("the disk is full")

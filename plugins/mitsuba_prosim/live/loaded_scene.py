@@ -81,9 +81,10 @@ class LoadedScene:
             depth = float((np.array(box.center()) - matrix[:3, 3]) @ matrix[:3, 2]) if box.valid() else 0.0
         return float(depth) if depth > 1e-6 else max(10 * self._near, 1e-3)
 
-    def look(self, camera: Camera) -> None:
-        """Moves the camera."""
+    def look(self, camera: Camera | None) -> None:
+        """Moves the camera; None for the scene's own view."""
         assert self.home is not None
+        camera = camera or self.home
         # The planes must not cut off what they did not cut off before.
         moved = float(np.linalg.norm(camera.eye - self.home.eye))
         near = min(self._near, 1e-3 * camera.distance) if moved else self._near

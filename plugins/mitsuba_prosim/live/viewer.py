@@ -88,9 +88,8 @@ class Viewer:
     def _idle(self, request: Request) -> bool:
         if request != self._shown:
             return self._scene is None and request.saves == self._shown.saves
-        return request.stopped or self._done
+        return request.stopped or self._done()
 
-    @property
     def _done(self) -> bool:
         return all(image.done for image in self._images.values())
 
@@ -101,7 +100,7 @@ class Viewer:
         elif self._scene is None or request == self._shown:
             self._step()
         elif request.camera is not self._shown.camera:
-            self._scene.look(request.camera or self._home)
+            self._scene.look(request.camera)
             self._begin(request, self._scene)
         else:
             self._pause_or_compare(request)
@@ -175,9 +174,9 @@ class Viewer:
             self._images = {"own": own}
             self._pictures = {name: picture for name, picture in self._pictures.items() if name == "own"}
             if request.compared and not_compared(own.integrator) is None:
-                self._images["path"] = by_path(own)
+                self._images = {"path": by_path(own), "own": own}
             self.publisher.publish(self._pictures or None, compared="path" in self._images, part=self._part)
-        if self._images and self._done:
+        if self._images and self._done():
             self.publisher.publish(doing="done", part=1.0)
         elif self._images:
             if request.stopped:
@@ -190,7 +189,7 @@ class Viewer:
 
     def _step(self) -> None:
         """Another work item of the image that has waited longest."""
-        if self._shown.stopped or self._done or self._scene is None:
+        if self._shown.stopped or self._done() or self._scene is None:
             return
         begun = time.perf_counter()
         which = next(name for name, image in self._images.items() if not image.done)
@@ -200,11 +199,11 @@ class Viewer:
         if image.new and (complete or (self._throttle and self.publisher.followed)):
             self._show(which)
         if complete and which == "own":
-                final = self._pictures["own"].layers["final"]
-                why = black.why(self._scene.scene, self._scene.sensor, final, ON_THE_PAGE)
-                self.publisher.publish(black=why)
+            final = self._pictures["own"].layers["final"]
+            why = black.why(self._scene.scene, self._scene.sensor, final, ON_THE_PAGE)
+            self.publisher.publish(black=why)
         self._seconds += time.perf_counter() - begun
-        if self._done:
+        if self._done():
             self.publisher.publish(doing="done", part=1.0, seconds=self._seconds)
         elif begun - self._reported > REPORT:
             self._reported = begun

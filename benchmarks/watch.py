@@ -59,8 +59,8 @@ class Watched:
     """A viewer that notes when what is seen of it after a save."""
 
     def __init__(self, scene, folder):
-        from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
         from mitsuba_prosim.live import viewer
+        from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
         from prosim_scene import Kept
 
         kept = Kept()
@@ -172,8 +172,8 @@ def main():
         page(arguments.page)
         return
     mi.set_variant(arguments.variant)
-    from mitsuba_prosim.scene import session
     from mitsuba_prosim.live import server, throttle
+    from mitsuba_prosim.scene import session
 
     if arguments.busy:
         throttle.clock = lambda: time.process_time() / arguments.threads

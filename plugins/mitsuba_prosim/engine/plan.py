@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
@@ -149,13 +148,6 @@ class Plan:
         """The plan by which all samples after the first ``begin`` are patterns of ``n``²."""
         skipped = dr.opaque(mi.UInt32, begin)
         return replace(self, n=n, permutations=Permutations(n, True), before=self, begin=begin, skipped=skipped)
-
-    def passes(self) -> Iterator[tuple[Plan, int]]:
-        """The passes of a pixel in their order, without end: ``(plan, number of the first sample)``."""
-        if self.before is not None:
-            yield from itertools.takewhile(lambda p: p[1] < self.begin, self.before.passes())
-        for r in itertools.count():
-            yield self, self.begin + r * self.n
 
     def stages(self) -> Iterator[tuple[Plan, int]]:
         """The plans of a pixel's samples in their order: ``(plan, number of the sample that is no more its own)``."""

@@ -11,14 +11,13 @@ from prosim_scene import extras
 from tqdm.auto import tqdm
 
 from ..scene import atomic, session
-from . import denoised
 from . import output as files
+from .image import check_denoising
 from .input_files import SceneFile
 from .job import Job, refuse_for_xml, takes_job
-from .lines import Steps
 from .log import log
-from .making import warn
 from .options import Command, Finite, InputError, Pattern, Whole, option, whole_numbers, wrong_input
+from .progress import Steps, warn
 
 SUFFIXES = (".html", ".json", ".csv")
 
@@ -103,7 +102,7 @@ def compare(
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
             opened = scenes.FileScene(replace(job, integrator={}).file(folder))
             if job.denoise:
-                denoised.check(opened.scene().sensors()[0].film())
+                check_denoising(opened.scene().sensors()[0].film())
             for spec in specs:  # whatever is wrong with them shows before the long work
                 try:
                     opened.contestant(spec, spec.transport or "scene", spp=4)

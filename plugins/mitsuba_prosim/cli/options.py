@@ -14,7 +14,9 @@ from ..engine.part import Part
 from ..engine.policies import POLICIES
 from ..scene import scene_file, session
 from ..scene.errors import pointed, with_nearest
-from . import tev
+
+#: Where the viewer tev listens by default.
+TEV_HOST, TEV_PORT = "127.0.0.1", 14158
 
 #: More than any machine has processors.
 MOST_THREADS = 1024
@@ -142,7 +144,7 @@ def viewer(text: str) -> tuple[str, int]:
     found = re.fullmatch(r"tev(?:=(?P<host>.+):(?P<port>\d{1,5}))?", text)
     if not found:
         raise ValueError
-    return (found["host"], int(found["port"])) if found["port"] else (tev.HOST, tev.PORT)
+    return (found["host"], int(found["port"])) if found["port"] else (TEV_HOST, TEV_PORT)
 
 
 class Whole(click.IntRange):
@@ -272,7 +274,7 @@ OPTIONS = {
         "Output",
         "--view",
         type=Pattern("tev[=HOST:PORT]", "tev=127.0.0.1:14158", viewer),
-        help=f"Send the image to the viewer tev while it is rendered. [default of HOST:PORT: {tev.HOST}:{tev.PORT}]",
+        help=f"Send the image to the viewer tev while it is rendered. [default of HOST:PORT: {TEV_HOST}:{TEV_PORT}]",
     ),
     "verbose": option(
         "Output", "-v", "--verbose", count=True, show_default=False, help="Verbose output; repeat for more."

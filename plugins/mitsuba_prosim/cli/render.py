@@ -5,9 +5,9 @@ from __future__ import annotations
 import click
 
 from . import film, output
+from .image import SUFFIXES, write_image
 from .input_files import SceneFile
 from .job import Job, refuse_for_xml, takes_job
-from .making import SUFFIXES, make
 from .options import Command
 
 
@@ -25,6 +25,6 @@ def render(job: Job) -> None:
     refuse_for_xml(job, "light_units", "tolerance", "allow_outside")
     stem = output.default_stem(job.output, job.scene, SUFFIXES)
     if job.frames is None:
-        make(job, stem)
+        write_image(job, stem)
     else:
         film.render(job, stem)

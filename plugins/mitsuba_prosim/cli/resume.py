@@ -14,9 +14,9 @@ from .. import saved
 from ..engine.record import Record
 from ..scene import session
 from . import output
+from .image import STATE, SUFFIXES, write_image
 from .input_files import PartFile, SceneFile, StateFile, parts, stem
 from .job import Job, continued, takes_job
-from .making import STATE, SUFFIXES, make
 from .options import Command, InputError, choose_variant, option
 
 #: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
@@ -73,7 +73,7 @@ def resume(asked: Job, state: Path, scene: Path | None) -> None:
         )
     changes = {**job.integrator, **changed(record, aim)}
     job = continued(job, asked, exposure=job.exposure, integrator=changes, keep=True, part=record.part)
-    make(job, target, record, sources=[state])
+    write_image(job, target, record, sources=[state])
     if record.finished and not aim:
         click.echo(
             f"It was finished before. When all parts are: prosim merge {parts(state)}"
@@ -94,7 +94,7 @@ def merge(asked: Job, files: tuple[Path, ...], scene: Path | None) -> None:
     """
     record, job = opened(files[0], scene, asked.exposure, lambda: saved.merge(files))
     target = output.stem(asked.output, stem(files[0]), SUFFIXES)
-    make(continued(job, asked, exposure=job.exposure), target, record, sources=files)
+    write_image(continued(job, asked, exposure=job.exposure), target, record, sources=files)
     number = f"The {len(files)} parts" if len(files) > 1 else "The part"
     click.echo(
         f"{number} can be removed: all that is known of the image is in {target}{STATE} as well."

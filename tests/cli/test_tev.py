@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 import pytest
-from mitsuba_prosim.command import tev
+from mitsuba_prosim.cli import tev
 from mitsuba_prosim.live import throttle
 from running import pixels, prosim
 

@@ -12,9 +12,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.command import compare
-from mitsuba_prosim.command.lines import Lines
-from mitsuba_prosim.command.options import InputError
+from mitsuba_prosim.cli import compare
+from mitsuba_prosim.cli.options import InputError
+from mitsuba_prosim.cli.progress import Lines
 from mitsuba_prosim.compare import facts, measures, runs
 from mitsuba_prosim.compare.scenes import FileScene, Spec, typed
 from mitsuba_prosim.scene.scene_file import SceneFile

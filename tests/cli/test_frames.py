@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.command import making
+from mitsuba_prosim.cli import image
 from prosim_scene.solids import csg
 from running import XML, names, pixels, prosim
 
@@ -110,19 +110,28 @@ def test_frames_share_meshes_and_kernels(film, monkeypatch):
 def test_what_is_finished_is_kept_where_it_is_interrupted(film, monkeypatch, keep):
     options = ("--frames", "0:3", *(["--keep"] if keep else []))
     assert rendered(film, *options, "-o", film.with_name("whole")) == (3, 0)
-    take, begun = making.take, []
+    start, begun = image.start, []
+
+    class Interrupted:
+        """A render during the second step of which somebody presses Ctrl-C."""
+
+        def __init__(self, steps):
+            self.steps = steps
+
+        def __next__(self):
+            step = next(self.steps)
+            os.kill(os.getpid(), signal.SIGINT)
+            return step
+
+        def __getattr__(self, name):
+            return getattr(self.steps, name)
 
     def interrupted(*arguments, **how):
-        scene, sensor, job, denoise, _, stopped, *others = arguments
         begun.append(how["begin"])
+        steps = start(*arguments, **how)
+        return Interrupted(steps) if len(begun) == 2 else steps
 
-        def tell(*_):
-            if len(begun) == 2 and not stopped():
-                os.kill(os.getpid(), signal.SIGINT)
-
-        return take(scene, sensor, job, denoise, tell, stopped, *others, **how)
-
-    monkeypatch.setattr(making, "take", interrupted)
+    monkeypatch.setattr(image, "start", interrupted)
     done = prosim("render", film, *options)
     assert done.exit_code == 1 and "1 of 3 frames rendered; interrupted" in done.stdout
     assert {"film.0000.exr", "film.0000.png"} <= set(names(film.parent))
@@ -135,13 +144,13 @@ def test_what_is_finished_is_kept_where_it_is_interrupted(film, monkeypatch, kee
 
 
 def test_a_scene_that_changes_meanwhile(film, monkeypatch):
-    take = making.take
+    start = image.start
 
     def changing(*arguments, **how):
         film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
-        return take(*arguments, **how)
+        return start(*arguments, **how)
 
-    monkeypatch.setattr(making, "take", changing)
+    monkeypatch.setattr(image, "start", changing)
     done = prosim("render", film, "--frames", "1:4")
     assert done.exit_code == 0 and done.stderr.count("was changed meanwhile: frame 2 is of what it says now") == 1
     assert rendered(film, "--frames", "1:4") == (1, 2)

@@ -7,8 +7,8 @@ import sys
 
 import mitsuba as mi
 import pytest
-from mitsuba_prosim.command.lines import Lines, Steps
-from mitsuba_prosim.command.log import log
+from mitsuba_prosim.cli.log import log
+from mitsuba_prosim.cli.progress import Lines, Steps
 from tqdm.auto import tqdm
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
@@ -17,7 +17,7 @@ HOLD_THE_INTERPRETER = """
 import ctypes, os, threading
 import mitsuba as mi
 import mitsuba_prosim
-from mitsuba_prosim.command.log import log
+from mitsuba_prosim.cli.log import log
 
 mi.set_variant("llvm_ad_rgb")
 names = "diffuse conductor dielectric plastic roughplastic roughconductor roughdielectric principled null".split()

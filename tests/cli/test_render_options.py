@@ -5,8 +5,8 @@ import re
 import OpenEXR
 import prosim_scene
 import pytest
-from mitsuba_prosim.command import render
-from mitsuba_prosim.command.job import job_of
+from mitsuba_prosim.cli import render
+from mitsuba_prosim.cli.job import job_of
 from mitsuba_prosim.scene import rendering, scene_file, session
 from running import XML, names, prosim
 from tqdm.auto import tqdm
@@ -122,7 +122,7 @@ def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant
 
 def test_caustics_are_asked_for_or_left_out_in_a_word(scene, monkeypatch):
     jobs = []
-    monkeypatch.setattr(render, "make", lambda job, *_, **__: jobs.append(dict(job.integrator)))
+    monkeypatch.setattr(render, "write_image", lambda job, *_, **__: jobs.append(dict(job.integrator)))
     for option in ([], ["--caustics"], ["--no-caustics"]):
         assert prosim("render", scene, *option).exit_code == 0
     assert jobs == [{}, {"caustics": True}, {"caustics": False}]
@@ -173,7 +173,7 @@ def test_what_is_going_on_is_said_from_the_beginning(scene, monkeypatch):
             words.append(text)
             super().set_description_str(text, refresh)
 
-    monkeypatch.setattr("mitsuba_prosim.command.making.tqdm", Bar)
+    monkeypatch.setattr("mitsuba_prosim.cli.progress.tqdm", Bar)
     scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/></integrator>'))
     assert prosim("render", scene).exit_code == 0
     assert words[0] == "compiling kernels" and set(words[1:]) == {"rendering"}

@@ -1,16 +1,22 @@
-"""How far a long work is, in a log: a line now and then, where nobody watches a bar."""
+"""How far a command is: a bar where somebody watches, else a line now and then."""
 
 from __future__ import annotations
 
 import sys
 import time
 from collections.abc import Callable
+from typing import Any, Protocol
 
 from tqdm.auto import tqdm
 
 
+def warn(text: str) -> None:
+    """Prints a warning beside the bar."""
+    tqdm.write(f"warning: {text}", file=sys.stderr)
+
+
 class Left:
-    """Tells what a work that begins now has left. What was done of it before, of a render that is gone on with for
+    """The time that a work which begins now has left. What was done of it before, of a render that is continued for
     example, is what it is first told of.
     """
 
@@ -19,7 +25,7 @@ class Left:
         self.before: float | None = None
 
     def __call__(self, done: float) -> str:
-        """``, 0:10 left`` where so much is ``done``, 0 to 1; nothing where nobody knows yet, or at the end."""
+        """``, 0:10 left`` where the part ``done`` is done, 0 to 1; nothing where nobody knows yet, or at the end."""
         if self.before is None:
             self.before = done
         if not 1 > done > self.before + 0.01:
@@ -29,8 +35,8 @@ class Left:
 
 
 class Lines:
-    """Says on standard error how far a work is, at intervals that grow with the time that has passed, so that a log
-    stays short.
+    """Prints progress to standard error, at intervals that grow with the time that has passed, so that a log stays
+    short.
     """
 
     #: Seconds from one line to the next, at least and at most; and the part of the time that has passed.
@@ -84,3 +90,70 @@ class Steps:
         bar.bar_format = self.FORM + (", {remaining} left" if begun else "")
         bar.set_description_str(doing)
         bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown
+
+
+class Bar(Protocol):
+    """Shows how far an image is."""
+
+    def show(self, done: float) -> None:
+        """``done``: the part of it, 0 to 1."""
+
+
+class ImageBar:
+    """The progress of an image, with the time left; ``progressive``: whether its integrator says how far it is."""
+
+    def __init__(self, progressive: bool) -> None:
+        self.form = "{l_bar}{bar}| {elapsed}" if progressive else "{desc}"
+        # The first step comes when the kernels are compiled and a part is rendered.
+        doing = "compiling kernels" if progressive else "rendering"
+        self.bar = tqdm(
+            desc=doing, total=100, unit="%", bar_format=self.form, disable=None, file=sys.stderr, leave=False
+        )
+        self.lines, self.left = Lines(), Left()
+
+    def __enter__(self) -> ImageBar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bar.close()
+
+    def show(self, done: float) -> None:
+        """``done``: the part of it, 0 to 1."""
+        if self.bar.disable:
+            self.lines("rendering", done)
+        self.bar.set_description_str("rendering", refresh=False)
+        self.bar.bar_format = self.form + self.left(done)
+        self.bar.update(max(100 * done - self.bar.n, 0))  # an estimate that has become worse is not shown
+
+
+class FilmBar:
+    """The progress of the ``frames`` of a film, of which one at a time is shown."""
+
+    def __init__(self, frames: int) -> None:
+        form = "{l_bar}{bar}| {elapsed}, {remaining} left"
+        self.bar = tqdm(total=100 * frames, bar_format=form, disable=None, file=sys.stderr, leave=False)
+        self.finished = 0
+
+    def __enter__(self) -> FilmBar:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.bar.close()
+
+    def begin(self, number: int) -> None:
+        """Shows the frame of that number from now on."""
+        self.bar.set_description_str(f"frame {number}")
+
+    def show(self, done: float) -> None:
+        """``done``: the part of the frame at hand, 0 to 1."""
+        self.bar.update(max(100 * (self.finished + done) - self.bar.n, 0))
+
+    def finish(self) -> None:
+        """A frame is there."""
+        self.show(1.0)
+        self.finished += 1
+
+    def leave_out(self) -> None:
+        """A frame was there before."""
+        self.bar.total -= 100
+        self.bar.refresh()

@@ -12,8 +12,8 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
-from mitsuba_prosim.command import making, output
-from mitsuba_prosim.command.interrupts import interruptible
+from mitsuba_prosim.cli import output, progress
+from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import atomic, rendering
 from running import XML, names, pixels, prosim
@@ -177,7 +177,7 @@ def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
             os.kill(os.getpid(), number)
             return super().update(done)
 
-    monkeypatch.setattr(making, "tqdm", Bar)
+    monkeypatch.setattr(progress, "tqdm", Bar)
     monkeypatch.setattr(os, "_exit", lambda _: None)  # there may be a second band
     scene.write_text(BANDS)
     before = signal.getsignal(number)
@@ -225,7 +225,7 @@ def test_a_signal_that_is_ignored_stays_so(scene, monkeypatch):
             os.kill(os.getpid(), signal.SIGHUP)
             return super().update(done)
 
-    monkeypatch.setattr(making, "tqdm", Bar)
+    monkeypatch.setattr(progress, "tqdm", Bar)
     scene.write_text(BANDS)
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
@@ -250,7 +250,7 @@ def test_a_signal_that_another_handler_hears_stops_nothing(scene, monkeypatch):
                 os.kill(os.getpid(), signal.SIGUSR1)
                 return super().update(done)
 
-        monkeypatch.setattr(making, "tqdm", Bar)
+        monkeypatch.setattr(progress, "tqdm", Bar)
         scene.write_text(BANDS)
         done = prosim("render", scene)
     finally:

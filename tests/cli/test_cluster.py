@@ -19,11 +19,11 @@ import OpenEXR
 import psutil
 import pytest
 from mitsuba_prosim import cluster
+from mitsuba_prosim.cli import output as files
 from mitsuba_prosim.cluster import local, worker
 from mitsuba_prosim.cluster.errand import Whole
 from mitsuba_prosim.cluster.parcel import Parcel
 from mitsuba_prosim.cluster.remote import LOOK, Remote
-from mitsuba_prosim.command import output as files
 from mitsuba_prosim.saved import origin
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene import scene_file, session

@@ -13,7 +13,7 @@ from prosim_scene import Document, Kept, extras
 
 from ..denoising import oidn
 from ..scene import atomic, images, scene_file, session
-from .developed import metadata
+from .image import metadata
 from .input_files import SceneFile
 from .interrupts import interruptible
 from .job import Job, refuse_for_xml, takes_job

@@ -11,7 +11,7 @@ import time
 import mitsuba as mi
 import OpenEXR
 import pytest
-from mitsuba_prosim.command import making
+from mitsuba_prosim.cli import progress
 from running import XML, pixels, prosim
 
 #: A lamp over a floor: an image with noise.
@@ -93,14 +93,14 @@ def test_noise_that_the_scene_asks_a_scalar_variant_for(scene):
 def test_a_signal_after_the_first_wave_leaves_a_whole_image(scene, monkeypatch):
     told = []
 
-    class Bar(making.tqdm):
+    class Bar(progress.tqdm):
         def update(self, done):
             told.append(self.n + done)
             if len(told) == 3:
                 os.kill(os.getpid(), signal.SIGINT)
             return super().update(done)
 
-    monkeypatch.setattr(making, "tqdm", Bar)
+    monkeypatch.setattr(progress, "tqdm", Bar)
     monkeypatch.setattr(os, "_exit", lambda _: None)
     scene.write_text(NOISY)
     done = prosim("render", scene, "--noise", 1e-5)

@@ -22,7 +22,7 @@ def sphere(center, radius, radiance):
 def checkered():
     texels = np.zeros((8, 8, 3), dtype=np.float32)
     texels[:2, :2] = 40, 20, 10
-    texture = {"type": "bitmap", "raw": True, "filter_type": "nearest", "data": mi.TensorXf(texels)}
+    texture = {"type": "bitmap", "raw": True, "filter_type": "nearest", "bitmap": mi.Bitmap(texels)}
     return {
         "type": "rectangle",
         "to_world": T().translate([3, 2, 0]).rotate([0, 1, 0], -90),

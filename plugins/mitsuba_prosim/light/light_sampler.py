@@ -170,8 +170,8 @@ def models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
         for k in near:
             with contextlib.suppress(RuntimeError):
                 rays[k] = tuple(array[0] for array in draw(scene, [emitters[k]], emitted_ray, together=False))
-    for k, drawn in rays.items():
-        rows[k] = near_model(*drawn, size)
+    for k, (power, origins, directions) in rays.items():
+        rows[k] = near_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
     rows[far, 4] = np.square(FAR * size) * draw(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
     # Powers are compared as the light in the scene, at its radius from what is near.

@@ -1,4 +1,6 @@
-"""The light sources of a scene, as surfaces sample them: every source at every point (sections 4.1, 5.2)."""
+"""The light sources of a scene, as surfaces sample them: each at every point (sections 4.1, 5.2), or one that is
+chosen (:mod:`.light_sampler`).
+"""
 
 from __future__ import annotations
 

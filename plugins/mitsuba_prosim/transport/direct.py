@@ -1,4 +1,4 @@
-"""Light from every source at a node (sections 4.1, 5.2)."""
+"""Light from the sources at a node (sections 4.1, 5.2)."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import argparse
 import mitsuba as mi
 import numpy as np
 import prosim_scene
-from prosim_scene.language import document_of
+from prosim_scene import document_of
 from scenes import ball, camera, floor, rgb
 from scipy import stats
 

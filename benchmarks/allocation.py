@@ -8,7 +8,7 @@ with ``adaptive = none``; ``neighbours``, which gives N² at most, begins with a
 smaller N``, whose patterns are then smaller than the mean, with one 1.6 times as small. Printed is how
 many times less they cost than ``none`` for an equal error, the error being taken to go down with the root of the cost
 (which is the same but for a few per cent): squared error times samples, and squared error times processor time, by
-turns, medians. ``half buffers``: see half_buffers.py.
+turns, medians.
 
 ``--bias``: that many images of a penumbra, 64 x 64, N = 5; the mean of the noisiest tenth of the pixels beside that of
 ``none`` with the same seeds.
@@ -38,11 +38,6 @@ def by_policy(policy: str, make: Callable[..., mi.Integrator], n: int, more: flo
     """How ``policy`` renders; ``make``: the integrator with some parameters; ``more``: so many times the N for
     ``neighbours``, and one over that for ``graded, smaller N``.
     """
-    if policy == "half buffers":
-        from half_buffers import half_buffers  # needs a variant
-
-        integrator = make(adaptive="none", samples=n)
-        return lambda scene, seed, threshold: half_buffers(scene, integrator, seed, n, threshold, 4 * n * n)
     if policy == "graded, smaller N":
         integrator = make(adaptive="graded", samples=round(n / more), max_samples=4 * n * n)
     else:
@@ -50,8 +45,8 @@ def by_policy(policy: str, make: Callable[..., mi.Integrator], n: int, more: flo
 
     def render(scene: mi.Scene, seed: int, threshold: float) -> tuple[np.ndarray, float]:
         integrator.threshold = threshold
-        image = integrator.render(scene, scene.sensors()[0], seed=seed)
-        return np.array(image, dtype=np.float64)[..., :3], integrator.reached.samples
+        progressive = integrator.progressive(scene, seed=seed).run()
+        return np.array(progressive.image(), dtype=np.float64)[..., :3], progressive.reached.samples
 
     return render
 
@@ -136,9 +131,6 @@ def bias(images: int, policies: list[str]) -> None:
     noisiest = noise >= np.quantile(noise, 0.9)
     renders = {policy: by_policy(policy, make, 5, 1) for policy in policies}
     thresholds = dict.fromkeys(policies, 0.006) | {"thesis": 0.0025}
-    if "half buffers" in renders:  # as many samples as graded takes
-        samples = by_policy("graded", make, 5)(scene, 0, 0.006)[1]
-        thresholds["half buffers"] = threshold_for(renders["half buffers"], scene, samples)
     means: dict[str, list[float]] = {policy: [] for policy in ["none", *policies]}
     for seed in range(images):
         means["none"].append(none(scene, seed, 0)[0][noisiest].mean())
@@ -162,7 +154,7 @@ def main() -> None:
     parser.add_argument("--scene", nargs="+", choices=NAMES, default=NAMES)
     parser.add_argument("--samples", type=int, nargs="+", default=[5, 8], help="N")
     parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--policy", nargs="+", default=["graded", "graded, smaller N", "neighbours", "half buffers"])
+    parser.add_argument("--policy", nargs="+", default=["graded", "graded, smaller N", "neighbours"])
     parser.add_argument("--bias", type=int, default=0, metavar="IMAGES", help="measure the bias, not the gain")
     options = parser.parse_args()
     begin(options.variant, options.threads)

@@ -30,18 +30,19 @@ PALITO, COPO = (Path(__file__).parents[1] / "examples" / name for name in ("pali
 
 def opened(size: int, n: int, folder: str) -> Any:
     """``palito``, ``n``² samples in each of ``size``² pixels."""
-    from mitsuba_prosim.scene_files import opening
+    from mitsuba_prosim.scene import scene_file
 
     integrator = {"adaptive": "none"}
-    return opening.SceneFile(PALITO, folder, resolution=(size, size), samples=n, integrator=integrator)
+    return scene_file.SceneFile(PALITO, folder, resolution=(size, size), samples=n, integrator=integrator)
 
 
-def timed(scene: Any, processes: list[Any]) -> tuple[float, float]:
+def timed(scene: Any, processes: list[Any], executor: Any = None) -> tuple[float, float]:
     """``(seconds, seconds of the processors)`` of rendering a scene, by these processes, as the command does it."""
-    from mitsuba_prosim.scene_files import rendering
+    from mitsuba_prosim.scene import rendering
 
     before, start = sum(sum(p.cpu_times()[:2]) for p in processes), time.perf_counter()
-    rendering.render(scene, scene.sensors()[0], seed=1, tell=lambda _: None)
+    for _ in rendering.progressive(scene, scene.sensors()[0], seed=1, executor=executor):
+        pass
     return time.perf_counter() - start, sum(sum(p.cpu_times()[:2]) for p in processes) - before
 
 
@@ -51,31 +52,27 @@ def measure(size: int, n: int, workers: int, rounds: int) -> None:
     import psutil
     from mitsuba_prosim.cluster import Remote, local
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import writing
+    from mitsuba_prosim.scene import atomic
 
     dr.set_thread_count(workers)
-    with local.workers(workers, workers) as client, writing.scratch() as folder:
+    with local.workers(workers, workers) as client, atomic.scratch() as folder:
         small = opened(64, n, str(folder))
         first, parcel = small.load(), Parcel.of(small)
         file = opened(size, n, str(folder))  # whose translation takes the place of the other
         scene = file.load()
         start = time.perf_counter()
         with Remote(client, parcel) as taker:
-            first.integrator().taker = taker
-            first.integrator().render(first, seed=1)
+            first.integrator().progressive(first, seed=1, executor=taker).run()
         print(f"workers that are there, until the first small image is done: {time.perf_counter() - start:.1f} s")
-        first.integrator().taker = None
         first.integrator().render(first, seed=1)
         here = [psutil.Process()]
         there = here + [psutil.Process(pid) for pid in client.run(os.getpid).values()]
         alone, together, busy = [], [], []
         with Remote(client, Parcel.of(file)) as taker:
             for _ in range(rounds):
-                scene.integrator().taker = None
                 alone.append(timed(scene, here))
-                scene.integrator().taker = taker
                 done, took = taker.portions, taker.busy
-                together.append(timed(scene, there))
+                together.append(timed(scene, there, taker))
                 busy.append((taker.busy - took) / workers)
                 print(
                     f"{size} x {size}, {n * n} samples: one process {alone[-1][0]:.2f} s ({alone[-1][1]:.2f} of the "
@@ -94,18 +91,16 @@ def new_worker() -> None:
     """From the beginning of a worker's process to its first finished portion."""
     from mitsuba_prosim.cluster import Remote, local
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import writing
+    from mitsuba_prosim.scene import atomic
 
-    with writing.scratch() as folder:
+    with atomic.scratch() as folder:
         small = opened(64, 2, str(folder))
         scene, parcel = small.load(), Parcel.of(small)
         start = time.perf_counter()
         with local.workers(1, 1) as client, Remote(client, parcel) as taker:
             process = time.perf_counter() - start
-            scene.integrator().taker = taker
-            finished: list[float] = []
-            scene.integrator().progress = lambda _: finished.append(time.perf_counter() - start)
-            scene.integrator().render(scene, seed=1)
+            render = scene.integrator().progressive(scene, seed=1, executor=taker)
+            finished = [time.perf_counter() - start for _ in render]
     print(
         f"start of a worker: {process:.1f} s its process and Dask, {finished[0]:.1f} s until its first portion is done"
     )
@@ -116,26 +111,25 @@ def memory(size: int, workers: int) -> None:
     import drjit as dr
     from mitsuba_prosim.cluster import Remote, local
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import writing
+    from mitsuba_prosim.scene import atomic
 
     class Small(Remote):
-        def bound(self, most: int | None, left: int) -> int | None:
+        def limit(self, most: int | None, left: int) -> int | None:
             return 16
 
     def most() -> int:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 
     dr.set_thread_count(workers)
-    with local.workers(workers, workers) as client, writing.scratch() as folder:
+    with local.workers(workers, workers) as client, atomic.scratch() as folder:
         file = opened(size, 1, str(folder))
         scene = file.load()
         with Remote(client, Parcel.of(file)) as taker:
-            scene.integrator().taker = taker
             before, start = most(), time.process_time()
-            for snapshot in scene.integrator().waves(scene, seed=1):
+            render = scene.integrator().progressive(scene, seed=1, executor=taker)
+            for _ in render:
                 gathered, took = most(), time.process_time() - start
-                estimate = snapshot.state.estimate
-                values = 5 + len(estimate.sums)
+            values = 5 + len(render.state.estimate.sums)
             print(
                 f"{size} x {size}: {before} MB before, {gathered} MB at most while gathering, of which the state has "
                 f"{4 * values * size * size / 1e6:.0f} MB ({values} values a pixel); with the film {most()} MB; "
@@ -144,9 +138,8 @@ def memory(size: int, workers: int) -> None:
         file = opened(64, 1, str(folder))
         scene = file.load()
         with Small(client, Parcel.of(file)) as taker:
-            scene.integrator().taker = taker
             start = time.process_time()
-            scene.integrator().render(scene, seed=1)
+            scene.integrator().progressive(scene, seed=1, executor=taker).run()
             took = time.process_time() - start
             print(
                 f"{took / taker.portions * 1000:.1f} ms of the processors for each of {taker.portions} small portions"
@@ -159,7 +152,7 @@ def photons(size: int, noise: float, workers: int) -> None:
     import psutil
     from mitsuba_prosim.cluster import Remote, local, worker
     from mitsuba_prosim.cluster.parcel import Parcel
-    from mitsuba_prosim.scene_files import opening, writing
+    from mitsuba_prosim.scene import atomic, scene_file
 
     def used(processes: list[Any]) -> float:
         return sum(sum(p.cpu_times()[:2]) for p in processes)
@@ -170,13 +163,12 @@ def photons(size: int, noise: float, workers: int) -> None:
 
     dr.set_thread_count(workers)
     here = [psutil.Process()]
-    with writing.scratch() as folder, local.workers(workers, workers) as client:
+    with atomic.scratch() as folder, local.workers(workers, workers) as client:
         size_of_image = size, round(1.2 * size)
-        file = opening.SceneFile(COPO, folder, resolution=size_of_image, integrator={"noise": noise})
+        file = scene_file.SceneFile(COPO, folder, resolution=size_of_image, integrator={"noise": noise})
         scene = file.load()
         before = used(here)
-        for snapshot in scene.integrator().waves(scene, seed=1):
-            caustics = snapshot.state.estimator.transport.caustics
+        caustics = scene.integrator().progressive(scene, seed=1).run().state.estimator.transport.caustics
         print(
             f"one process: {used(here) - before:.1f} s of the processors; {caustics.draws} sets of photons, in "
             f"{caustics.seconds:.1f} s by the clock",
@@ -185,8 +177,7 @@ def photons(size: int, noise: float, workers: int) -> None:
         there = here + [psutil.Process(pid) for pid in client.run(os.getpid).values()]
         before = used(there)
         with Remote(client, Parcel.of(file)) as taker:
-            scene.integrator().taker = taker
-            scene.integrator().render(scene, seed=1)
+            scene.integrator().progressive(scene, seed=1, executor=taker).run()
         sets = ", ".join(f"{number} in {seconds:.1f} s" for number, seconds in client.run(drawn).values())
         print(f"{workers} workers: {used(there) - before:.1f} s; sets of each: {sets}; {taker.portions} portions")
 

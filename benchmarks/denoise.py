@@ -123,11 +123,14 @@ def row(subject: Subject, reference: Reference, n: int, rounds: int) -> str:
     sensor, found, seconds = subject.scene.sensors()[0], [], []
     for k in range(rounds):
         begun = time.process_time()
-        both = halves.halves(subject.scene, sensor, integrator, seed=2 * k)
+        render = halves.Rendering(subject.scene, sensor, integrator, 2 * k, 0)
+        for _ in render:
+            pass
+        both = render.halves
         rendered = time.process_time()
         result = both.denoised()
         seconds.append((rendered - begun, time.process_time() - rendered))
-        samples = integrator.reached.samples
+        samples = render.reached.samples
         one = subject.render(integrator, seed=1000 + k)[..., :3]
         final, raw = errors(result.final, reference), errors(result.raw, reference)
         rms = float(np.sqrt(np.mean(result.final_error.astype(np.float64) ** 2)))

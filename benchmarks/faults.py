@@ -52,7 +52,7 @@ FILTERS = ("box", "gaussian")
 
 #: ``prosim`` that writes its state after each portion, which takes a fifth of a second.
 HURRIED = (
-    "from mitsuba_prosim.saved.keeper import Keeper; from mitsuba_prosim.rendering.pace import Pace; "
+    "from mitsuba_prosim.saved.keeper import Keeper; from mitsuba_prosim.engine.pace import Pace; "
     "Keeper.SHORTEST, Keeper.TIMES, Keeper.SHARE = 0, 0, 1e9; Pace.SHORTEST, Pace.LONGEST = 0.1, 0.4; "
     "from prosim_start import main; main()"
 )
@@ -164,7 +164,7 @@ def kill_workers(number: int, folder: Path, size: int, chance: random.Random) ->
 
 def put_parts_together(most: int, folder: Path, size: int, chance: random.Random) -> None:
     from mitsuba_prosim import saved
-    from mitsuba_prosim.rendering.part import Part
+    from mitsuba_prosim.engine.part import Part
 
     for policy, rfilter in itertools.product(("none", "thesis", "neighbours", "graded"), FILTERS):
         loaded: Any = mi.load_file(str(scene(folder, rfilter, size)))
@@ -174,12 +174,10 @@ def put_parts_together(most: int, folder: Path, size: int, chance: random.Random
         for of in range(1, most + 1):
             paths = [folder / f"part.{number}-of-{of}.exr" for number in range(1, of + 1)]
             for number, path in enumerate(paths, 1):
-                integrator.keep = lambda record, last, path=path: saved.save(record(), path) if last else None
-                for _ in integrator.waves(loaded, seed=1, part=Part(number, of)):
-                    pass
-            integrator.keep = None
+                part = integrator.progressive(loaded, seed=1, part=Part(number, of)).run()
+                saved.save(part.checkpoint(), path)
             chance.shuffle(paths)
-            *_, last = integrator.waves(loaded, seed=1, begin=saved.merge(paths))
+            last = integrator.progressive(loaded, seed=1, begin=saved.merge(paths)).run()
             if np.array(last.image()).tobytes() != whole:
                 raise SystemExit(f"{policy}, {rfilter}, {of} parts: the bytes are others")
         print(f"{policy}, {rfilter}: the same bytes from 1 to {most} parts", flush=True)

@@ -30,14 +30,14 @@ def pure(scene: Path, frames: int, n: int, threads: int) -> tuple[float, float]:
     mi.set_variant("llvm_ad_rgb")
     import drjit as dr
     import mitsuba_prosim  # noqa: F401  (registers the plugins)
-    from mitsuba_prosim.scene_files import opening, writing
+    from mitsuba_prosim.scene import atomic, scene_file
 
     dr.set_thread_count(threads)
     clock = processors = 0.0
-    with writing.scratch() as folder:
+    with atomic.scratch() as folder:
         for number in range(frames):
             definitions, integrator = {"frame": str(number)}, {"adaptive": "none"}
-            file = opening.SceneFile(
+            file = scene_file.SceneFile(
                 scene, folder, definitions=definitions, resolution=(256, 256), samples=n, integrator=integrator
             )
             loaded = file.load()

@@ -76,10 +76,8 @@ def tumbler(options):
         cells = [statistics.median(measure(im, converged) for _, im in runs) for measure in (rmse, percentile99)]
         name = ",".join(f"{k}={v}" for k, v in case.items())
         seconds = statistics.median(s for s, _ in runs)
-        print(
-            f"| `{name}` | {seconds:.1f} | {cells[0]:.5f} | {cells[1]:.4f} | {integrator.reached.samples:.1f} |",
-            flush=True,
-        )
+        samples = integrator.progressive(scene).run().reached.samples
+        print(f"| `{name}` | {seconds:.1f} | {cells[0]:.5f} | {cells[1]:.4f} | {samples:.1f} |", flush=True)
 
 
 def ball(options):

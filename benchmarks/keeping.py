@@ -15,7 +15,6 @@ import itertools
 import resource
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +32,11 @@ def measured(keeper_class: type) -> type:
     class Measured(keeper_class):  # type: ignore[misc, valid-type]
         cpu = 0.0
 
-        def __call__(self, record: Callable[[], Any], last: bool) -> None:
+        def __call__(self, render: Any, last: bool = False) -> None:
             self.moments: list[tuple[float, float]] = getattr(self, "moments", [])
             self.longest = max(getattr(self, "longest", 0.0), time.perf_counter() - getattr(self, "asked", 1e9))
             start = time.thread_time()
-            super().__call__(record, last)
+            super().__call__(render, last)
             self.cpu += time.thread_time() - start
             self.asked = time.perf_counter()
 
@@ -54,7 +53,7 @@ def measure(asked: argparse.Namespace) -> None:
     import mitsuba as mi
     import prosim_scene
     from mitsuba_prosim.saved.keeper import Keeper
-    from mitsuba_prosim.scene_files import rendering
+    from mitsuba_prosim.scene import rendering
 
     integrator = {"adaptive": "none"} if not asked.noise else {"noise": asked.noise}
     with tempfile.TemporaryDirectory(dir=asked.folder) as name:
@@ -68,7 +67,13 @@ def measure(asked: argparse.Namespace) -> None:
         before, start, used = most(), time.perf_counter(), time.process_time()
         keeper = None if asked.bare else measured(Keeper)(folder / "a.state.exr", {}, print)
         first: list[float] = []
-        rendering.render(scene, sensor, 0, 0, lambda _: first.append(time.perf_counter()), keep=keeper)
+        render = rendering.progressive(scene, sensor)
+        for _ in render:
+            first.append(time.perf_counter())
+            if keeper is not None:
+                keeper(render)
+        if keeper is not None:
+            keeper(render, True)
         seconds, used = time.perf_counter() - start, time.process_time() - used
         print(f"{seconds:.1f} s, {used:.1f} s of the processors; {before} MB before, {most()} MB at most")
         if keeper is not None:

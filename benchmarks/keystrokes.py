@@ -38,7 +38,7 @@ async def measure(lines, keys):
     def note(params):
         told.put_nowait(params)
 
-    await client.start_io(sys.executable, "-c", "from prosim_scene.editor.server import serve; serve()")
+    await client.start_io(sys.executable, "-c", "import prosim_scene.language_server as it; it.language_server()")
     await client.initialize_async(lsp.InitializeParams(lsp.ClientCapabilities(), root_uri="file:///nowhere"))
     text, rng, found = scene(lines), random.Random(1), []
     begin = time.perf_counter()

@@ -22,13 +22,13 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 def timed(scene: Any, part: Any = None) -> tuple[float, int]:
     """``(seconds of the processors, samples)`` of a part, or of the whole image."""
     start = time.process_time()
-    *_, last = scene.integrator().waves(scene, seed=1, part=part)
-    return time.process_time() - start, int(np.sum(np.array(last.state.estimate.count), dtype=np.int64))
+    render = scene.integrator().progressive(scene, seed=1, part=part).run()
+    return time.process_time() - start, int(np.sum(np.array(render.state.estimate.count), dtype=np.int64))
 
 
 def measure(name: str, policy: str, of: int, size: int, n: int, rounds: int) -> None:
     import prosim_scene
-    from mitsuba_prosim.rendering.part import Part
+    from mitsuba_prosim.engine.part import Part
 
     made = prosim_scene.load(EXAMPLES / f"{name}.scn", resolution=(size, size), samples=n)
     made["integrator"]["adaptive"] = policy

@@ -56,12 +56,12 @@ def noises(subject: Subject, reference: Reference, options: argparse.Namespace) 
             ratios, slope, said, samples = [], [], [], []
             start = time.process_time()
             for seed in range(options.seeds):
-                *_, snapshot = integrator.waves(subject.scene, seed=seed)
-                by_slope, by_curve = errors(np.array(snapshot.image(), dtype=np.float64), reference)
+                render = integrator.progressive(subject.scene, seed=seed).run()
+                by_slope, by_curve = errors(np.array(render.image(), dtype=np.float64), reference)
                 ratios.append(by_curve / asked)
                 slope.append(by_slope / asked)
-                said.append(snapshot.state.noise / asked)
-                samples.append(integrator.reached.samples)
+                said.append(render.reached.noise / asked)
+                samples.append(render.reached.samples)
                 if seed >= 9 and time.process_time() - start > options.row_seconds:
                     break
             kept = np.mean([KEPT[0] <= r <= KEPT[1] for r in ratios])
@@ -80,9 +80,9 @@ def times(subject: Subject, options: argparse.Namespace) -> None:
         taken, samples = [], []
         for seed in range(1 if asked > 10 else options.seeds):
             start = time.perf_counter()
-            subject.render(integrator, seed)
+            render = integrator.progressive(subject.scene, seed=seed).run()
             taken.append(time.perf_counter() - start)
-            samples.append(integrator.reached.samples)
+            samples.append(render.reached.samples)
         print(
             f"| {subject.name} | {asked:g} | {taken[0] / asked:.3f} | {min(taken) / asked:.3f} | "
             f"{max(taken) / asked:.3f} | {np.mean(samples):.0f} |",

@@ -12,7 +12,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 from mitsuba_prosim.compare.scenes import FileScene, Scene
-from mitsuba_prosim.scene_files.opening import SceneFile
+from mitsuba_prosim.scene.scene_file import SceneFile
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
 

@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 from mitsuba_prosim.compare import runs
-from mitsuba_prosim.scene_files import writing
+from mitsuba_prosim.scene import atomic
 from scenes import ball, copper, cornell_box, stage
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -112,7 +112,7 @@ class Subject:
         halves = [half / count for half in halves]
         content = io.BytesIO()
         np.savez(content, first=halves[0], second=halves[1])
-        writing.write({path: content.getvalue()})
+        atomic.write({path: content.getvalue()})
         return Reference(*halves)
 
 

@@ -59,7 +59,7 @@ class Watched:
     """A studio that notes when what is seen of it after a save."""
 
     def __init__(self, scene, folder):
-        from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+        from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
         from mitsuba_prosim.watch import studio
         from prosim_scene import Kept
 
@@ -97,15 +97,14 @@ class Watched:
 
     def render(self):
         """The seconds of the command's render."""
-        from mitsuba_prosim.scene_files import rendering
+        from mitsuba_prosim.scene import rendering
 
         def rendered(subject):
-            integrator = subject.scene.integrator()
-            taker, integrator.taker = integrator.taker, None
             begun = now()
-            rendering.render(subject.scene, subject.sensor, tell=lambda part: None)
+            for _ in rendering.progressive(subject.scene, subject.sensor):
+                pass
             image = np.array(subject.sensor.film().develop())
-            took, integrator.taker = now() - begun, taker
+            took = now() - begun
             assert np.array_equal(image, self.studio.board.pictures["own"].layers["final"])
             return {"final": took}
 
@@ -173,7 +172,7 @@ def main():
         page(arguments.page)
         return
     mi.set_variant(arguments.variant)
-    from mitsuba_prosim.scene_files import session
+    from mitsuba_prosim.scene import session
     from mitsuba_prosim.watch import due, portions, server
 
     if arguments.busy:

@@ -13,7 +13,7 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import prosim_scene
 from matplotlib.figure import Figure
-from prosim_scene.language import document_of
+from prosim_scene import document_of
 
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent / "examples")]

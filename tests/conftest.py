@@ -5,6 +5,10 @@ A test that takes ``variant_rgb`` runs in ``llvm_ad_rgb``, and where there is a 
 ``scalar_rgb``. As each change of variant loads all plugins anew, the tests of one variant run together.
 """
 
+import ctypes
+import platform
+from pathlib import Path
+
 import drjit as dr
 import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
@@ -47,10 +51,31 @@ variant_scalar = pytest.fixture(activate, params=SCALAR, name="variant_scalar")
 variant = pytest.fixture(activate, params=VARIANTS, name="variant")
 
 
-def pytest_report_header():
+#: LLVM's target by the width of its vectors. Dr.Jit takes reciprocals and roots otherwise with each: by the
+#: approximations of AVX2 (8) and of AVX-512 (16), or exactly (4).
+TARGETS = {4: "x86-64-v3", 8: "x86-64-v3", 16: "x86-64-v4"}
+
+
+def pytest_addoption(parser):
+    parser.addoption("--vector-width", type=int, choices=TARGETS, help="compile kernels as on a CPU with such vectors")
+
+
+def pytest_configure(config):
+    width = config.getoption("--vector-width")
+    if width is None:
+        return
+    if platform.machine() not in ("x86_64", "AMD64") or "llvm" not in HERE:
+        raise pytest.UsageError("--vector-width needs an x86-64 processor and an LLVM; leave it out.")
+    core = ctypes.CDLL(str(next(Path(dr.__file__).parent.glob("*drjit-core.*"))))
+    core["_Z19jit_llvm_set_targetPKcS0_j"](TARGETS[width].encode(), None, ctypes.c_uint32(width))
+
+
+def pytest_report_header(config):
+    width = config.getoption("--vector-width")
     absent = [device for device in DEVICES if device not in HERE]
     nothing = f"; there is nothing for {' and '.join(absent)} here" if absent else ""
-    return f"Mitsuba {mi.__version__} in {', '.join(VARIANTS if HERE else SCALAR)}{nothing}"
+    vectors = f"; vectors of {width}" if width else ""
+    return f"Mitsuba {mi.__version__} in {', '.join(VARIANTS if HERE else SCALAR)}{nothing}{vectors}"
 
 
 def pytest_collection_modifyitems(items):

@@ -12,9 +12,9 @@ import prosim_scene
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim import registry
+from mitsuba_prosim.engine.policies import POLICIES
 from mitsuba_prosim.light import table
 from mitsuba_prosim.light.table import Lights
-from mitsuba_prosim.rendering.policies import POLICIES
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
@@ -137,7 +137,7 @@ def check_light(count, monkeypatch):
 
 @pytest.mark.slow
 def test_policy(variant_rgb, monkeypatch):
-    monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.rendering.policies", "All samples where").Contrast)
+    monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.engine.policies", "All samples where").Contrast)
     scene = prosim_scene.load(ROOT / "examples" / "poste.scn", resolution=(60, 45), samples=3)
 
     def counts(**integrator):

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene.language import document_of
+from prosim_scene import document_of
 
 DOCS = Path(__file__).parents[1] / "docs"
 STEPS = re.findall(r"```scn\n(.*?)```\n\n!\[.*?\]\((.*?)\)", (DOCS / "walkthrough.md").read_text("utf-8"), re.DOTALL)

@@ -5,7 +5,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import prosim_scene
-from mitsuba_prosim.scene_files.tone import compress
+from mitsuba_prosim.scene.images import compress
 
 SCENES = Path(__file__).parents[1]
 

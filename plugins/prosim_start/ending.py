@@ -19,7 +19,8 @@ def end_at_once() -> None:
         return
     lines = [b"Interrupted.\n"]
     reader, writer = os.pipe()
-    os.set_blocking(writer, False)
+    if hasattr(os, "set_blocking"):  # not on Windows before Python 3.12, which does without
+        os.set_blocking(writer, False)
 
     def end(*_: object) -> None:
         if lines:  # whoever comes first

@@ -7,25 +7,43 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 
+from .files import PART, read, refuse_special, rewrite
 from .kept import Kept
-from .language import parse
-from .language.files import read, rewrite
+from .language import document_of, parse
+from .language.diagnostics import SceneError, SceneWarning, Source, Span
+from .language.document import Document
 from .language.formatter import format
-from .language.messages import SceneError, SceneWarning
-from .model import Scene
+from .language.tokens import FPS, FRAME, TIME
+from .model import Leaf, Scene, View
+from .targets.pictures import images, located
 from .translator import check, document, load, sensor, translate
+from .view import misfit
 
 __all__ = [
+    "FPS",
+    "FRAME",
+    "PART",
+    "TIME",
+    "Document",
     "Kept",
+    "Leaf",
     "Scene",
     "SceneError",
     "SceneWarning",
+    "Source",
+    "Span",
+    "View",
     "check",
     "document",
+    "document_of",
     "format",
+    "images",
     "load",
+    "located",
+    "misfit",
     "parse",
     "read",
+    "refuse_special",
     "rewrite",
     "sensor",
     "translate",

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Hashable
 from weakref import WeakKeyDictionary
 
-from .language.reading import Last
 from .solids import Faces, Results, Triangles
 from .write.ply import ply
 
@@ -13,7 +12,7 @@ class Kept:
 
     What they look like is no part of the content. They take as much memory as they take while they are made. ``made``
     counts the trees that were evaluated. Of a tree that has changed, what the change does not touch is found in
-    ``results``; of a text that has changed, in ``text``.
+    ``results``.
     """
 
     def __init__(self) -> None:
@@ -22,7 +21,6 @@ class Kept:
         self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
         self.made = 0
         self.results = Results()
-        self.text = Last()
 
     def faces(self, key: Hashable, make: Callable[[], Faces]) -> Faces:
         """What ``make`` gives, or has given the last time for an equal ``key``."""

@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
 
-from .language.messages import SceneError
-from .language.quantities import Numbers
-from .language.words import PIXELS, numbers
+from .language.diagnostics import SceneError
+from .language.words import PIXELS, Numbers, numbers
 from .targets import TARGETS, lights
 
 
@@ -23,14 +24,13 @@ class Options:
     def __post_init__(self) -> None:
         """Checks the values."""
         samples, pixels = numbers("SETTING", "samples"), numbers("VIEW_PARAMETER", "resolution")
-        self._check("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}")
+        self._check("target", self.target in list(TARGETS), f"one of {', '.join(TARGETS)}")
         self._check("light_units", self.light_units in lights.UNITS, f"one of {', '.join(lights.UNITS)}")
-        self._check("tolerance", self.tolerance is None or 0 < self.tolerance < math.inf, "a number of pixels above 0")
+        self._check("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0")
         self._check("samples", self.samples is None or _whole(self.samples, samples), samples.bounds())
-        size = self.resolution
         self._check(
             "resolution",
-            size is None or (len(size) == 2 and all(_whole(x, pixels) for x in size) and math.prod(size) <= PIXELS),
+            self.resolution is None or _is_size(self.resolution, pixels),
             f"width and height, each {pixels.bounds()}, and {PIXELS} in all",
         )
 
@@ -39,5 +39,17 @@ class Options:
             raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
 
 
-def _whole(value: int, takes: Numbers) -> bool:
-    return int(value) == value and takes.low <= value <= takes.high
+def _is_positive(value: Any) -> bool:
+    return isinstance(value, Real) and 0 < float(value) < math.inf
+
+
+def _is_size(size: Any, pixels: Numbers) -> bool:
+    try:
+        width, height = size
+    except (TypeError, ValueError):
+        return False
+    return _whole(width, pixels) and _whole(height, pixels) and width * height <= PIXELS
+
+
+def _whole(value: Any, takes: Numbers) -> bool:
+    return isinstance(value, Integral) and takes.low <= int(value) <= takes.high

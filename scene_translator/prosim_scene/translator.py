@@ -1,20 +1,20 @@
 """Scene file -> Mitsuba scene: XML and meshes on disk, or a dictionary."""
 
-import atexit
 import os
 import shutil
 import sys
 import tempfile
+import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from .assembling import assemble, looking
+from .files import read
 from .kept import Kept
 from .language import document_of
+from .language.diagnostics import SceneError
 from .language.document import Document
-from .language.files import read
-from .language.messages import SceneError
 from .model import Scene
 from .nodes import Comment, Node
 from .options import Options
@@ -23,14 +23,13 @@ from .write import output, xml
 AnyPath = str | os.PathLike[str]
 
 
-def document(path: AnyPath, define: Mapping[str, object] | None = None, kept: Kept | None = None) -> Document:
-    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`;
-    ``kept`` is what the text of before has left: of that, only what has changed is read.
+def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
+    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`.
 
     :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
     asked for first is read but once. Raises :class:`SceneError`.
     """
-    return document_of(read(path), path, define, kept.text if kept else None)
+    return document_of(read(path), path, define)
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
@@ -103,7 +102,10 @@ def translate(
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:
-        relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
+        try:
+            relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
+        except ValueError:  # on another drive of Windows
+            relative = path.resolve().as_posix()
         if not xml.can_say(relative):
             raise ValueError(f"the path {relative!r} cannot stand in XML; expected printable characters, in UTF-8")
         return relative
@@ -129,25 +131,43 @@ def load(
 ) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
 
-    The meshes are written to a temporary folder that lives as long as the process. Mitsuba takes its own type alone for
-    transforms: ``transform`` turns a 4x4 array into it. By default it is ``mitsuba.ScalarTransform4f`` of the active
-    variant where Mitsuba has been imported, and otherwise arrays are left as they are.
+    The meshes are written to a temporary folder. It is removed when the dictionary and its copies are gone, or the
+    process ends. Mitsuba takes its own type alone for transforms: ``transform`` turns a 4x4 array into it. By default
+    it is ``mitsuba.ScalarTransform4f`` of the active variant where Mitsuba has been imported, and otherwise arrays are
+    left as they are.
     """
     checked = Options(**options)
     opened, path = _opened(source, define)
-    folder = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-
-    def store(name: str, content: bytes) -> str:
-        file = folder / f"{name}.ply"
-        file.write_bytes(content)
-        return str(file)
-
     try:
-        tree = assemble(opened, path.parent, checked, store, str, kept)
+        folder = _Temporary()
+        tree = assemble(opened, path.parent, checked, folder.store, str, kept)
     except OSError as error:
-        raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(path)) from None
+        raise SceneError(f"{error.filename or tempfile.gettempdir()}: {error.strerror or error}", str(path)) from None
     return _plain(tree, transform)
+
+
+class _Temporary:
+    """A folder that is removed when nobody knows this object, nor a file name from it, any more."""
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)  # at the end of the process, too
+
+    def store(self, name: str, content: bytes) -> str:
+        """Writes a mesh; returns its file name."""
+        file = _FileName(self.path / f"{name}.ply")
+        file.folder = self
+        Path(file).write_bytes(content)
+        return file
+
+
+class _FileName(str):
+    """The name of a file in a temporary folder, which is not removed as long as this name is known."""
+
+    folder: _Temporary
+
+    def __deepcopy__(self, _: Any) -> "_FileName":
+        return self
 
 
 def sensor(

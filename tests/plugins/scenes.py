@@ -1,6 +1,10 @@
 """Small scenes for the tests of the integrator."""
 
+import tempfile
+from pathlib import Path
+
 import mitsuba as mi
+import numpy as np
 
 
 def rgb(*value):
@@ -57,3 +61,20 @@ def alone(ball, size=32, **integrator):
         del scene[name]
     scene["environment"] = {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}
     return scene
+
+
+def mesh(positions, faces, normals=None, **within):
+    """A mesh with what is ``within`` it (its BSDF, its emitter), as a dictionary or loaded; by a file, as the
+    constructor of ``mi.Mesh`` is another one in Mitsuba 3.10.
+    """
+    vertices = positions if normals is None else np.hstack([positions, normals])
+    names = ("x", "y", "z", "nx", "ny", "nz")[: np.shape(vertices)[1]]
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}"]
+    lines += [f"property float {name}" for name in names]
+    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    lines += [" ".join(f"{value:.9g}" for value in vertex) for vertex in vertices]
+    lines += [" ".join(map(str, (3, *face))) for face in faces]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "mesh.ply")
+        path.write_text("\n".join(lines) + "\n")
+        return mi.load_dict({"type": "ply", "filename": str(path), "face_normals": False, **within})

@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
+from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 
 #: Absorption by unit of length, as the tests have it.
@@ -178,7 +179,7 @@ def test_derivatives_by_absorption_and_thickness(variant_rgb):
     scene["integrator"] |= {"diffuse_bounces": -1, "max_level": 2}
     scene = mi.load_dict(scene)
     params = mi.traverse(scene)
-    sigma, to_world = "it.interior_medium.sigma_t.value.value", "it.to_world"
+    sigma, to_world = "it.interior_medium.sigma_t.value.value", to_world_name(params, "it.")
     before = mi.Color3f(params[sigma])
     left = np.exp(-2 * SIGMA)
 

@@ -4,8 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.rendering.error import standard_error
-from mitsuba_prosim.rendering.policies.neighbours import REACH, error_of_neighbours
+from mitsuba_prosim.engine.error import standard_error
+from mitsuba_prosim.engine.policies.neighbours import REACH, error_of_neighbours
 
 
 @pytest.mark.parametrize("shape", [(7, 9), (3, 3), (1, 6), (2, 1), (1, 1)])

@@ -272,8 +272,9 @@ def test_halves_are_two_renders(variant_rgb, integrator):
     ours = {"samples": 4, "aovs": "samples"} if integrator != "path" else {}
     scene = mi.load_dict(penumbra(size=16, type=integrator, **nested, **ours))
     sensor, own = scene.sensors()[0], scene.integrator()
-    before, told = str(own), []
-    both = halves.halves(scene, sensor, own, seed=5, tell=told.append)
+    before = str(own)
+    render = halves.Rendering(scene, sensor, own, 5, 0)
+    told, both = [step.done for step in render], render.halves
     assert str(own) == before and told[-1] == 1 and told == sorted(told)
     assert both.names == ["R", "G", "B", "samples"][: len(both.names)]
     half = mi.load_dict({"type": integrator} | nested | ours | ({"samples": 3} if ours else {}))
@@ -298,7 +299,10 @@ def test_features_have_samples_of_their_own(variant_rgb):
 
 def test_a_stop_leaves_the_first_half(variant_rgb):
     scene = mi.load_dict(penumbra(size=8))
-    both = halves.halves(scene, scene.sensors()[0], scene.integrator(), stopped=lambda: True)
+    render = halves.Rendering(scene, scene.sensors()[0], scene.integrator(), 0, 0)
+    next(render)
+    render.close()
+    both = render.halves
     assert both.second is None
     assert [field.name for field in layers.undenoised(both).struct_()] == ["R", "G", "B"]
 

@@ -8,8 +8,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.light.table import Lights
-from scenes import diffuse, penumbra, rgb
+from scenes import diffuse, mesh, penumbra, rgb
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
 
@@ -97,6 +98,36 @@ def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb):
     assert backward == pytest.approx(image[..., :3].mean(), rel=1e-4)
 
 
+def test_time_is_refused(variant_rgb):
+    scene = mi.load_dict(penumbra(None, 8, type="prosim", max_level=0, time=0.1))
+    params = mi.traverse(scene)
+    dr.enable_grad(params["light.emitter.radiance.value"])
+    params.update()
+    image = mi.render(scene, params)
+    with pytest.raises(RuntimeError, match="set samples, max_samples or noise in the place of time"):
+        dr.backward(dr.mean(image, axis=None))
+
+
+def test_iterations_share_their_kernels(variant_rgb):
+    """However long the paths are, and whatever the parameters: a step after the first compiles nothing."""
+    bsdf = {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}
+    scene = mi.load_dict(penumbra(bsdf, 16, type="prosim", diffuse_bounces=-1, max_level=-1, adaptive="none"))
+    params, key = mi.traverse(scene), "ball.bsdf.alpha.value"
+    kernels = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        for seed in range(3):
+            params[key] = dr.opaque(mi.Float, 0.3 + 0.01 * seed)
+            dr.enable_grad(params[key])
+            params.update()
+            image = mi.render(scene, params, seed=seed, spp=4)
+            dr.kernel_history_clear()
+            dr.backward(dr.mean(dr.square(image), axis=None))
+            history = [kernel for kernel in dr.kernel_history() if kernel.get("operation_count", 0) > 500]
+            kernels.append({kernel["hash"] for kernel in history})
+            assert len(kernels[-1]) <= 8 < len(history)  # the first two iterations and the last have their own
+    assert kernels[0] == kernels[1] == kernels[2]
+
+
 # ------------------------------------------------------------------ of sources, and what they light
 
 FLOORS = {
@@ -127,15 +158,8 @@ def lamp(kind):
     }.get(kind, T().translate([0.3, 1.6, 0.4]).rotate([1, 0, 0], 110).scale([0.5, 0.4, 1]))
     emitter = {"type": "area", "radiance": radiance}
     if kind == "mesh":
-        props = mi.Properties()
-        props["emitter"] = mi.load_dict(emitter)
-        mesh = mi.Mesh("lamp", 4, 2, props=props)
-        params = mi.traverse(mesh)
         corners = [to_world @ mi.ScalarPoint3f(x, y, 0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-        params["vertex_positions"] = [c for corner in corners for c in corner]
-        params["faces"] = [0, 1, 2, 0, 2, 3]
-        params.update()
-        return mesh
+        return mesh(corners, [(0, 1, 2), (0, 2, 3)], emitter=emitter)
     shape = {"sphere": "sphere", "low sphere": "sphere", "disk": "disk"}.get(kind, "rectangle")
     return {"type": shape, "to_world": to_world, "bsdf": diffuse(0, 0, 0), "emitter": emitter}
 
@@ -186,32 +210,32 @@ def direct_light(scene, n=512):
     return np.array(f * L * (cos * area / d2), dtype=float).sum(axis=1).mean()
 
 
-def moved(key, v):
+def moved(v):
     """Moves a shape along ``v``."""
-    return lambda params, e, value: params.update({key: mi.Transform4f().translate(mi.Vector3f(v) * e) @ value})
+    return lambda value, e: mi.Transform4f().translate(mi.Vector3f(v) * e) @ value
 
 
-def scaled(key):
-    return lambda params, e, value: params.update({key: value @ mi.Transform4f().scale(1 + e)})
+def scaled(value, e):
+    return value @ mi.Transform4f().scale(1 + e)
 
 
-def turned(key):
-    return lambda params, e, value: params.update({key: mi.Transform4f().rotate([1, 0, 0.5], 20 * e) @ value})
+def turned(value, e):
+    return mi.Transform4f().rotate([1, 0, 0.5], 20 * e) @ value
 
 
-def times(key):
-    return lambda params, e, value: params.update({key: value * (1 + e)})
+def times(value, e):
+    return value * (1 + e)
 
 
 CHANGES = {
-    "lamp moves": ("lamp.to_world", moved("lamp.to_world", [1, 0.5, -0.7])),
-    "lamp grows": ("lamp.to_world", scaled("lamp.to_world")),
-    "floor turns": ("floor.to_world", turned("floor.to_world")),
-    "floor rises": ("floor.to_world", moved("floor.to_world", [0, 1, 0])),
-    "alpha": ("floor.bsdf.alpha.value", times("floor.bsdf.alpha.value")),
-    "eta": ("floor.bsdf.eta.value", times("floor.bsdf.eta.value")),
-    "k": ("floor.bsdf.k.value", times("floor.bsdf.k.value")),
-    "reflectance": ("floor.bsdf.reflectance.value", times("floor.bsdf.reflectance.value")),
+    "lamp moves": ("lamp.to_world", moved([1, 0.5, -0.7])),
+    "lamp grows": ("lamp.to_world", scaled),
+    "floor turns": ("floor.to_world", turned),
+    "floor rises": ("floor.to_world", moved([0, 1, 0])),
+    "alpha": ("floor.bsdf.alpha.value", times),
+    "eta": ("floor.bsdf.eta.value", times),
+    "k": ("floor.bsdf.k.value", times),
+    "reflectance": ("floor.bsdf.reflectance.value", times),
 }
 
 
@@ -219,8 +243,10 @@ def change_of(scene, name):
     """What changes ``scene`` as the name in ``CHANGES`` says, by a ``mi.Float`` that is 0 where nothing changes."""
     key, by = CHANGES[name]
     params = mi.traverse(scene)
+    if key.endswith("to_world"):
+        key = to_world_name(params, key.removesuffix("to_world"))
     value = type(params[key])(params[key])
-    return lambda params, e: by(params, e, value)
+    return lambda params, e: params.update({key: by(value, e)})
 
 
 TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
@@ -280,11 +306,11 @@ def test_a_mesh_that_is_stretched(variant_rgb, settings):
 
     scene = spot("mesh", "plastic", **settings)
     value = mi.Float(mi.traverse(scene)["lamp.vertex_positions"])
-    mesh, _ = derivatives(scene, stretch)
+    stretched, _ = derivatives(scene, stretch)
     scene = spot("rectangle", "plastic", **settings)
     rectangle, _ = derivatives(scene, change_of(scene, "lamp grows"), seed=7)
-    error = np.hypot(mesh.mean(axis=2).std(), rectangle.mean(axis=2).std()) / 32
-    assert abs(mesh.mean() - rectangle.mean()) < 4 * error
+    error = np.hypot(stretched.mean(axis=2).std(), rectangle.mean(axis=2).std()) / 32
+    assert abs(stretched.mean() - rectangle.mean()) < 4 * error
 
 
 @pytest.mark.slow
@@ -406,12 +432,7 @@ def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
         "a": {"type": "roughconductor", "alpha": 0.3},
         "b": diffuse(0.5, 0.4, 0.3),
     }
-    props = mi.Properties()
-    props["bsdf"] = mi.load_dict({"type": "blendbsdf", "weight": 0.6, "a": {"type": "conductor"}, "b": glossy})
-    mesh = mi.Mesh("card", 3, 1, props=props)
-    params = mi.traverse(mesh)
-    params["vertex_positions"], params["faces"] = [-9, -9, 0, 9, -9, 0.5, 0, 9, 0], [0, 1, 2]
-    params.update()
+    blend = {"type": "blendbsdf", "weight": 0.6, "a": {"type": "conductor"}, "b": glossy}
     scene = mi.load_dict(
         {
             "type": "scene",
@@ -429,7 +450,7 @@ def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
             },
             "sky": {"type": "constant", "radiance": 0.5},
             "lamp": {"type": "point", "position": [1, 2, 3], "intensity": 9.0},
-            "card": mesh,
+            "card": mesh([(-9, -9, 0), (9, -9, 0.5), (0, 9, 0)], [(0, 1, 2)], bsdf=blend),
         }
     )
     params = mi.traverse(scene)
@@ -453,6 +474,89 @@ def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
         dr.set_grad(params[key], float(seed))
     dr.forward_to(loss)
     assert dr.grad(loss).array[0] == pytest.approx(seeds @ backward, rel=1e-4)
+
+
+# ------------------------------------------------------------------ of our materials in Mitsuba's prb
+
+
+def below_a_sky(**bsdfs):
+    """Spheres of ``bsdfs`` on a floor, in the light of an envmap with a sun, for ``prb``."""
+    texels = np.random.default_rng(3).uniform(0.2, 1.5, (8, 16, 3)).astype(np.float32)
+    texels[2, 4] = 200
+    T = mi.ScalarTransform4f
+    spheres = {
+        name: {"type": "sphere", "center": [2.1 * i - 1.05 * (len(bsdfs) - 1), 1, 0], "bsdf": bsdf}
+        for i, (name, bsdf) in enumerate(bsdfs.items())
+    }
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "prb", "max_depth": 4},
+            "sensor": {
+                "type": "perspective",
+                "fov": 25 * len(bsdfs),
+                "to_world": T().look_at([0, 2, 6], [0, 0.5, 0], [0, 1, 0]),
+                "film": {"type": "hdrfilm", "width": 32, "height": 16, "rfilter": {"type": "box"}},
+            },
+            "sky": {"type": "envmap", "bitmap": mi.Bitmap(texels)},
+            "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(10)},
+            **spheres,
+        }
+    )
+
+
+def gradients(scene, keys, spp=256):
+    """The derivatives of the mean square of an image by each of the parameters ``keys``, as arrays."""
+    params = mi.traverse(scene)
+    for key in keys:
+        dr.enable_grad(params[key])
+    params.update()
+    dr.backward(dr.mean(dr.square(mi.render(scene, params, spp=spp, seed=1)), axis=None))
+    return [np.array(dr.grad(params[key])) for key in keys]
+
+
+def test_no_rounding_error_becomes_a_gradient(variant_rgb):
+    """In prb the gradient by a pigment that is black in one channel is about that of the pigment alone, however little
+    the lobe reflects there.
+    """
+    kd = rgb(0, 0.3, 0.6)
+    painted = {"diffuse_reflectance": kd, "specular_reflectance": 0.3}
+    bsdfs = {
+        "beckmann": {"type": "prosim_composite", "alpha": 0.1, **painted},
+        "gaussian": {"type": "prosim_composite", "distribution": "gaussian", "alpha": 0.5, **painted},
+        "exponent": {"type": "prosim_composite", "exponent": 200, **painted},
+        "phong": {"type": "prosim_phong", "exponent": 20, **painted},
+        "lambertian": {"type": "prosim_lambertian", "reflectance": kd},
+        "diffuse": {"type": "diffuse", "reflectance": kd},
+    }
+    keys = [f"{name}.bsdf.{'diffuse_' * ('diffuse_reflectance' in b)}reflectance.value" for name, b in bsdfs.items()]
+    *ours, diffuse = gradients(below_a_sky(**bsdfs), keys)
+    assert np.all(diffuse > 0)
+    for name, gradient in zip(bsdfs, ours):
+        assert np.all(np.abs(gradient) < 10 * diffuse), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alpha", [0.5, 0.1, 0.01])
+@pytest.mark.parametrize("kind, parameters", [("conductor", {"eta": 0.3, "k": 3.0}), ("dielectric", {"int_ior": 1.5})])
+def test_gradients_are_no_larger_than_those_of_mitsubas_materials(variant_rgb, kind, parameters, alpha):
+    """Within a factor of ten, in prb, whatever the distribution."""
+    ours = {"type": f"prosim_{kind}", **parameters}
+    bsdfs = {
+        "stock": {"type": f"rough{kind}", **parameters, "alpha": alpha},
+        "beckmann": {**ours, "alpha": alpha},
+        "gaussian": {**ours, "alpha": alpha, "distribution": "gaussian"},
+        "exponent": {**ours, "exponent": 2 / alpha**2 - 2},
+    }
+    scene = below_a_sky(**bsdfs)
+    widths = ["alpha.value"] * 3 + ["exponent.value"]
+    for names in (widths, *([name] * 4 for name in ("eta", "eta.value", "k.value"))):
+        keys = [f"{sphere}.bsdf.{name}" for sphere, name in zip(bsdfs, names)]
+        if keys[0] in mi.traverse(scene):
+            stock, *found = (np.abs(gradient).max() for gradient in gradients(scene, keys))
+            if names is widths:
+                found[-1] *= 4 / alpha**3  # the exponent's derivative by alpha
+            assert stock > 0 and max(found) < 10 * stock
 
 
 # ------------------------------------------------------------------ the garbage collector

@@ -5,7 +5,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from prosim_scene.editor.metals import FIRST, JOINED, MEASURED, SECOND, UNNAMED
+from prosim_scene.descriptions import FIRST, JOINED, MEASURED, SECOND, UNNAMED
 
 TABLES = Path(mi.__file__).parent / "data" / "ior"
 

@@ -191,7 +191,7 @@ def test_bands_and_crops_do_not_change_a_bit(variant_rgb, monkeypatch):
     assert np.array_equal(whole, image(band=333))
     crop = image(crop_offset_x=7, crop_offset_y=11, crop_width=20, crop_height=9)
     assert np.array_equal(whole[11:20, 7:27], crop)
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
     assert np.array_equal(whole, image(band=333))
 
 
@@ -217,7 +217,7 @@ def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb
         assert np.array_equal(whole, image(settings={"noise": 0.01}, band=100))
     finally:
         dr.set_thread_count(before)
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
     assert np.array_equal(whole, image(settings={"noise": 0.01}))
 
 

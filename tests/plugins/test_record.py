@@ -6,12 +6,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.rendering.decisions import Decisions
-from mitsuba_prosim.rendering.pace import Pace
-from mitsuba_prosim.rendering.part import Part, Tiles
-from mitsuba_prosim.rendering.plan import Rectangle
+from mitsuba_prosim.engine.part import Part, Tiles
+from mitsuba_prosim.engine.plan import Rectangle
+from mitsuba_prosim.engine.work import Local
 from mitsuba_prosim.saved.parts import put_together
 from scenes import penumbra
+from test_waves import begun, grow
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
 CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
@@ -23,22 +23,17 @@ def loaded(size=40, rfilter="gaussian", film=None, **settings):
     return mi.load_dict(scene)
 
 
-def finished(scene, keep=None, **how):
+def finished(scene, **how):
     """The image, and how far it came."""
-    integrator = scene.integrator()
-    integrator.keep = keep
-    for _ in integrator.waves(scene, seed=3, **how):
-        pass
-    integrator.keep = None
-    reached = integrator.reached
+    render = scene.integrator().progressive(scene, seed=3, **how).run()
+    reached = render.reached
     return np.array(scene.sensors()[0].film().develop()), (reached.samples, str(reached.noise))
 
 
 def records(scene, **how):
-    """One for each time that it could have been killed, and the last."""
-    found = []
-    finished(scene, lambda record, last: found.append(record()), **how)
-    return found
+    """A checkpoint after each step, and the last."""
+    render = scene.integrator().progressive(scene, seed=3, **how)
+    return [*(render.checkpoint() for _ in render), render.checkpoint()]
 
 
 def goes_on_the_same(scene, some):
@@ -72,7 +67,7 @@ def test_an_image_goes_on_to_the_same_bits(variant_rgb):
     ids=str,
 )
 def test_an_image_goes_on_to_the_same_bits_from_anywhere(variant_rgb, monkeypatch, kept, settings):
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     goes_on_the_same(loaded(band=700, **settings), (0, 0.4, 0.8, 1))
 
 
@@ -86,12 +81,6 @@ def test_another_aim_is_pursued_from_where_it_is(variant_rgb):
     image, (samples, noise) = finished(loaded(size=24, noise=0.0015, adaptive="graded"), begin=quick)
     assert float(noise) <= 0.0015 and samples > np.mean(quick.pixels["count"])
     assert np.all(np.rint(image[..., -2]) >= quick.pixels["count"])
-
-
-def test_the_first_portion_is_small_where_a_state_is_kept(variant_rgb, monkeypatch):
-    monkeypatch.setattr(Pace, "FIRST", 500)
-    found = records(loaded(size=16, adaptive="none"))
-    assert np.sum(found[1].pixels["count"] > 0) == 20 and np.sum(found[1].pixels["count"]) == 500
 
 
 def test_what_belongs_to_another_image_is_refused(variant_rgb):
@@ -111,35 +100,28 @@ def test_what_belongs_to_another_image_is_refused(variant_rgb):
 
 
 def test_rows_that_were_made_of_fewer_samples_are_made_anew(variant_rgb, monkeypatch):
-    """Where sums are not kept: after a wave that was stopped, another one to other counts."""
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+    """Where sums are not kept: after a pass that was stopped, another one to other counts."""
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
     scene = loaded(size=16, band=64, adaptive="graded")
-    through, stopped = (next(scene.integrator().waves(scene, seed=3)).state for _ in range(2))
-    counts = [mi.UInt32(np.full(256, n, np.uint32)) for n in (7, 9)]
-    asked = []
-    assert not stopped.grow(counts[0], cancelled=lambda: len(asked) > 1 or asked.append(0))
-    assert stopped.decisions.rows is not None and stopped.decisions.rows[1] == 8
-    assert stopped.grow(counts[1]) and through.grow(counts[1])
-    assert np.array_equal(np.array(stopped.image().tensor()), np.array(through.image().tensor()))
+    through, stopped = begun(scene), begun(scene)
+    assert not grow(stopped, 7, 2)
+    assert stopped.state.decisions.rows is not None and stopped.state.decisions.rows[1] == 8
+    assert grow(stopped, 9) and grow(through, 9)
+    assert np.array_equal(np.array(stopped.image()), np.array(through.image()))
 
 
-def test_portions_are_made_to_take_about_a_second(variant_rgb, monkeypatch):
-    clock = [0.0]
-    monkeypatch.setattr("time.perf_counter", lambda: clock[0])
-    scene = loaded(size=16, band=256)
-    state = next(scene.integrator().waves(scene)).state
-    state.decisions, state.portion = Decisions(), None
-    pace, speed, took = Pace(state), 100.0, []
-    pace.look()  # before the first there is none
-    for _ in range(20):
-        pace.go_on()
-        took.append((state.portion or 256 * 25) / speed)
-        clock[0] += took[-1]
-        pace.look()
-        if len(took) == 10:
-            speed *= 20
-    assert took[0] == 64 and took[2] == pytest.approx(1, abs=0.5) and 0.5 <= took[9] <= 2
-    assert 0.5 <= took[-1] <= 2
+def test_work_items_take_about_as_long_as_they_should(variant_rgb):
+    """The first one compiles; then the machine is as slow as before, and later twenty times as fast."""
+    local, took = Local(1.0), []
+    local.size = 10_000
+    local.learn(10_000, 300.0)
+    for k in range(20):
+        work = local.limit(None, 10**12)
+        took.append(work / (100 if k < 10 else 2000))
+        local.learn(work, took[-1])
+    assert took[0] == 100 and all(0.9 < seconds <= 1 for seconds in took[1:10])
+    assert took[10] < 0.1 and 0.9 < took[-1] <= 1
+    assert local.limit(7, 10**9) == 7 and local.limit(None, int(1.2 * local.size)) == int(1.2 * local.size)
 
 
 # ------------------------------------------------------------------ parts
@@ -201,7 +183,7 @@ def test_any_number_of_parts_makes_the_image(variant_rgb, monkeypatch, adaptive,
         scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, aovs="samples,error", max_level=1)
         with monkeypatch.context() as patch:
             if film:
-                patch.setattr("mitsuba_prosim.rendering.state.KEPT", 0)
+                patch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
             expected = finished(scene)[0]
             for of in numbers:
                 assert np.array_equal(in_parts(scene, of), expected), of
@@ -209,9 +191,8 @@ def test_any_number_of_parts_makes_the_image(variant_rgb, monkeypatch, adaptive,
 
 def test_a_part_that_was_stopped_goes_on(variant_rgb):
     scene = loaded(size=24, band=100)
-    stopped, *_, last = records(scene, part=Part(2, 3))[3:]
-    on = []
-    finished(scene, lambda record, last: on.append(record()), begin=stopped)
+    stopped, *_, last = records(scene, part=Part(2, 3))[2:]
+    on = records(scene, begin=stopped)
     assert on[-1].part == Part(2, 3) and on[-1].finished and not stopped.finished
     assert all(np.array_equal(on[-1].pixels[name], last.pixels[name]) for name in last.pixels)
 

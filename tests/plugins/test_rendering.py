@@ -115,27 +115,6 @@ def test_black_light_is_light_in_spectral_variants_too(variant_spectral):
     assert np.array(mi.render(mi.load_dict(scene), spp=4)).max() > 0
 
 
-@pytest.mark.slow
-def test_an_error_in_progress_leaves_nothing_behind(variant_rgb):
-    scene = mi.load_dict(penumbra(size=8, type="prosim"))
-    integrator = scene.integrator()
-    integrator.flush()  # nothing is being rendered: nothing happens
-
-    def fail(done):
-        raise KeyError("progress")
-
-    integrator.progress = fail
-    with pytest.raises((KeyError, RuntimeError)):
-        mi.render(scene)
-    integrator.progress = lambda done: integrator.flush()
-    image = np.array(mi.render(scene))
-    params = mi.traverse(scene)
-    dr.enable_grad(params["ball.bsdf.reflectance.value"])
-    dr.backward(dr.sum(mi.render(scene, params), axis=None))
-    integrator.progress = None
-    assert np.array_equal(image, np.array(mi.render(scene)))
-
-
 def test_a_frozen_function_is_refused_kindly(variant_rgb):
     scene = mi.load_dict(penumbra(size=4, type="prosim"))
 

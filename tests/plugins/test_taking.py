@@ -9,14 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mitsuba_prosim.alone import alone
 from mitsuba_prosim.cluster import fleet, message, worker
 from mitsuba_prosim.cluster import sets as photon_sets
 from mitsuba_prosim.cluster.desk import Desk, Ticket
 from mitsuba_prosim.cluster.errand import Errand
-from mitsuba_prosim.rendering import collector
-from mitsuba_prosim.rendering.camera import ray_sampler
-from mitsuba_prosim.rendering.estimate import Estimator
-from prosim_scene.collector import still
+from mitsuba_prosim.engine.estimate import Estimator
 from scenes import penumbra
 from test_record import CROP, loaded
 
@@ -26,7 +24,7 @@ class Elsewhere:
     order.
     """
 
-    in_turn = False
+    sets = None
 
     def __init__(self, scene, most=3000, together=3, history=False):
         self.estimator = None
@@ -35,17 +33,18 @@ class Elsewhere:
         #: Kernels that were compiled, portion by portion.
         self.compiled = []
 
-    def bound(self, most, left):
+    def limit(self, most, left):
         return self.chance.randint(1, self.most)
 
-    def __call__(self, portions, cancelled, in_order):
-        desk = Desk((Errand.portion(portion, "") for portion in portions), in_order)
-        while not cancelled():
+    def __call__(self, items, ordered):
+        desk = Desk((Errand.portion(item, "") for item in items), ordered)
+        while True:
             tickets = [ticket for _ in range(self.together) if (ticket := desk.next(self.together))]
             if not tickets:
                 assert not desk.left
                 return
             self.chance.shuffle(tickets)
+            yield None  # nothing yet
             for ticket in tickets:
                 _, asked, sets = pickle.loads(pickle.dumps(ticket.errand.arguments))
                 yield from desk.give(ticket, ticket.errand.read(self.answer(asked, sets)))
@@ -55,7 +54,6 @@ class Elsewhere:
         if self.estimator is None:
             sensor = self.scene.sensors()[0]
             self.estimator = self.scene.integrator().estimator(plan, self.scene, sensor)
-            self.estimator.rays = ray_sampler(sensor)
         portion = message.portion(asked, plan, policy, self.estimator)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, self.history):
             more = portion.take()
@@ -63,14 +61,9 @@ class Elsewhere:
         return message.answer(more, asked["pixels"])
 
 
-def image(scene, taker=None):
-    integrator = scene.integrator()
-    integrator.taker = taker
-    try:
-        result = np.array(integrator.render(scene, seed=3))
-    finally:
-        integrator.taker = None
-    return result, (integrator.reached.samples, str(integrator.reached.noise))
+def image(scene, executor=None):
+    render = scene.integrator().progressive(scene, seed=3, executor=executor).run()
+    return np.array(render.image()), (render.reached.samples, str(render.reached.noise))
 
 
 def taken_alike(settings, **how):
@@ -95,11 +88,10 @@ def test_samples_that_were_taken_elsewhere(variant_rgb, monkeypatch):
 
 
 def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
-    """Another thread that reads one keeps the collector still for its own reasons, and lets it go in between."""
-    reading = still()
-    reading.__enter__()
-    with collector.suspended():
-        reading.__exit__(None, None, None)
+    """Another thread that reads one disables the collector for its own reasons, and enables it in between."""
+    gc.disable()
+    with alone():
+        gc.enable()
         assert not collecting()
     assert collecting()
 
@@ -121,7 +113,7 @@ def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
 )
 def test_samples_of_all_policies_and_filters(variant_rgb, monkeypatch, rfilter, settings):
     settings = dict(settings)
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", settings.pop("kept", 1 << 30))
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", settings.pop("kept", 1 << 30))
     taken_alike({"size": 24, "rfilter": rfilter, **settings}, most=10000)
 
 

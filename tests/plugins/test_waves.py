@@ -1,5 +1,6 @@
 """An image grows in waves, until it is stopped or good enough: the same samples whatever happens on the way."""
 
+import gc
 import itertools
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.rendering.twin import Twin
+from mitsuba_prosim.engine.twin import Twin
 from scenes import alone, penumbra
 from scipy import stats
 
@@ -35,12 +36,33 @@ def displayed_luminance(image):
 
 
 def begun(scene, seed=3):
-    """The state of ``scene`` after the first wave."""
-    return next(scene.integrator().waves(scene, seed=seed)).state
+    """The render of ``scene`` after the first pass."""
+    render = scene.integrator().progressive(scene, seed=seed)
+    next(step for step in render if step.complete)
+    return render
 
 
-def wanted(state, counts):
-    return mi.UInt32(np.broadcast_to(np.asarray(counts, dtype=np.uint32), dr.width(state.estimate.count)))
+def passes(scene, seed=0):
+    """The render after each pass."""
+    render = scene.integrator().progressive(scene, seed=seed)
+    return (render for step in render if step.complete)
+
+
+def reached(scene, seed=0):
+    """How far the image came."""
+    return scene.integrator().progressive(scene, seed=seed).run().reached
+
+
+def grow(render, counts, items=1 << 30):
+    """Takes the samples of a pass to those counts, or of so many work items; returns whether that was all."""
+    work = render.image_pass(mi.UInt32(np.broadcast_to(np.asarray(counts, dtype=np.uint32), width(render))))
+    for _ in itertools.islice(render.execute(work), items):
+        pass
+    return work.whole
+
+
+def width(render):
+    return dr.width(render.state.estimate.count)
 
 
 # ------------------------------------------------------------------ the counts alone make the image
@@ -60,17 +82,17 @@ def test_policies_that_ask_for_the_same_counts_give_the_same_bits(variant_rgb, p
 
 @pytest.mark.parametrize("kept", [0, 1 << 30])
 def test_stopped_and_taken_up_again_is_run_through(variant_rgb, monkeypatch, kept):
-    """After any wave, and within one, whose portions are then partly done."""
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+    """After any pass, and within one, whose work items are then partly done."""
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     scene = loaded(COPPER, rfilter="gaussian", band=200)
     through, paused = begun(scene), begun(scene)
-    counts = np.random.default_rng(1).integers(5, 60, dr.width(through.estimate.count))
-    assert through.grow(wanted(through, counts))
-    assert paused.grow(wanted(paused, np.minimum(counts, 17)))
-    paused.grow(wanted(paused, np.minimum(counts, 8)))  # fewer: nothing happens
-    asked = []
-    assert not paused.grow(wanted(paused, counts), cancelled=lambda: len(asked) > 1 or asked.append(0))
-    assert paused.grow(wanted(paused, counts))
+    counts = np.random.default_rng(1).integers(5, 60, width(through))
+    assert grow(through, counts)
+    assert grow(paused, np.minimum(counts, 17))
+    grow(paused, np.minimum(counts, 8))  # fewer: nothing happens
+    assert not grow(paused, counts, 2)
+    assert grow(paused, counts)
+    through, paused = through.state, paused.state
     assert np.array_equal(np.array(paused.estimate.count), counts)
     assert np.array_equal(np.array(paused.image().tensor()), np.array(through.image().tensor()))
     for name in ("total", "squares", "pass_squares", "in_pass"):
@@ -89,73 +111,112 @@ def test_stopped_and_taken_up_again_is_run_through(variant_rgb, monkeypatch, kep
     ],
     ids=["whole", "crop", "border"],
 )
-def test_waves_show_the_image_grow_until_it_is_the_rendered_one(variant_rgb, film):
+def test_passes_show_the_image_grow_until_it_is_the_rendered_one(variant_rgb, film):
     settings = {"film": film, "rfilter": "gaussian", "adaptive": "graded", "aovs": "samples,error"}
     scene = loaded(COPPER, **settings)
     expected = np.array(mi.render(scene, seed=5))
     seen = []
-    for state in scene.integrator().waves(scene, seed=5):
-        image = np.array(state.image())
+    for render in passes(scene, seed=5):
+        image = np.array(render.image())
         seen.append(image)
         assert image.shape == expected.shape
-        assert np.array_equal(state.counts(), np.rint(image[..., -2])) and np.all(state.counts() > 0)
-        assert np.allclose(state.error(), image[..., -1], rtol=1e-5)
-        assert state.reached.seconds > 0 and state.reached.samples >= 5
-        assert (scene.integrator().so_far() is None) == ("crop_width" in film)
+        assert np.array_equal(render.counts(), np.rint(image[..., -2])) and np.all(render.counts() > 0)
+        assert np.allclose(render.error(), image[..., -1], rtol=1e-5)
+        assert render.reached.seconds > 0 and render.reached.samples >= 5
     assert len(seen) == 3 and np.all(np.rint(seen[0][..., -2]) == 5)
     assert np.array_equal(seen[-1], expected)
-    assert scene.integrator().reached.samples == state.reached.samples
     assert np.array_equal(np.array(scene.sensors()[0].film().develop()), expected)
 
 
-@pytest.mark.parametrize("kept, film", [(1 << 30, {"sample_border": True}), (0, {})], ids=["kept", "anew"])
-def test_what_is_seen_between_two_portions(variant_rgb, monkeypatch, kept, film):
-    """In the first wave some pixels are as they are at its end; in the others all that there is, if sums are kept."""
-    monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+CROPPED = {"width": 40, "crop_offset_x": 7, "crop_offset_y": 11, "crop_width": 32, "crop_height": 20}
+
+
+@pytest.mark.parametrize(
+    "kept, film", [(1 << 30, {"sample_border": True}), (0, {}), (1 << 30, CROPPED)], ids=["kept", "anew", "crop"]
+)
+def test_what_is_seen_between_two_work_items(variant_rgb, monkeypatch, kept, film):
+    """In the first pass some pixels are as they are at its end; in the others all that there is, if sums are kept."""
+    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     settings = {"rfilter": "gaussian", "adaptive": "graded", "aovs": "samples,error", "film": film}
-    scene, seen = loaded(COPPER, band=200, **settings), []
-    integrator = scene.integrator()
-
-    def look(_):
-        now = integrator.so_far()
-        seen.append(now and (now.known(), np.array(now.image()), now.counts()))
-
-    assert integrator.so_far() is None  # nothing is being rendered
-    integrator.progress = look
-    waves = [np.array(wave.image()) for wave in integrator.waves(scene, seed=5)]
-    assert np.array_equal(waves[-1], render(COPPER, seed=5, **settings))
+    scene, seen, ends = loaded(COPPER, band=200, **settings), [], []
+    render = scene.integrator().progressive(scene, seed=5)
+    size = list(render.film.crop_size())
+    for step in render:
+        if step.complete:
+            ends.append(np.array(render.image()))
+        else:
+            seen.append(render.current and (render.known(), np.array(render.image()), render.counts()))
+        assert list(render.film.crop_size()) == size  # the film is the user's
+    assert np.array_equal(ends[-1], np.array(mi.render(loaded(COPPER, **settings), seed=5)))
     first = [known for known, *_ in filter(None, seen) if not known.all()]
-    assert len(first) >= 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(first))
+    assert len(first) >= 2 and all(np.all(a <= b) for a, b in itertools.pairwise(first))
+    assert film is CROPPED or all(np.any(a < b) for a, b in itertools.pairwise(first))
     for known, image, _ in seen[: len(first) + 1]:
-        assert np.array_equal(image[known], waves[0][known])
+        assert np.array_equal(image[known], ends[0][known])
     later = seen[len(first) + 1 :]
     if kept:
         means = [counts.mean() for _, image, counts in later if np.array_equal(counts, np.rint(image[..., -2]))]
-        assert len(set(means)) == len(later) > len(waves) and means == sorted(means)
+        assert len(set(means)) == len(later) > len(ends) and means == sorted(means)
     else:
-        ends = [image for _, image, _ in filter(None, later)]
-        assert len(later) > len(ends) and np.array_equal(ends, waves[1:])
+        whole = [image for _, image, _ in filter(None, later)]
+        assert len(later) > len(whole) and np.array_equal(whole, ends[1:])
 
 
 def test_whoever_stops_has_a_whole_image(variant_rgb):
-    scene = loaded(adaptive="graded")
-    film, integrator = scene.sensors()[0].film(), scene.integrator()
-    steps = integrator.waves(scene)
-    first = np.array(next(steps).image())
-    film.clear()
-    integrator.flush()
-    assert np.array_equal(np.array(film.develop()), first) and np.all(first[-8:].max(2) > 0)
-    film.clear()
-    steps.close()
-    assert np.array_equal(np.array(film.develop()), first)
-    integrator.flush()  # nothing is being rendered: nothing happens
-    assert np.array_equal(np.array(film.develop()), first)
+    """After a pass; and within the first one, where each pixel has one sample at least."""
+    scene = loaded(adaptive="graded", band=200)
+    film, render = scene.sensors()[0].film(), begun(scene)
+    first = np.array(render.image())
+    for act in (render.put, render.close):
+        film.clear()
+        act()
+        assert np.array_equal(np.array(film.develop()), first) and np.all(first[-8:].max(2) > 0)
+    assert render.ended and list(render) == []
+    render = scene.integrator().progressive(scene)
+    next(render)
+    render.close()
+    assert render.counts().min() == 1 and render.counts().max() == 5 and not render.finished
+    assert np.array_equal(np.array(film.develop()), np.array(render.image()))
 
 
-def test_there_are_no_waves_in_scalar_variants(variant_scalar):
+def test_nothing_is_left_on_the_integrator_nor_the_film(variant_rgb):
+    """Nor is the garbage collector switched off while the user has control."""
+    scene = loaded(film=CROPPED, adaptive="graded", band=200)
+    integrator, film = scene.integrator(), scene.sensors()[0].film()
+    before = {**vars(integrator)}
+    for _ in integrator.progressive(scene):
+        assert gc.get_threshold()[0] > 0
+        assert (tuple(film.crop_size()), tuple(film.crop_offset())) == ((32, 20), (7, 11))
+    assert vars(integrator) == before
+
+
+@pytest.mark.parametrize("sensor", ["perspective", "thinlens"])
+def test_two_threads_with_one_sensor_do_not_corrupt_each_other(variant_rgb, sensor):
+    scene = penumbra(size=32, type="prosim", adaptive="graded", band=100)
+    scene["sensor"] |= {"type": sensor} | ({"aperture_radius": 0.1} if sensor == "thinlens" else {})
+    scene["sensor"]["film"] |= CROPPED
+    scene = mi.load_dict(scene)
+    expected = [np.array(mi.render(scene, seed=seed)) for seed in (1, 2)]
+    images = [None, None]
+
+    def work(k):
+        render = scene.integrator().progressive(scene, seed=1 + k)
+        for _ in render:
+            time.sleep(0.001)
+        images[k] = np.array(render.image())
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert np.array_equal(images, expected)
+
+
+def test_scalar_variants_cannot_render_progressively(variant_scalar):
     scene = loaded(size=4)
-    with pytest.raises(RuntimeError, match="prosim: there are no waves in scalar variants"):
-        next(scene.integrator().waves(scene))
+    with pytest.raises(RuntimeError, match="prosim: scalar variants cannot render progressively"):
+        scene.integrator().progressive(scene)
 
 
 def test_ctrl_c_is_pythons_again_after_a_scalar_image():
@@ -178,12 +239,12 @@ def test_ctrl_c_is_pythons_again_after_a_scalar_image():
     assert run.stdout.endswith("interrupted\n"), run.stdout + run.stderr
 
 
-def test_there_are_no_waves_in_a_frozen_function(variant_rgb):
+def test_a_frozen_function_cannot_render_progressively(variant_rgb):
     scene = loaded(size=4)
 
     @dr.freeze
     def frozen(seed):
-        return next(scene.integrator().waves(scene, seed=seed)).image()
+        return scene.integrator().progressive(scene, seed=seed).image()
 
     with pytest.raises(RuntimeError) as error:
         frozen(mi.UInt32(1))
@@ -196,9 +257,7 @@ def test_there_are_no_waves_in_a_frozen_function(variant_rgb):
 def test_an_image_that_is_left_is_in_nobodys_way(variant_rgb):
     """Dr.Jit's frozen functions look through all objects, and raise where another thread has left something pending."""
     scene = loaded(size=4)
-    waves = scene.integrator().waves(scene)
-    next(waves)
-    other = threading.Thread(target=waves.close)
+    other = threading.Thread(target=begun(scene).close)
     other.start()
     other.join()
     frozen = dr.freeze(lambda x: scene.ray_test(mi.Ray3f(mi.Point3f(x, 0, 20), mi.Vector3f(0, 0, -1))))
@@ -214,9 +273,10 @@ def test_the_twin_measures_the_noise_and_is_independent(variant_rgb):
     """
     measured, images, twins = [], [], []
     for seed in range(40):
-        state = begun(loaded(adaptive="none", samples=4), seed)
-        twin = Twin(state)
-        twin.follow(state)
+        render = begun(loaded(adaptive="none", samples=4), seed)
+        state, twin = render.state, Twin(render.state)
+        for _ in render.execute(twin.catch_up(state, 1, lambda left: None)):
+            pass
         measured.append(twin.noise(state)[0] ** 2)
         images.append(np.array(state.estimate.at(twin.index).total) / 16)
         twins.append(np.array(twin.estimate.total) / 16)
@@ -242,17 +302,17 @@ def test_the_noise_of_a_few_pixels_is_not_small_by_chance(variant_rgb):
 
 @pytest.mark.parametrize("noise", [1e-200, 1e-320])
 def test_a_noise_that_is_beyond_all_numbers_takes_all_samples(variant_rgb, noise):
-    told = []
     scene = loaded(size=8, noise=noise, max_samples=30, aovs="samples,error")
-    scene.integrator().progress = told.append
-    assert np.array(mi.render(scene))[..., -2].max() == 30
+    render = scene.integrator().progressive(scene)
+    told = [step.done for step in render]
+    assert render.counts().max() == 30
     assert all(0 <= done <= 1 for done in told) and told[-1] == 1  # of the time, as far as can be known: it may fall
 
 
 def test_a_lone_pixel_goes_on_step_by_step(variant_rgb):
     """It has no others around, of which its noise would be known."""
     scene = loaded(COPPER, size=1, noise=0.01)
-    counts = [snapshot.reached.samples for snapshot in scene.integrator().waves(scene, seed=1)]
+    counts = [render.reached.samples for render in passes(scene, seed=1)]
     assert all(later <= 25 * earlier for earlier, later in itertools.pairwise(counts)) and counts[-1] < 1e4
 
 
@@ -288,12 +348,10 @@ def assert_reached(ball, nested, asked):
 @pytest.mark.parametrize("adaptive", ["none", "neighbours", "graded"])
 def test_noise_says_what_it_reached_and_ends_at_the_most_samples(variant_rgb, adaptive):
     scene = loaded(COPPER, adaptive=adaptive, noise=0.02, aovs="samples")
-    mi.render(scene)
-    assert 0 < scene.integrator().reached.noise <= 0.02
+    assert 0 < reached(scene).noise <= 0.02
     scene = loaded(COPPER, adaptive=adaptive, noise=1e-6, max_samples=60, aovs="samples")
-    image = np.array(mi.render(scene))
-    assert np.rint(image[..., -1]).max() == 60
-    assert scene.integrator().reached.noise > 1e-6
+    assert reached(scene).noise > 1e-6
+    assert np.rint(np.array(scene.sensors()[0].film().develop())[..., -1]).max() == 60
 
 
 def test_the_error_of_99_pixels_in_100(variant_rgb):
@@ -303,10 +361,10 @@ def test_the_error_of_99_pixels_in_100(variant_rgb):
     reference = displayed_luminance(mi.render(many, seed=1000))
     integrator = settings["integrator"] | {"noise": 0.02, "noise_99": 0.004, "aovs": "samples"}
     scene = mi.load_dict({**settings, "integrator": integrator})
-    errors = np.abs(displayed_luminance(mi.render(scene, seed=1)) - reference)
-    reached = scene.integrator().reached
-    assert reached.noise < 0.004 and 0.002 < reached.noise_99 <= 0.97 * 0.004
-    assert 0.6 < np.percentile(errors, 99) / reached.noise_99 < 1.4
+    far = reached(scene, seed=1)
+    errors = np.abs(displayed_luminance(scene.sensors()[0].film().develop()) - reference)
+    assert far.noise < 0.004 and 0.002 < far.noise_99 <= 0.97 * 0.004
+    assert 0.6 < np.percentile(errors, 99) / far.noise_99 < 1.4
 
 
 @pytest.mark.slow
@@ -316,9 +374,9 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     scene = mi.load_dict(alone(COPPER, size=128, type="prosim", adaptive=adaptive, time=2.0))
     mi.render(scene, seed=1)  # compiles
     start = time.perf_counter()
-    mi.render(scene, seed=2)
+    far = reached(scene, seed=2)
     assert 1 < time.perf_counter() - start < 4
-    assert scene.integrator().reached.seconds == pytest.approx(2, abs=1) and scene.integrator().reached.samples > 1
+    assert far.seconds == pytest.approx(2, abs=1) and far.samples > 1
 
 
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
@@ -331,9 +389,9 @@ def test_larger_patterns_are_the_same_whether_sums_are_kept_or_not(variant_rgb, 
     """What is taken anew begins with the first samples, which are of the smaller patterns."""
     images = []
     for kept in (1 << 30, 0):
-        monkeypatch.setattr("mitsuba_prosim.rendering.state.KEPT", kept)
+        monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
         scene = loaded(COPPER, noise=noise, samples=3, aovs="samples")
-        *_, last = scene.integrator().waves(scene)
+        *_, last = passes(scene)
         assert last.state.plan.before is not None
         images.append(np.array(last.image()))
     assert np.array_equal(*images)

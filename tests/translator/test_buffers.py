@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from prosim_scene.editor.buffers import ENCODINGS, Buffer
+from prosim_scene.language_server import ENCODINGS, Text
 
 PIECES = [
     "",
@@ -39,25 +39,25 @@ def grid(text, encoding):
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_changes_have_their_place(encoding):
     choice = random.Random(7)
-    text, buffer = "", Buffer("", encoding)
+    text, buffer = "", Text("", encoding)
     for _ in range(300):
         places = list(grid(text, encoding))
         within = [i for i in range(len(text) + 1) if text[i - 1 : i + 1] != "\r\n"]
         assert [buffer.position(i) for i in range(len(text) + 1)] == places
-        assert all(buffer.offset(places[i]) == i for i in within)
+        assert all(buffer.offset(*places[i]) == i for i in within)
         first, last = sorted(choice.choices(within, k=2))
         last = choice.choice([first, last])
         new = "".join(choice.choices(PIECES, k=choice.choice([1, 1, 4])))
         text = text[:first] + new + text[last:]
-        buffer.change(places[first], places[last], new)
+        buffer = buffer.changed(places[first], places[last], new)
         assert buffer.text == text
         if len(text) > 60:
-            text, buffer = "", Buffer("", encoding)
+            text, buffer = "", Text("", encoding)
 
 
 def test_a_place_that_is_not_there_is_the_end_of_what_is():
-    buffer = Buffer("a 🎈\r\nb")
-    assert [buffer.offset(place) for place in ((0, 3), (0, 4), (0, 9), (1, 9), (2, 0), (9, 9))] == [2, 3, 3, 6, 6, 6]
-    buffer.change((1, 1), (0, 0), "x")  # an end before the start
+    buffer = Text("a 🎈\r\nb")
+    assert [buffer.offset(*place) for place in ((0, 3), (0, 4), (0, 9), (1, 9), (2, 0), (9, 9))] == [2, 3, 3, 6, 6, 6]
+    buffer = buffer.changed((1, 1), (0, 0), "x")  # an end before the start
     assert buffer.text == "a 🎈\r\nbx"
-    assert Buffer("\ufeffa\rb\r\nc").scene() == " a\nb\r\nc"
+    assert Text("\ufeffa\rb\r\nc").scene == " a\nb\r\nc"

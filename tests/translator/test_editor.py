@@ -1,22 +1,17 @@
-"""What an editor is told: the same as of a whole text, however it came to be."""
+"""What an editor is told of a text: errors, completions, meanings, symbols."""
 
 import json
-import random
 import re
 from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene.editor import colours, meanings, metals, places
-from prosim_scene.editor.completing import completions, hover
-from prosim_scene.editor.evaluating import evaluate
-from prosim_scene.language import trees
-from prosim_scene.language.judging import judge
-from prosim_scene.language.messages import MOST
-from prosim_scene.language.names import METALS
-from prosim_scene.language.reading import Reading
-from prosim_scene.language.shapes import Shapes
-from prosim_scene.language.words import WORDS
+from prosim_scene import descriptions
+from prosim_scene.evaluation import evaluate
+from prosim_scene.language.analysis import analyse
+from prosim_scene.language.diagnostics import MOST
+from prosim_scene.language.words import METALS, WORDS
+from prosim_scene.symbols import Symbol, Symbols
 
 SCENE = """(a scene)
 DEFAULT $turn = 30
@@ -35,14 +30,14 @@ END
 
 def told(text):
     """What is said of a text, in order, and the scene, if it is right."""
-    found, document = judge(text if isinstance(text, Reading) else Reading(text))
+    _, found, document = analyse(text)
     return sorted((one.start, one.end, one.reason, one.error) for one in found), document and document.scene
 
 
-def labels(text, offset=None):
+def labels(text):
     """What fits at the bar in a text."""
     at = text.index("|")
-    found = completions(Reading(text.replace("|", "", 1)), at)
+    found = Symbols(text.replace("|", "", 1)).completions(at)
     assert len({one.start for one in found}) <= 1
     return [one.label for one in sorted(found, key=lambda one: one.rank)]
 
@@ -61,7 +56,7 @@ def test_an_error_is_the_one_of_the_translator(text):
     with pytest.raises(prosim_scene.SceneError) as caught:
         prosim_scene.parse(text)
     found, scene = told(text)
-    assert scene is None and found[-1][2] == caught.value.reason and found[-1][0] == caught.value.place.start
+    assert scene is None and found[-1][2] == caught.value.reason and found[-1][0] == caught.value.span.start
 
 
 def test_every_wrong_statement_is_told_of():
@@ -80,98 +75,20 @@ def test_every_wrong_statement_is_told_of():
 
 
 def test_warnings_are_told_and_those_of_the_tree_too():
-    found, document = judge(Reading(SCENE.replace("LIGHTS AREA", "# LIGHTS AREA")))
+    _, found, document = analyse(SCENE.replace("LIGHTS AREA", "# LIGHTS AREA"))
     assert [(one.reason, one.error) for one in found] == [("the scene has no lights", False)]
     hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace(
         "SCALE 2 2 2", "SCALE .1 .1 .1 TRANSLATE .5 .5 .5"
     )
-    found, document = judge(Reading(hidden))
+    _, found, document = analyse(hidden)
     assert not found and [one.reason for one in evaluate(document, None)] == [
         "nothing is seen of SPHERE 1 (line 5): no face of it is left in the result"
     ]
 
 
-REGULAR = "\n".join(
-    [
-        "LIGHTS AREA position 9 9 9\nCSG-TREE\n+ - * + +\nCUBE 0 ESFERA 1 t-brick (leg 1) CONE: 2 NULL t-listra",
-        "CUBE 3 a.png CUBE 4 # a foot\nCYLINDER 5",
-        *(f"SURFACE {i} (the {i})\n  material composto n-refr = 1.{i} kd = .{i} .2 .1 ks .1" for i in range(6)),
-        *(f"TRANSFORM {i} # {i}\n  SCALE (1 .{i + 1} 1) SCALE 1 2 1 ROTATE-X: {i}" for i in range(6)),
-        "TEXTURE t-x stripes\nEND\n",
-    ]
-)
-
-PIECES = [
-    *"(){}#$\n 01.\"'",
-    "END",
-    "END\n",
-    "$turn",
-    "SURFACE 0 ",
-    "\nSURFACE 1\n",
-    "CUBE 0 ",
-    "- ",
-    "DEFAULT $turn = 4\n",
-]
-
-
-@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_text_that_changes_is_read_as_if_it_were_new(seed):
-    choice = random.Random(seed)
-    scene = (SCENE, REGULAR)[seed % 2]
-    text, reading = scene, Reading(scene)
-    for _ in range(40):
-        start = choice.randrange(len(text) + 1)
-        end = min(len(text), start + choice.choice([0, 0, 1, 3, 40]))
-        text = text[:start] + choice.choice([*PIECES, text[end : end + 30]]) + text[end:]
-        reading.change(text)
-        new = Reading(text)
-        assert told(reading) == told(new)
-        assert [(t.type, str(t), at) for _, t, at in reading.tokens()] == [
-            (t.type, str(t), at) for _, t, at in new.tokens()
-        ]
-        if choice.random() < 0.2:
-            text = scene
-            reading.change(text)
-
-
-@pytest.mark.parametrize("seed, count", [(0, 20), pytest.param(1, 60, marks=pytest.mark.slow)])
-def test_what_is_filled_in_is_as_if_it_were_read_word_by_word(seed, count, monkeypatch):
-    choice = random.Random(seed)
-    texts = [REGULAR]
-    for _ in range(count):
-        words = re.split("( )", REGULAR)
-        for at in choice.sample(range(0, len(words), 2), choice.choice([1, 1, 2, 5])):
-            words[at] = choice.choice([*words, *PIECES, "1e999", "0", "-1", "2.5", "SURFCE", "(x", "9876543210"])
-        texts.append("".join(words))
-    known = [Reading(text) for text in texts]
-    filled = [sum(unit.text is not None for unit in reading.units) for reading in known]
-    assert filled[0] == 11 and sum(filled) > 6 * count  # the first of each shape is parsed
-    monkeypatch.setattr(Shapes, "read", lambda *_: None)
-    monkeypatch.setattr(trees, "read", lambda *_: None)
-    for text, reading in zip(texts, known):
-        parsed = Reading(text)
-        assert told(reading) == told(parsed)
-        document, expected = judge(reading)[1], judge(parsed)[1]
-        assert document is None or dict(document.places) == dict(expected.places)
-        assert [(t.type, str(t), at) for _, t, at in reading.tokens()] == [
-            (t.type, str(t), at) for _, t, at in parsed.tokens()
-        ]
-
-
 def test_of_very_many_wrong_statements_the_first_are_told_and_nothing_that_follows():
     found, _ = told("CSG-TREE CUBE 999\n" + "".join(f"SURFACE {i} kd 2\n" for i in range(200)))
     assert {reason.split(";")[0] for *_, reason, _ in found} == {"found '2' after kd"} and len(found) == MOST + 1
-
-
-def test_what_has_not_changed_is_not_read_again():
-    reading = Reading(SCENE)
-    before = list(reading.units)
-    reading.change(SCENE.replace("kd =", "ka ="))
-    assert [a is b for a, b in zip(before, reading.units)] == [True] * 5 + [False] + [True] * 4
-    reading.change(SCENE)
-    before = list(reading.units)
-    reading.change(SCENE.replace("= 30", "= 60"))  # and what it means: of LIGHTS, SURFACE 1 and TRANSFORM 1
-    assert [a is b for a, b in zip(before, reading.units)].count(True) == 6
 
 
 def test_completion_knows_what_fits():
@@ -192,10 +109,10 @@ def test_completion_knows_what_fits():
 
 
 def test_hovering_says_what_is_meant():
-    reading = Reading(SCENE)
+    symbols = Symbols(SCENE)
 
     def said(word, shift=0):
-        start, end, text = hover(reading, SCENE.index(word) + shift)
+        start, end, text = symbols.hover(SCENE.index(word) + shift)
         assert start <= SCENE.index(word) + shift < end
         return text
 
@@ -205,12 +122,12 @@ def test_hovering_says_what_is_meant():
     )
     assert "SURFACE 0 material condutor ouro" in said("0 t-l") and "TRANSFORM 0" in said("0 t-l")
     assert "Stripes" in said("t-listra") and "Au" in said("ouro") and "= 30" in said("$turn / 3")
-    assert "1.5168" in hover(Reading("SURFACE 0 material dieletrico BK7 END"), 30)[2]
-    assert "union" in said("+ CUBE") and hover(reading, SCENE.index("remark")) is None
+    assert "1.5168" in Symbols("SURFACE 0 material dieletrico BK7 END").hover(30)[2]
+    assert "union" in said("+ CUBE") and symbols.hover(SCENE.index("remark")) is None
 
 
 def test_a_metal_says_what_it_is():
-    said = hover(Reading(SCENE), SCENE.index("ouro"))[2]
+    said = Symbols(SCENE).hover(SCENE.index("ouro"))[2]
     assert said.split("\n\n") == [
         "**gold**, the table Au",
         "Yellow: of white light that falls straight on it reflects 1.02 0.78 0.34 (red, green, blue)",
@@ -218,34 +135,38 @@ def test_a_metal_says_what_it_is():
         "From: luxpop.com, which names no source",
         "Also: gold, au",
     ]
-    assert set(metals.MEASURED) == set(METALS.values())
+    assert set(descriptions.MEASURED) == set(METALS.values())
     wrong = SCENE.replace("ouro", "ouros")
-    assert hover(Reading(wrong), wrong.index("ouros"))[2] == "a metal that nobody knows"
-    colours = {name: metals.colour(metals.MEASURED[METALS[name]].rgb) for name in ("cu", "ag", "cr", "ni", "be", "ta")}
+    assert Symbols(wrong).hover(wrong.index("ouros"))[2] == "a metal that nobody knows"
+    colours = {
+        name: descriptions.colour(descriptions.MEASURED[METALS[name]].rgb)
+        for name in ("cu", "ag", "cr", "ni", "be", "ta")
+    }
     assert list(colours.values()) == ["red", "white", "bluish light grey", "yellowish grey", "grey", "violet dark grey"]
-    (gold,) = [one for one in completions(Reading(SCENE), SCENE.index("ouro")) if one.label == "ouro"]
+    (gold,) = [one for one in Symbols(SCENE).completions(SCENE.index("ouro")) if one.label == "ouro"]
     assert gold.detail == "Au" and gold.documentation == said
 
 
 def test_every_word_has_a_meaning():
     for word in WORDS:
-        assert meanings.described(word).startswith(f"**{word.canonical}**")
-    assert set(meanings.MEANINGS) == {(word.role, word.name) for word in WORDS}
+        assert descriptions.of_word(word).startswith(f"**{word.canonical}**")
+    assert set(descriptions.MEANINGS) == {(word.role, word.name) for word in WORDS}
 
 
 def test_symbols_are_found_and_renamed():
-    reading = Reading(SCENE)
-    here = places.at(reading, SCENE.index("SPHERE 1") + 7)
-    assert [SCENE[: o.start].count("\n") for o in places.definitions(reading, here.symbol)] == [7, 9]
+    symbols = Symbols(SCENE)
+    here = symbols.at(SCENE.index("SPHERE 1") + 7)
+    defined = [one for one in symbols.occurrences(here.symbol) if one.defines]
+    assert [SCENE[: one.start].count("\n") for one in defined] == [7, 9]
     for word, shift, new, count in (("SPHERE 1", 7, "7", 4), ("$turn", 1, "$angle", 4), ("t-mine", 2, "t-yours", 1)):
-        here = places.at(reading, SCENE.index(word) + shift)
-        found = places.renamed(reading, here.symbol, new)
+        here = symbols.at(SCENE.index(word) + shift)
+        found = symbols.renamed(here.symbol, new)
         assert len(found) == count
         text = SCENE
         for one in reversed(found):
             text = text[: one.start] + new + text[one.end :]
-        assert told(text)[1] is not None and here.symbol not in {o.symbol for o in places.occurrences(Reading(text))}
-        assert len(list(places.occurrences(Reading(text)))) == len(list(places.occurrences(reading)))
+        assert told(text)[1] is not None and here.symbol not in Symbols(text).table
+        assert [len(one) for one in Symbols(text).table.values()] == [len(one) for one in symbols.table.values()]
 
 
 def test_a_symbol_is_found_wherever_it_may_stand():
@@ -254,32 +175,25 @@ CSG-TREE + CUBE: 07 + ESFERA (the (7) one) 7 - CONE # 7
 7 CYLINDER={$a+$ab} t-7 SURFACE(a)7 kd {$a} 7 TRANSFORM 7 SCALE 7 7 7 TRANSFORM = 77
 SURFACE 70 TEXTURE t-7 stripes seed 7 END 7"""
     for mark in ("\n", "\r\n"):
-        reading = Reading(text.replace("\n", mark))
-        symbols = {one.symbol for one in places.occurrences(reading)}
-        assert len(symbols) == 6
-        for symbol in symbols:
-            everywhere = [one for one in places.occurrences(reading) if one.symbol == symbol]
-            assert list(places.occurrences(reading, symbol)) == everywhere
-        assert len(list(places.occurrences(reading, places.Symbol("index", "7")))) == 5
+        symbols = Symbols(text.replace("\n", mark))
+        assert len(symbols.table) == 6 and len(symbols.occurrences(Symbol("index", "7"))) == 5
 
 
 @pytest.mark.parametrize(
     "word, new, says",
     [("0 t-l", "1", "there already"), ("0 t-l", "x", "no index"), ("t-listra", "stripes", "t- and a word"),
-     ("$turn", "a-b", "cannot be a name"), ("$turn", "$frame", "")],
+     ("$turn", "a-b", "cannot be a name")],
 )  # fmt: skip
 def test_what_cannot_be_renamed(word, new, says):
-    reading = Reading(SCENE)
-    here = places.at(reading, SCENE.index(word))
-    if says:
-        with pytest.raises(ValueError, match=says):
-            places.renamed(reading, here.symbol, new)
+    symbols = Symbols(SCENE)
+    here = symbols.at(SCENE.index(word))
+    with pytest.raises(ValueError, match=says):
+        symbols.renamed(here.symbol, new)
 
 
 def test_the_grammar_of_editors_has_the_words_of_the_language():
     path = Path(__file__).parents[2] / "editors" / "vscode" / "syntaxes" / "scn.tmLanguage.json"
-    assert json.loads(path.read_text()) == colours.textmate()  # python -m prosim_scene.editor.colours > PATH
-    patterns = [re.compile(one["match"]) for one in colours.textmate()["patterns"] if "match" in one]
+    patterns = [re.compile(one["match"]) for one in json.loads(path.read_text())["patterns"] if "match" in one]
     for word in WORDS:
         for spelling in word.spellings:
             assert any((found := pattern.match(spelling)) and found.end() == len(spelling) for pattern in patterns)
@@ -293,18 +207,3 @@ def large(count):
         f"  TRANSLATE ({i % 35} 0 {i // 35})" for i in range(count)
     ]  # fmt: skip
     return "\n".join(["LIGHTS AREA position 9 9 9", "CSG-TREE", "+ " * (count - 1), *names, *tables, "END\n"])
-
-
-@pytest.mark.slow
-def test_a_keystroke_in_a_long_scene_reads_one_statement_anew():
-    """Of 10,000 lines; on a machine at rest it takes 40 to 60 ms."""
-    text = large(1250)
-    reading = Reading(text)
-    assert not judge(reading)[0]
-    for word in ("kd = ", "SCALE (", "position "):
-        at = text.index(word, 0 if word == "position " else len(text) // 2) + len(word)
-        text = text[:at] + "0" + text[at:]
-        before = {id(unit) for unit in reading.units}
-        reading.change(text)
-        assert sum(id(unit) not in before for unit in reading.units) == 1 and len(reading.units) == len(before)
-        assert not judge(reading)[0]

@@ -5,7 +5,7 @@ import os
 
 import prosim_scene
 import pytest
-from prosim_scene import SceneError, replacing
+from prosim_scene import SceneError, files
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
@@ -75,7 +75,7 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(scene, step, monkeypatch)
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     if step == "writing":
-        monkeypatch.setattr(replacing, "open", full, raising=False)
+        monkeypatch.setattr(files, "open", full, raising=False)
     else:
         monkeypatch.setattr(os, "replace", full)
     with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is as it was"):

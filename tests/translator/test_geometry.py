@@ -343,3 +343,20 @@ def test_depth_of_nesting_needs_no_recursion(tree):
     cube = parts.solid(run, np.array([[0.0] * 3, [1.0] * 3]), planes)
     (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
     assert part.manifold.volume() == pytest.approx(1)
+
+
+def test_a_solid_that_vanishes_by_an_operator_between_its_operands_is_told_of_the_order(tmp_path):
+    """The tree is valid, but means something else than + + + A (B * C)."""
+    path = tmp_path / "s.scn"
+    path.write_text(
+        "LIGHTS POINT position 0 9 9\nCSG-TREE + + +\nCYLINDER 1\n- CYLINDER 2 *\nCONE 3\nCYLINDER 4\nSPHERE 5 SPHERE 6\n"
+        + "".join(f"SURFACE {i}\nTRANSFORM {i} TRANSLATE ({5 * i} 0 0)\n" for i in range(1, 7))
+        + "END\n"
+    )
+    expected = (
+        r"nothing is seen of CONE 3 \(line 5\), CYLINDER 4 \(line 6\): .*operators come before their operands: "
+        r"\* \(line 4\) has the operands CONE 3 \(line 5\) and CYLINDER 4 \(line 6\)"
+    )
+    with pytest.warns(SceneWarning, match=expected) as warned:
+        prosim_scene.check(path)
+    assert len(warned) == 1

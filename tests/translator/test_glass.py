@@ -8,7 +8,7 @@ import prosim_scene
 import pytest
 from mitsuba_prosim.optics.dispersion import MATERIALS, D, Dispersion
 from prosim_scene import SceneWarning
-from prosim_scene.language.names import GLASSES, INDICES
+from prosim_scene.language.words import GLASSES, INDICES
 
 
 def scene(tmp_path, surface, tree="SPHERE 0", more="", view="WINDOW -.1 -.1 .1 .1 OBS 0 0 9"):

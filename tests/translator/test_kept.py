@@ -42,7 +42,7 @@ def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path,
     path.write_text(SCENE)
     kept = prosim_scene.Kept()
     for define in {}, second, third:
-        prosim_scene.translate(prosim_scene.document(path, define, kept), tmp_path / "kept", kept=kept)
+        prosim_scene.translate(prosim_scene.document(path, define), tmp_path / "kept", kept=kept)
         prosim_scene.translate(path, tmp_path / "anew", define=define)
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 4
     assert kept.made == made
@@ -64,25 +64,6 @@ def test_another_view_needs_no_translation(tmp_path, options):
     document = prosim_scene.document(path)
     with pytest.raises(prosim_scene.SceneError, match="the window -4 4 4 4 is empty"):
         prosim_scene.sensor(document, kept, **options)
-
-
-def test_what_a_text_says_as_before_is_not_read_again(tmp_path):
-    path, kept = tmp_path / "s.scn", prosim_scene.Kept()
-    path.write_text(SCENE)
-    before = prosim_scene.document(path, {"red": 1}, kept)
-    wrong = SCENE.replace("condutor", "condutr")
-    for text, line in ((wrong, 10), (f"\n{wrong}", 11)):
-        path.write_text(text)
-        for last in kept, None:
-            with pytest.raises(prosim_scene.SceneError, match=rf"s\.scn:{line}:"):
-                prosim_scene.document(path, {"red": 1}, last)
-    path.write_text(text.replace("condutr ouro", "condutor prata"))
-    after, anew = (prosim_scene.document(path, {"red": 0.5}, last) for last in (kept, None))
-    assert after.scene == anew.scene and dict(after.places) == dict(anew.places)
-    assert after.line("surfaces", 1) == 10 and before.line("surfaces", 1) == 9
-    for kind, index, same in (("surfaces", 0, False), ("surfaces", 1, True), ("surfaces", 2, False)):
-        assert (getattr(after.scene, kind)[index] is getattr(before.scene, kind)[index]) == same
-    assert after.scene.transforms[2] is before.scene.transforms[2]
 
 
 def test_solids_that_come_to_look_alike_and_no_longer_are_not_evaluated_anew(tmp_path):

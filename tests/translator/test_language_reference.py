@@ -5,7 +5,7 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene.language.words import WORDS, fold
+from prosim_scene.language.words import WORDS, normalise
 from prosim_scene.targets import textures
 
 TEXT = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
@@ -20,10 +20,10 @@ def test_examples_parse(number):
 
 
 def test_every_statement_and_parameter_has_an_example():
-    words = {fold(w) for example in EXAMPLES for w in re.findall(r"[\w-]+", example)}
-    missing = [row for row in WORDS if not words & {fold(s) for s in row.spellings}]
+    words = {normalise(w) for example in EXAMPLES for w in re.findall(r"[\w-]+", example)}
+    missing = [row for row in WORDS if not words & {normalise(s) for s in row.spellings}]
     # The plain ones among the parameters of textures and transforms are in the tables.
-    assert {fold(row.canonical) for row in missing} <= {fold(w) for w in re.findall(r"[\w-]+", TEXT)}
+    assert {normalise(row.canonical) for row in missing} <= {normalise(w) for w in re.findall(r"[\w-]+", TEXT)}
 
 
 def test_the_tables_of_defaults_are_right():

@@ -180,6 +180,17 @@ def test_translation_is_repeatable_and_replaces_what_was_there(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a-meshes", "a.scn", "a.xml"]
 
 
+def test_an_image_on_another_drive_is_named_in_full(everything, tmp_path, monkeypatch):
+    """Windows knows no way from one drive to another."""
+
+    def no_way(*_):
+        raise ValueError("path is on mount 'C:', start on mount 'D:'")
+
+    monkeypatch.setattr("os.path.relpath", no_way)
+    text = prosim_scene.translate(everything, tmp_path / "out").read_text()
+    assert f'value="{everything.parent.as_posix()}/' in text
+
+
 def test_check_writes_nothing(everything):
     before = sorted(everything.parent.rglob("*"))
     with pytest.warns(SceneWarning, match="mean is used, without dispersion"):

@@ -1,13 +1,19 @@
 """The files of a translation: what it overwrites and removes, and what it never touches."""
 
+import copy
+import errno
+import gc
 import os
 import re
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
+from prosim_scene.write import output
 
 SCENE = """LIGHTS POINT position 0 5 5
 VIEW OBS 0 0 9 VRP 0 0 0
@@ -183,3 +189,99 @@ def test_a_full_disk_is_a_scene_error_and_leaves_nothing(scene, monkeypatch):
     with pytest.raises(SceneError, match="No space left on device"):
         prosim_scene.translate(scene, tolerance=1)
     assert everything(scene.parent) == before and not (scene.parent / "s-meshes").exists()
+
+
+@pytest.fixture
+def two_disks(scene, monkeypatch):
+    """A folder ``elsewhere`` that counts as another disk: no file is renamed from it to another folder or back."""
+    elsewhere = scene.parent / "elsewhere"
+    elsewhere.mkdir()
+    real = os.replace
+
+    def replace(source, target):
+        if len({elsewhere in Path(path).resolve().parents for path in (source, target)}) > 1:
+            raise OSError(errno.EXDEV, os.strerror(errno.EXDEV), str(source))
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    return elsewhere
+
+
+def test_the_folder_of_meshes_may_be_a_link_to_another_disk(scene, two_disks):
+    (scene.parent / "s-meshes").symlink_to(two_disks)
+    xml = prosim_scene.translate(scene, tolerance=1)
+    assert (scene.parent / "s-meshes").is_symlink()
+    meshes = {Path(name).name for name in named(xml)}
+    assert meshes == set(os.listdir(two_disks))
+    assert sorted(os.listdir(scene.parent)) == ["elsewhere", "s-meshes", "s.scn", "s.xml"]
+
+
+def test_a_linked_folder_of_meshes_stays_and_the_error_says_what_is_wrong(scene, two_disks, monkeypatch):
+    (scene.parent / "s-meshes").symlink_to(two_disks)
+
+    def full(source, target):
+        raise OSError(errno.ENOSPC, "No space left on device", str(target))
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(SceneError, match="No space left on device"):
+        prosim_scene.translate(scene, tolerance=1)
+    assert (scene.parent / "s-meshes").is_symlink() and not os.listdir(two_disks)
+
+
+def test_a_link_to_nowhere_in_the_place_of_the_meshes_is_an_error(scene):
+    (scene.parent / "s-meshes").symlink_to(scene.parent / "nowhere")
+    with pytest.raises(SceneError, match="link to nowhere, stands where the folder of the meshes goes"):
+        prosim_scene.translate(scene, tolerance=1)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
+def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch):
+    import fcntl
+
+    xml = prosim_scene.translate(scene, tolerance=1)
+    before = everything(scene.parent)
+    monkeypatch.setattr(output, "WAIT", 0.1)
+    lock = os.open(scene.parent / "s-meshes", os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(SceneError, match="another translation is writing to this folder") as error:
+            prosim_scene.translate(scene, tolerance=1)
+    finally:
+        os.close(lock)
+    assert "s-meshes" in str(error.value) and everything(scene.parent) == before
+    assert prosim_scene.translate(scene, tolerance=1) == xml
+
+
+def test_the_meshes_of_a_loaded_scene_live_as_long_as_its_dictionary(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    loaded = prosim_scene.load(scene, tolerance=1, transform=lambda matrix: matrix)
+    (folder,) = tmp_path.glob("prosim-scene-*")
+    kept = {"type": "scene", "mine": dict(copy.deepcopy(loaded)["surface_1"])}
+    del loaded
+    gc.collect()
+    assert Path(kept["mine"]["filename"]).is_file()
+    del kept
+    gc.collect()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    "option, expected",
+    [
+        ({"tolerance": "x"}, "tolerance is 'x'; expected a number of pixels above 0"),
+        ({"tolerance": float("nan")}, "tolerance is nan"),
+        ({"resolution": 5}, "resolution is 5; expected width and height"),
+        ({"resolution": ("a", "b")}, "resolution is ('a', 'b')"),
+        ({"resolution": (8, float("inf"))}, "resolution is (8, inf)"),
+        ({"resolution": (8.0, 6)}, "resolution is (8.0, 6)"),
+        ({"resolution": (8, 6, 3)}, "resolution is (8, 6, 3)"),
+        ({"samples": "many"}, "samples is 'many'"),
+        ({"samples": float("nan")}, "samples is nan"),
+        ({"samples": [3]}, "samples is [3]"),
+        ({"target": ["prosim"]}, "target is ['prosim']; expected one of prosim, stock"),
+        ({"light_units": {}}, "light_units is {}"),
+    ],
+)
+def test_an_option_of_the_wrong_type_is_a_scene_error(scene, option, expected):
+    with pytest.raises(SceneError, match=re.escape(expected)):
+        prosim_scene.check(scene, **option)

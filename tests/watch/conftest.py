@@ -1,7 +1,10 @@
 """One process of ``prosim watch``, and one browser, for the tests of a module."""
 
+import itertools
+
 import pytest
 from little import BROWSER, LITTLE, watching
+from mitsuba_prosim.engine.work import Step
 
 
 @pytest.fixture(scope="module")
@@ -19,14 +22,11 @@ def address(scene):
 
 @pytest.fixture
 def estimates_that_fall(variant_rgb, monkeypatch):
-    """Integrators that take back half of what they tell, as one does that finds that there is more to do."""
-    from mitsuba_prosim.rendering.integrator import WaveIntegrator
+    """Renders that take back half of what they tell, as one does that finds that there is more to do."""
+    from mitsuba_prosim.engine import render
 
-    def told(tell):
-        return tell and (lambda part: (tell(part), tell(part / 2)))
-
-    progress = property(lambda self: told(self.__dict__["tell"]), lambda self, tell: self.__dict__.update(tell=tell))
-    monkeypatch.setattr(WaveIntegrator, "progress", progress, raising=False)
+    shares = itertools.cycle((1, 0.5))
+    monkeypatch.setattr(render, "Step", lambda done, complete: Step(done * next(shares), complete))
 
 
 @pytest.fixture(scope="module")

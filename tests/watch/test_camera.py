@@ -66,12 +66,12 @@ small = st.floats(-1, 1)
 @pytest.mark.parametrize("given_vpn", ["", "VPN 0.1 0.4 1\n"], ids=["towards the eye", "VPN"])
 def test_the_view_that_is_written_is_the_view_that_was_seen(little, given_vpn, yaw, pitch, right, up, nearer):
     path = little.source.filename
-    document = prosim_scene.language.document_of(LITTLE.replace("OBS", given_vpn + "OBS"), path)
+    document = prosim_scene.document_of(LITTLE.replace("OBS", given_vpn + "OBS"), path)
     home = seen(document)
     moved = home.orbited(90 * yaw, 60 * pitch).panned(right, up).dollied(nearer)
     text = as_view(document.scene.view, home, moved)
     before, after = LITTLE.index("VIEW"), LITTLE.index("CSG-TREE")
-    again = seen(prosim_scene.language.document_of(LITTLE[:before] + text + "\n" + LITTLE[after:], path))
+    again = seen(prosim_scene.document_of(LITTLE[:before] + text + "\n" + LITTLE[after:], path))
     assert np.allclose(again.to_world, moved.to_world, atol=1e-5)
     assert np.allclose(again.across, home.across, rtol=1e-5)
 

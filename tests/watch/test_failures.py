@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from little import LITTLE, until
 from mitsuba_prosim.compare.scenes import sky
-from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
 from mitsuba_prosim.watch.studio import Studio, SupersededError
 from mitsuba_prosim.watch.takes import Take
 

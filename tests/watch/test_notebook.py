@@ -15,9 +15,9 @@ import numpy as np
 import prosim_scene
 import pytest
 from little import LITTLE
+from mitsuba_prosim.engine.work import Local
 from mitsuba_prosim.watch import cells, notebook
 from mitsuba_prosim.watch.picture import coloured, palest
-from mitsuba_prosim.watch.portions import Growing
 from mitsuba_prosim.watch.takes import Take
 from mitsuba_prosim.watch.turns import Turns
 from nbclient import NotebookClient
@@ -157,7 +157,7 @@ def test_the_part_that_is_done_never_falls(path, monkeypatch, estimates_that_fal
             self.observe(lambda change: parts.append(change.new), "value")
 
     monkeypatch.setattr(ipywidgets, "FloatProgress", Bar)
-    monkeypatch.setattr(Growing, "bound", lambda *_: 1500)
+    monkeypatch.setattr(Local, "limit", lambda *_: 1500)
     mitsuba_prosim.show(path)
     assert parts == sorted(parts) and len(parts) > 6
 

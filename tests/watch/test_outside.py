@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import mitsuba as mi
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.scene_files.confinement import OutsideError
+from mitsuba_prosim.scene.confinement import OutsideError
 from mitsuba_prosim.watch import server, studio
 from prosim_start import group
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from little import LITTLE
 from mitsuba_prosim import denoising
-from mitsuba_prosim.scene_files.opening import SceneFile, pick_sensor
+from mitsuba_prosim.engine.work import Local
+from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
 from mitsuba_prosim.watch import due, easel, takes
 from mitsuba_prosim.watch.board import Board
 from mitsuba_prosim.watch.changes import watched
 from mitsuba_prosim.watch.desk import Desk
 from mitsuba_prosim.watch.named import Files
-from mitsuba_prosim.watch.portions import Growing
 from mitsuba_prosim.watch.studio import Studio
 from mitsuba_prosim.watch.takes import Take
 
@@ -105,7 +105,7 @@ def all_portions_seen(monkeypatch):
     """However small and quick they are."""
     monkeypatch.setattr(due, "EVERY", 0)
     monkeypatch.setattr(due, "SHARE", 1e9)
-    return lambda samples: monkeypatch.setattr(Growing, "bound", lambda *_: samples)
+    return lambda samples: monkeypatch.setattr(Local, "limit", lambda *_: samples)
 
 
 def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):

@@ -9,12 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..rendering import collector
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from . import random
 from .footprint import Footprint
 from .gathering import Gathering
+from .importance import Importance
 from .merging import Merging
 from .photons import Photons
 from .sources import Sources
@@ -24,8 +24,11 @@ from .walk import Landed, Walk
 #: Most maps of a set.
 MAPS = 64
 
-#: Photons that find out which pairs of a source and a target are worth while, and the part that goes to all alike.
-PILOTS, EVEN = 1 << 14, 0.1
+#: Pilot photons of a round, number of rounds, and the part of the photons that is shared evenly by all cells.
+PILOTS, ROUNDS, EVEN = 1 << 16, 3, 0.1
+
+#: Cells along the edge of the square that a pair is aimed by, at most, and photons for each of them, in the mean.
+EDGE, PER_CELL = 32, 8
 
 #: Photons that are kept, 40 bytes each (48 on glossy surfaces, where a photon may lie besides), for the next wave and
 #: for the twin; at least two sets.
@@ -46,7 +49,8 @@ class Caustics:
     def __init__(
         self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk, footprint: Footprint
     ) -> None:
-        self.sensor, self.sources, self.count, self.walk, self.footprint = sensor, sources, count, walk, footprint
+        self.scene, self.sensor, self.sources, self.count = scene, sensor, sources, count
+        self.walk, self.footprint = walk, footprint
         self.gathering = Gathering(scene, self.footprint)
         self.merging: Merging | None = None
         if walk.merges:
@@ -83,7 +87,6 @@ class Caustics:
         """Maps of a set, for patterns of ``n``² samples."""
         return min(n * n, MAPS)
 
-    @collector.suspended()
     def draw(self, seed: int, number: int, n: int) -> None:
         """Makes the set ``number`` under ``seed``, for passes of ``n`` samples, what samples gather from."""
         self._drawn, glossy = self.photons((seed, number, n))
@@ -91,7 +94,6 @@ class Caustics:
             self.merging.draw(glossy, self._places(self.maps(n))[0])
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
-    @collector.suspended()
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
         """Those of a set, on diffuse surfaces, and on glossy ones where these gather any: kept, or drawn."""
         if which not in self._sets:
@@ -172,21 +174,34 @@ class Caustics:
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
-        """How many of the ``size`` photons of a map each pair has: in proportion to the flux that it brings, so that
-        photons carry about the same.
+        """How many of the ``size`` photons of a map each cell of each pair has: in proportion to the root mean square
+        of what its photons add to a pixel, which makes the noise the least (Neyman 1934).
         """
-        pairs = self.sources.pairs
-        even = np.full(pairs, max(PILOTS // pairs, 1), dtype=np.float64)
-        landed, _, pair = self._landed(0, 0, 1, placed(even), white=True)
-        flux = sum(
-            np.where(np.array(one.lies), np.array(dr.max(one.flux), dtype=np.float64), 0)
-            for one in landed
-            if one is not None
-        )
-        brought = np.bincount(np.array(pair), weights=flux, minlength=pairs)
-        whole = brought.sum()
-        part = (1 - EVEN) * brought / whole + EVEN / pairs if whole > 0 else np.full(pairs, 1 / pairs)
+        pairs, edge = self.sources.pairs, 1
+        while edge < EDGE and PER_CELL * pairs * (2 * edge) ** 2 <= size:
+            edge *= 2
+        cells = pairs * edge**2
+        importance = Importance(self.scene, self.sensor, self.walk, self.footprint)
+        part, squares, number = np.full(cells, 1 / cells), np.zeros(cells), np.zeros(cells)
+        for k in range(ROUNDS):
+            places = placed(np.maximum(np.round(part * PILOTS), 1))
+            landed, _, cell = self._landed(0, k, 1, places, white=True)
+            weights = sum(np.array(importance(one), dtype=np.float64) for one in landed if one is not None)
+            count = np.array(places[0], dtype=np.float64)
+            squares += count**2 * np.bincount(np.array(cell), weights, minlength=cells)
+            number += count
+            part = self._parts(np.sqrt(squares / number).reshape(pairs, edge, edge))
         return placed(np.maximum(np.round(part * size), 1))
+
+    def _parts(self, wanted: np.ndarray) -> np.ndarray:
+        """Part of the photons for each cell, about in the proportion ``wanted``, of shape (pairs, edge, edge)."""
+        edge = wanted.shape[1]
+        padded = np.pad(wanted, ((0, 0), (1, 1), (1, 1)), mode="edge")
+        smooth = np.mean([padded[:, j : j + edge, i : i + edge] for j in range(3) for i in range(3)], axis=0)
+        aimless = self.sources.aimless
+        smooth[aimless] = smooth[aimless].mean(axis=(1, 2), keepdims=True)
+        whole, even = smooth.sum(), 1 / smooth.size
+        return (1 - EVEN) * smooth.ravel() / whole + EVEN * even if whole > 0 else np.full(smooth.size, even)
 
 
 def placed(shares: np.ndarray) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from ..rendering.camera import uncropped
+from ..compat import world_transform
+from ..engine.camera import uncropped
 
 #: Where a camera has no pixels to speak of (a meter of one ray): that part of the scene's radius.
 LEAST = 1e-5
@@ -39,7 +40,7 @@ class Footprint:
         )
         least = LEAST * float(scene.bbox().bounding_sphere().radius)
         # Rays start at the near plane, where those of a perspective camera are already apart.
-        eye = sensor.world_transform().translation()
+        eye = world_transform(sensor, sensor.shutter_open()).translation()
         begun = float(dr.norm(middle.o - eye)[0])
         result = cls(mi.Point3f(eye), mi.Float(max(apart - begun * turned, least)), mi.Float(turned))
         dr.make_opaque(result.eye, result.size, result.spread)

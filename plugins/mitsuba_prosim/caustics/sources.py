@@ -8,6 +8,7 @@ no photon is brighter than the best of its pairs would make it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,18 +27,20 @@ from .targets import Targets
 #: A density that no other comes near, and that can still be reckoned with.
 ENDLESS = 1e30
 
-#: From center and radius of a target: whether a ray meets it, and with which density a photon of that pair takes it.
-DensityOf = Callable[[Any, Any], tuple[Any, Any]]
+#: From center and radius of a target: whether a ray meets it, with which density a photon of that pair takes it, and by
+#: which point of the square that it is aimed by.
+DensityOf = Callable[[Any, Any], tuple[Any, Any, Any]]
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Which photons start: the numbers of their sources and targets, how many photons each pair has (``shares``, one
-    entry a pair), the points in [0, 1)² that they are drawn by, and their wavelengths.
+    """Which photons start: the numbers of their sources, targets and cells, how many photons each cell has
+    (``shares``), the points in [0, 1)² that they are drawn by, and their wavelengths.
     """
 
     number: mi.UInt32
     target: mi.UInt32
+    cell: mi.UInt32
     shares: mi.Float
     position: mi.Point2f
     aimed: mi.Point2f
@@ -96,6 +99,9 @@ def left_out(emitters: Sequence[mi.Emitter]) -> None:
 class Sources:
     """The emitters of ``scene`` that photons can start from, and the pairs of each of them with each of ``targets``:
     pair ``p`` is that of the source ``p // targets.count`` and the target ``p % targets.count``.
+
+    The square that a pair's photons are aimed by is divided into ``k`` x ``k`` cells, each with its own number of
+    photons. Cell ``c`` belongs to the pair ``c // k²``. ``k`` follows from the number of entries of ``shares``.
     """
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
@@ -128,17 +134,31 @@ class Sources:
         """Number of pairs."""
         return self.count * self.targets.count
 
+    @property
+    def aimless(self) -> np.ndarray:
+        """Whether the photons of each pair are not aimed."""
+        return np.repeat([kind(e) == "beam" for e in self.emitters], self.targets.count)
+
+    def cells(self, shares: mi.Float) -> mi.UInt32:
+        """Number of cells along an edge of the square that each pair is aimed by."""
+        return dr.opaque(mi.UInt32, math.isqrt(dr.width(shares) // self.pairs))
+
     def start(
-        self, pair: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
+        self, cell: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
     ) -> Start:
-        """Photons of the pairs ``pair``. ``shares``: the number of photons that each pair has, one entry a pair;
+        """Photons of the cells ``cell``. ``shares``: the number of photons of each cell;
         ``position``, ``aimed``: points in [0, 1)²; ``wavelengths``: what the flux is wanted at.
         """
+        edge = self.cells(shares)
+        pair = cell // edge**2
+        of_pair = cell - pair * edge**2
+        row = of_pair // edge
+        aimed = (aimed + mi.Point2f(of_pair - row * edge, row)) / mi.Float(edge)
         number = pair // self.targets.count
         target = pair - number * self.targets.count
         emitter = dr.gather(mi.EmitterPtr, self.pointers, number)
         kinds = dr.gather(mi.UInt32, self.kind, number)
-        draw = Draw(number, target, shares, position, aimed, wavelengths)
+        draw = Draw(number, target, cell, shares, position, aimed, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0), dr.zeros(mi.PositionSample3f), emitter)
         for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._beam, self._far))):
             if name in self.kinds:
@@ -153,7 +173,7 @@ class Sources:
         center, radius = self.targets.at(draw.target)
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
-        density = self._density(draw.number, draw.shares, self._of_point(x, ray.d), draw.target)
+        density = self._density(draw.number, draw.shares, self._of_point(x, ray.d), draw)
         met, lit = self._met(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
@@ -165,10 +185,11 @@ class Sources:
         per_area = mi.Float(ps.pdf)
         if self.has_balls:
             middle, own_radius = self._ball(draw.number)
-            ps = dr.select(own_radius > 0, on_ball(ps, middle, own_radius, center, draw.position), ps)
+            towards = aim.direction(middle, center, radius, draw.aimed)
+            ps = dr.select(own_radius > 0, on_ball(ps, middle, own_radius, towards, draw.position), ps)
         x, n = ps.p, ps.n
         d = aim.direction(x, center, radius, draw.aimed)
-        density = self._density(draw.number, draw.shares, self._of_surface(draw.number, per_area, x, n, d), draw.target)
+        density = self._density(draw.number, draw.shares, self._of_surface(draw.number, per_area, x, n, d), draw)
         cos = dr.dot(n, d)
         active = active & (cos > 0) & (density > 0)
         ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
@@ -182,7 +203,9 @@ class Sources:
     def _beam(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         """Not aimed: a point of the surface says where the photon goes."""
         ps, _ = emitter.sample_position(0.0, draw.position, active)
-        density = self._density(draw.number, draw.shares, lambda c, r: (mi.Bool(True), mi.Float(ps.pdf)), draw.target)
+        density = self._density(
+            draw.number, draw.shares, lambda c, r: (mi.Bool(True), mi.Float(ps.pdf), draw.aimed), draw
+        )
         si = mi.SurfaceInteraction3f(ps, draw.wavelengths)
         lit = active & (density > 0)
         L = dr.dispatch(emitter, beam, si, lit)
@@ -195,7 +218,7 @@ class Sources:
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
-        density = self._density(draw.number, draw.shares, self._from_afar(x, d), draw.target)
+        density = self._density(draw.number, draw.shares, self._from_afar(x, d), draw)
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, ENDLESS, density * ds.pdf)
@@ -233,7 +256,7 @@ class Sources:
 
     def _of_point(self, x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
         """The :data:`DensityOf` of the ray (x, d) from a point."""
-        return lambda c, r: (aim.meets(x, d, c, r), dr.rcp(aim.solid_angle(x, c, r)))
+        return lambda c, r: (aim.meets(x, d, c, r), dr.rcp(aim.solid_angle(x, c, r)), aim.aimed_by(x, d, c, r))
 
     def _of_surface(
         self, number: mi.UInt32, per_area: mi.Float, x: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f
@@ -241,37 +264,48 @@ class Sources:
         """That of a ray from a surface, whose own method takes the point ``x`` with the density ``per_area``."""
         middle, own_radius = self._ball(number) if self.has_balls else (mi.Point3f(0), mi.Float(0))
 
-        def density_of(c: mi.Point3f, r: mi.Float) -> tuple[mi.Bool, mi.Float]:
-            area = per_area
+        def density_of(c: mi.Point3f, r: mi.Float) -> tuple[mi.Bool, mi.Float, mi.Point2f]:
+            area, aimed = per_area, aim.aimed_by(x, d, c, r)
             if self.has_balls:
-                area = dr.select(own_radius > 0, per_area_of_ball(n, middle, own_radius, c), area)
-            return aim.meets(x, d, c, r), area / aim.solid_angle(x, c, r)
+                towards = aim.direction(middle, c, r, aimed)
+                area = dr.select(own_radius > 0, per_area_of_ball(n, own_radius, towards), area)
+            return aim.meets(x, d, c, r), area / aim.solid_angle(x, c, r), aimed
 
         return density_of
 
     def _from_afar(self, x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
         """That of a ray from without through ``x``, apart from its direction."""
-        return lambda c, r: (aim.line_meets(x, d, c, r), dr.rcp(dr.pi * dr.square(r)))
+
+        def density_of(c: mi.Point3f, r: mi.Float) -> tuple[mi.Bool, mi.Float, mi.Point2f]:
+            across = mi.Frame3f(d).to_local(x - c)
+            aimed = mi.warp.uniform_disk_to_square_concentric(mi.Point2f(across.x, across.y) / r)
+            return aim.line_meets(x, d, c, r), dr.rcp(dr.pi * dr.square(r)), aimed
+
+        return density_of
 
     def _density(
         self,
         number: mi.UInt32,
         shares: mi.Float,
         density_of: DensityOf,
-        own: mi.UInt32 | None = None,
+        own: Draw | None = None,
         active: mi.Bool | bool = True,
     ) -> mi.Float:
-        """Density of a ray among the photons of all pairs of the source ``number``. ``own``: the target that the ray is
-        aimed at, which it meets whatever rounding says.
+        """Density of a ray among the photons of all pairs of the source ``number``. ``own``: how the ray was drawn; it
+        meets its target and lies in its cell, whatever rounding says.
         """
         first, count = number * self.targets.count, dr.opaque(mi.UInt32, self.targets.count)
+        edge = self.cells(shares)
 
         def step(k: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-            met, density = density_of(*self.targets.at(k))
-            share = dr.gather(mi.Float, shares, first + k, active)
+            met, density, aimed = density_of(*self.targets.at(k))
+            column, row = (dr.minimum(mi.UInt32(dr.maximum(v, 0) * mi.Float(edge)), edge - 1) for v in aimed)
+            cell = ((first + k) * edge + row) * edge + column
             if own is not None:
-                met |= k == own
-            return k + 1, total + dr.select(met, share * density, 0)
+                met |= k == own.target
+                cell = dr.select(k == own.target, own.cell, cell)
+            share = dr.gather(mi.Float, shares, cell, active)
+            return k + 1, total + dr.select(met, share * density, 0) * mi.Float(edge**2)
 
         return dr.while_loop(
             (mi.UInt32(0), mi.Float(0)), lambda k, total: active & (k < count), step, labels=("k", "total")

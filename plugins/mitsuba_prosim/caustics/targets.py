@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import mesh_positions
 from ..light.beam import sample_falloff, total
 from ..transport import lobes
 from ..transport.indivisible import is_indivisible
@@ -74,9 +75,7 @@ def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     """``(x, y, z, radius)`` of a sphere around ``shape``."""
     box = shape.bbox()
     center = np.array(box.center(), dtype=np.float64)
-    parameters = mi.traverse(shape)
-    if "vertex_positions" in parameters:
-        vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    if (vertices := mesh_positions(shape)) is not None:
         radius = float(np.sqrt(np.max(np.sum((vertices - center) ** 2, axis=1))))
     elif shape.class_name() == "Sphere":
         radius = float(box.extents()[0]) / 2
@@ -120,9 +119,20 @@ def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
 
 def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f) -> mi.Vector3f:
     """A direction from ``x`` to a sphere, uniform over its solid angle."""
+    return frame(x, center).to_world(sample_falloff(sample, versine(x, center, radius)))
+
+
+def aimed_by(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Point2f:
+    """The point in [0, 1)² by which :func:`direction` draws ``d``."""
+    local = frame(x, center).to_local(d)
+    scale = dr.rsqrt(dr.maximum(versine(x, center, radius) * (1 + local.z), 1e-30))
+    return mi.warp.uniform_disk_to_square_concentric(mi.Point2f(local.x, local.y) * scale)
+
+
+def frame(x: mi.Point3f, center: mi.Point3f) -> mi.Frame3f:
+    """A frame whose third axis points from ``x`` to ``center``."""
     to_center = center - x
-    axis = dr.select(dr.squared_norm(to_center) > 1e-30, dr.normalize(to_center), mi.Vector3f(0, 0, 1))
-    return mi.Frame3f(axis).to_world(sample_falloff(sample, versine(x, center, radius)))
+    return mi.Frame3f(dr.select(dr.squared_norm(to_center) > 1e-30, dr.normalize(to_center), mi.Vector3f(0, 0, 1)))
 
 
 def meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:

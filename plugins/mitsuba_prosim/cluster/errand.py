@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..caustics.caustics import Which
-from ..rendering.taking import Portion
+from ..engine.work import WorkItem
 from . import message, worker
 from .parcel import Parcel
 
@@ -29,7 +29,7 @@ class Errand:
     plan: tuple[Any, ...] = ()
 
     @classmethod
-    def portion(cls, portion: Portion, key: str) -> Errand:
+    def portion(cls, portion: WorkItem, key: str) -> Errand:
         """Takes the samples of ``portion``, of the scene with this key; reads ``(portion, samples)``."""
         asked = message.request(portion)
         sets, plan = portion.sets(), asked["plan"]

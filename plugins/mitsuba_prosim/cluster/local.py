@@ -74,6 +74,9 @@ def deaf() -> Iterator[None]:
     """Threads and processes that are begun meanwhile, and what these begin, hear no Ctrl-C: in a terminal it goes to
     all processes, but it is for the one that renders, which needs the others to end well.
     """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     resource_tracker.ensure_running()  # with the first process it is begun, and would let the signal in again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -10,10 +10,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..rendering.estimate import Estimate, Estimator
-from ..rendering.plan import Plan, Sampling
-from ..rendering.record import dr_array
-from ..rendering.taking import Portion
+from ..engine.estimate import Estimate, Estimator
+from ..engine.plan import Plan, Sampling
+from ..engine.record import dr_array
+from ..engine.work import WorkItem
 from ..sampling.nrook import Permutations
 
 #: What says which samples a plan takes; the seed, which may differ from pixel to pixel, is said beside it.
@@ -23,7 +23,7 @@ PLANNED = ("n", "least", "full", "most", "jitter", "window", "domain", "reach", 
 ROWS = ("total", "squares", "pass_squares", "in_pass")
 
 
-def request(portion: Portion) -> dict[str, Any]:
+def request(portion: WorkItem) -> dict[str, Any]:
     """What another process has to know to take the samples of ``portion``, of the same scene."""
     (plan, _), *_ = reversed(portion.stages)
     begun = bool(dr.any(portion.start.count > 0))
@@ -57,7 +57,7 @@ def plan_of(said: tuple[Any, ...]) -> Plan:
     return first.continued(*later) if later else first
 
 
-def portion(message: Mapping[str, Any], plan: Plan, policy: Any, estimator: Estimator) -> Portion:
+def portion(message: Mapping[str, Any], plan: Plan, policy: Any, estimator: Estimator) -> WorkItem:
     """The portion that a :func:`request` asks for; ``plan`` and ``policy`` being those of its ``plan``."""
     # A single pixel would have a kernel of its own, as what there is one of is taken for the same in all lanes.
     size = message["pixels"]
@@ -82,7 +82,7 @@ def portion(message: Mapping[str, Any], plan: Plan, policy: Any, estimator: Esti
         start = estimate_of(values, array(count))
     quiet = policy.quiet if message["quiet"] else None
     dr.eval(x, y, stages, start)
-    return Portion(estimator, x, y, start, stages, quiet, 0, (0.0, 1.0), lambda _: None)
+    return WorkItem(estimator, x, y, start, stages, quiet, 0, (0.0, 1.0), lambda _: None)
 
 
 def answer(estimate: Estimate, pixels: int) -> tuple[np.ndarray, np.ndarray]:

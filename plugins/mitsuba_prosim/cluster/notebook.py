@@ -9,7 +9,7 @@ from typing import Any
 import distributed
 import mitsuba as mi
 
-from ..scene_files import opening, rendering, writing
+from ..scene import atomic, rendering, scene_file
 from .faults import ClusterError
 from .parcel import Parcel
 from .remote import Remote
@@ -27,16 +27,16 @@ def render(
     """The image of a scene file, of either kind, by the workers of ``client``; shape (height, width, channels).
 
     ``client``: None for Dask's current one; ``spp``: samples per pixel, 0 for what the scene says; ``changes``: those
-    of :class:`~mitsuba_prosim.scene_files.opening.SceneFile`, such as ``resolution=(640, 480)`` or
+    of :class:`~mitsuba_prosim.scene.scene_file.SceneFile`, such as ``resolution=(640, 480)`` or
     ``integrator={"noise": 0.01}``. The image has the bits of one that this process alone renders.
 
     Raises :class:`.ClusterError` where the cluster can't, ValueError where the scene can't travel or be rendered so.
     """
-    with writing.scratch() as folder:
-        file = opening.SceneFile(scene, folder, **changes)
+    with atomic.scratch() as folder:
+        file = scene_file.SceneFile(scene, folder, **changes)
         loaded = file.load()
         parcel = Parcel.of(file, sensor)
-    chosen = opening.pick_sensor(loaded, sensor)
+    chosen = scene_file.pick_sensor(loaded, sensor)
     integrator: Any = loaded.integrator()
     if not rendering.keeps(integrator):
         raise ValueError(
@@ -45,11 +45,7 @@ def render(
             'integrator={"noise": 0.01}: it is put within prosim_adaptive then.'
         )
     with Remote(client or distributed.default_client(), parcel, warnings.warn) as taker:
-        integrator.taker, taker.stop = taker, integrator.cancel
-        try:
-            image = integrator.render(loaded, chosen, seed=seed, spp=spp)
-        finally:
-            integrator.taker = None
+        render = integrator.progressive(loaded, chosen, seed, spp, executor=taker).run()
         if taker.gone:
             raise ClusterError(taker.gone)
-    return image
+        return render.image()

@@ -12,14 +12,14 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..scene_files import opening, writing
+from ..scene import atomic, scene_file
 
 
 @dataclass(frozen=True)
 class Parcel:
     """What makes a scene. ``key``: the same for scenes of the same content; ``main``: name of its XML file;
     ``contents``: of all its files by their names, which lead from folder to folder as those in the text do;
-    ``changes``: further arguments of :class:`.opening.SceneFile`; ``sensor``: number of its sensor.
+    ``changes``: further arguments of :class:`.scene_file.SceneFile`; ``sensor``: number of its sensor.
     """
 
     key: str
@@ -29,7 +29,7 @@ class Parcel:
     sensor: int
 
     @classmethod
-    def of(cls, file: opening.SceneFile, sensor: int = 0) -> Parcel:
+    def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> Parcel:
         """All that makes the scene of ``file``.
 
         Raises ValueError where it names a file by an absolute path, or one outside of its folder: what travels is what
@@ -44,16 +44,16 @@ class Parcel:
 
     def load(self) -> tuple[mi.Scene, mi.Sensor]:
         """Its scene and its sensor. Raises what their makers raise."""
-        with writing.scratch() as folder:
+        with atomic.scratch() as folder:
             for name, content in self.contents.items():
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)
-            scene = opening.SceneFile(folder / self.main, folder, **self.changes).load()
-            return scene, opening.pick_sensor(scene, self.sensor)
+            scene = scene_file.SceneFile(folder / self.main, folder, **self.changes).load()
+            return scene, scene_file.pick_sensor(scene, self.sensor)
 
 
-def travelling(file: opening.SceneFile) -> Iterator[tuple[Path, Path]]:
+def travelling(file: scene_file.SceneFile) -> Iterator[tuple[Path, Path]]:
     """``(place, path)`` of the files that make a scene; ``place``: where its name in the text leads to, from the folder
     of the XML file. Raises ValueError.
     """

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import queue
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
 import distributed
 import mitsuba as mi
 
 from ..caustics.caustics import Which
-from ..rendering.estimate import Estimate
-from ..rendering.taking import Portion
+from ..engine.work import Results, WorkItem
 from . import worker
 from .desk import Desk, Ticket
 from .errand import Errand, Whole
@@ -34,13 +33,13 @@ AHEAD = 2 * DEPTH
 
 
 class Remote:
-    """Takes samples by the workers of ``client``; a :class:`~mitsuba_prosim.rendering.taking.Taker`.
+    """Takes samples by the workers of ``client``; an :class:`~mitsuba_prosim.engine.work.Executor`.
 
     Workers come and go, and take part as soon as they have the scene, the ``parcel``; what one takes with it is done by
     others. ``say``: told of workers that can't take part. To be closed in the end.
     """
 
-    in_turn = False
+    sets = None
 
     def __init__(self, client: distributed.Client, parcel: Parcel, say: Callable[[str], None] = lambda _: None) -> None:
         self.link, self.say = Link(client), say
@@ -48,9 +47,8 @@ class Remote:
         self.fleet = Fleet()
         self.joining = Joining(self.link, parcel, say, lambda *told: self.events.put((self._joined, *told)))
         self.photons = PhotonSets(self._draw)
-        #: Why the cluster is there no more; and what is called then.
+        #: Why the cluster is there no more.
         self.gone: str | None = None
-        self.stop: Callable[[], None] = lambda: None
         self.missed = False  # whether it was said that one was lost
         self.events: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
         self.asking: Worker | None = None
@@ -86,37 +84,36 @@ class Remote:
 
     # ---------------------------------------------------------------- as a taker
 
-    def bound(self, most: int | None, left: int) -> int | None:
+    def limit(self, most: int | None, left: int) -> int | None:
         """Samples of a portion that the worker which is to get it does in seconds."""
         return most if self.asking is None else self.fleet.bound(self.asking, most, left)
 
-    def __call__(
-        self, portions: Iterator[Portion], cancelled: Callable[[], bool], in_order: bool
-    ) -> Iterator[tuple[Portion, Estimate]]:
-        """Hands the portions out, and gives them back as they are answered.
+    def __call__(self, items: Iterator[WorkItem], ordered: bool) -> Results:
+        """Hands the work items out, and gives them back as they are answered.
 
         Raises ClusterError where no worker can take part, or where a portion goes wrong again and again.
         """
-        errands = (Errand.portion(portion, self.joining.parcel.key) for portion in portions)
-        return self._done(Desk(errands, in_order), cancelled)
+        errands = (Errand.portion(item, self.joining.parcel.key) for item in items)
+        return self._done(Desk(errands, ordered))
 
-    def make(self, images: Iterable[Whole], cancelled: Callable[[], bool]) -> Iterator[tuple[Whole, Any]]:
-        """Lets each worker make images by itself, and gives what they came to, as it is there; some of ``images`` are
-        asked for in advance.
+    def make(self, images: Iterable[Whole]) -> Generator[tuple[Whole, Any] | None, None, None]:
+        """Lets each worker make images by itself, and gives what they came to, as it is there, and None from time to
+        time; some of ``images`` are asked for in advance.
 
         Raises ClusterError as for portions.
         """
         errands = (Errand.whole(image, self.joining.parcel.key, self.link.has) for image in images)
-        return self._done(Desk(errands, False), cancelled)
+        return self._done(Desk(errands, False))
 
-    def _done(self, desk: Desk, cancelled: Callable[[], bool]) -> Iterator[Any]:
+    def _done(self, desk: Desk) -> Generator[Any, None, None]:
         try:
-            while not cancelled() and self.gone is None:
+            while self.gone is None:
                 self._hand_out(desk)
                 if not desk.left and not self.fleet.out():
                     return
                 for ticket, what in self._heard(desk):
                     yield from desk.give(ticket, ticket.errand.read(what))
+                yield None
         finally:
             for ticket in self.fleet.out():
                 self.fleet.take_back(ticket)
@@ -217,7 +214,6 @@ class Remote:
 
     def _lost(self, desk: Desk, why: str) -> None:
         self.gone = why
-        self.stop()
 
     async def _watch(self) -> None:
         """Tells who is there, and when nobody knows any more."""

@@ -10,9 +10,8 @@ import gc
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
@@ -25,11 +24,10 @@ import prosim_scene
 
 from ..caustics.caustics import Which
 from ..caustics.photons import Photons
-from ..rendering.camera import ray_sampler, uncropped
-from ..rendering.plan import Plan
-from ..rendering.policies import POLICIES
+from ..engine.plan import Plan
+from ..engine.policies import POLICIES
 from ..saved import origin
-from ..scene_files import session
+from ..scene import session
 from . import message
 from .parcel import Parcel
 
@@ -62,21 +60,6 @@ class Done:
     drawing: float = 0.0
 
 
-class Stopwatch:
-    """The ``seconds`` within its blocks, until the kernels have come to their end."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    @contextmanager
-    def __call__(self) -> Iterator[None]:
-        """A block."""
-        begun = time.perf_counter()
-        yield
-        dr.sync_thread()
-        self.seconds += time.perf_counter() - begun
-
-
 class Loaded:
     """A scene that is ready to be sampled."""
 
@@ -85,31 +68,26 @@ class Loaded:
         integrator: Any = self.scene.integrator()
         sensor.film().prepare(integrator.aov_names())
         self.make = lambda plan: integrator.estimator(plan, self.scene, sensor)
-        self.stack = ExitStack()  # which is never left: crops are a matter of who asks
-        self.stack.enter_context(uncropped(sensor))
-        self.sensor = sensor
         self.estimator: Any = None
         self.plans: OrderedDict[Any, tuple[Plan, Any]] = OrderedDict()
 
     def take(self, asked: Mapping[str, Any], photons: Mapping[Which, Packed | None] = MappingProxyType({})) -> Done:
         """The samples of a :func:`.message.request`. ``photons``: of the sets that others have drawn."""
-        begun, drawn, running = time.perf_counter(), self.drawn, Stopwatch()
+        begun, drawn = time.perf_counter(), self.drawn
         plan, policy = self.follow(asked["plan"])
         for which, packed in photons.items():
             if packed is not None and not self.estimator.transport.caustics.has(which):
                 self.estimator.transport.caustics.put(which, unpacked(packed))
-        more = message.portion(asked, plan, policy, self.estimator).take(running)
-        with running():
-            what = message.answer(more, asked["pixels"])
+        before = time.perf_counter() - begun
+        what = message.answer(message.portion(asked, plan, policy, self.estimator).take(), asked["pixels"])
         drawing = self.drawn - drawn
-        return Done(what, time.perf_counter() - begun - drawing - running.seconds, running.seconds, drawing)
+        return Done(what, before, time.perf_counter() - begun - before - drawing, drawing)
 
     def follow(self, said: tuple[Any, ...]) -> tuple[Plan, Any]:
         """Makes ready for the plan of which that is said; it, and its policy."""
         plan, policy = recent(self.plans, said, lambda: planned(said), PLANS)
         if self.estimator is None:
             self.estimator = self.make(plan)
-            self.estimator.rays = ray_sampler(self.sensor)
         return plan, policy
 
     def draw(self, said: tuple[Any, ...], which: Which) -> Packed:

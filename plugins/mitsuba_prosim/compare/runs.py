@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..denoising import halves
-from ..scene_files import writing
+from ..scene import atomic
 
 #: Name -> function of an image and its reference.
 Measures = Mapping[str, Callable[[np.ndarray, np.ndarray], float]]
@@ -198,7 +198,7 @@ def reference(
     if count > begun:
         content = io.BytesIO()
         np.savez(content, spent=spent, count=count, sums=sums, squares=squares, means=means)
-        writing.write({path: content.getvalue()})
+        atomic.write({path: content.getvalue()})
     mean = sums / count
     variance = np.maximum(squares / count - mean**2, 0) / (count - 1)
     total = variance.mean(axis=(1, 2, 3))

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
+import difflib
+import json
 import re
 from abc import ABC, abstractmethod
 from typing import Any
 
 import mitsuba as mi
 
-from ..scene_files import opening
-from ..scene_files.plugins import nearest
+from ..compat import UNREFERENCED
+from ..saved import origin
+from ..scene import scene_file
+from ..scene.errors import nearest
+from ..scene.overrides import SAMPLING
 from .runs import Contestant
 
 #: How a contestant is said.
@@ -82,10 +86,10 @@ class Scene(ABC):
 class FileScene(Scene):
     """A scene of a file."""
 
-    def __init__(self, file: opening.SceneFile):
+    def __init__(self, file: scene_file.SceneFile):
         self.file = file
         first = file.load()
-        opening.pick_sensor(first, 0)
+        scene_file.pick_sensor(first, 0)
         node = next((n for n in file.state.nodes if n.type == mi.ObjectType.Integrator), None)
         settings = {}
         if node is not None:
@@ -95,27 +99,20 @@ class FileScene(Scene):
                 if isinstance(node.props[name], (bool, int, float, str)) and name not in ("id", "type")
             }
         own = first.integrator()
-        super().__init__(settings, self._key(), getattr(own, "ambient", None), getattr(own, "background", None))
+        super().__init__(settings, reference_key(file), getattr(own, "ambient", None), getattr(own, "background", None))
         self._made[None, False] = first
 
     def load(self, sampler: str | None) -> mi.Scene:
         """Makes the scene of the file."""
         return self.file.load(sampler)
 
-    def _key(self):
-        """Identifies what is rendered: the file and those that it names."""
-        file = self.file
-        digest = hashlib.sha256(file.xml.read_bytes())
-        for node in file.state.nodes:
-            for name in node.props:
-                if isinstance(value := node.props[name], str):
-                    for other in (file.xml.parent / value, file.path.parent / value):
-                        if other.is_file():
-                            digest.update(other.read_bytes())
-                            break
-        return (
-            f"{digest.hexdigest()} {file.resolution} {sorted(file.definitions.items())} {mi.variant()} {mi.__version__}"
-        )
+
+def reference_key(file: scene_file.SceneFile) -> str:
+    """Text that is the same where a reference of ``file`` may be used again: its content, how it was changed, and the
+    versions that render it.
+    """
+    versions = {name: version for name, version in origin.here().items() if name in origin.EXACT}
+    return json.dumps([file.digest(), file.changes, versions], sort_keys=True)
 
 
 def can_light(background: Any) -> bool:
@@ -191,8 +188,18 @@ class Spec:
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
+#: Parameters of integrators, Mitsuba's and ours, that contestants are given.
+PARAMETERS = (*SAMPLING, "caustics", "diffuse_bounces", "hide_emitters", "max_depth", "max_level", "rr_depth")
+
+
 def unknown(spec: Spec, error: RuntimeError) -> str | None:
-    """What is said where ``error`` is that Mitsuba knows no such integrator or sampler; None where it is another."""
+    """What is said where ``error`` is that Mitsuba knows no such integrator, sampler or parameter; None where it is
+    another.
+    """
+    if (found := UNREFERENCED.search(str(error))) and found[2] in spec.parameters:
+        near = difflib.get_close_matches(found[2], PARAMETERS, n=1)
+        hint = f" Did you mean {near[0]}?" if near else ""
+        return f"{spec.text!r}: {found[1]} has no parameter {found[2]!r}.{hint}"
     found = re.search(r'Plugin "(.+?)" not found', str(error))
     kinds = {spec.integrator: mi.ObjectType.Integrator, spec.sampler: mi.ObjectType.Sampler}
     if not found or (name := found[1]) not in kinds:

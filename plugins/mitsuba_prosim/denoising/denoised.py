@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..rendering.estimate import BRIGHTEST
+from ..engine.estimate import BRIGHTEST
 from .mixing import displayed, inputs, mix
 from .oidn import Denoiser
 
@@ -27,7 +27,7 @@ class Denoised:
     def noise(self, error: np.ndarray) -> float:
         """Root mean square over the pixels of the error of the displayed value, white being 1, by one of the maps.
 
-        About what :class:`~mitsuba_prosim.rendering.target.Target` means by noise, and more where the
+        About what :class:`~mitsuba_prosim.engine.target.Target` means by noise, and more where the
         errors of a window are those of a few pixels.
         """
         light = displayed(self.final)

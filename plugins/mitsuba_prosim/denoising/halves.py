@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
+from ..engine.work import Step
 from ..registry import create
-from ..rendering.waves import part
 from ..sampling.hash import combine, hash32
-from ..scene_files import rendering
+from ..scene import rendering
 from ..transport.features import NAMES
 from .denoised import Denoised, denoise
 
@@ -77,40 +76,74 @@ def render(
     return halves(scene, sensor, integrator or scene.integrator(), seed, spp).denoised(fast)
 
 
-def halves(
-    scene: mi.Scene,
-    sensor: mi.Sensor,
-    integrator: mi.Integrator,
-    seed: int = 0,
-    spp: int = 0,
-    tell: Callable[[float], None] | None = None,
-    stopped: Callable[[], bool] = lambda: False,
-) -> Halves:
-    """Renders each half by itself. ``tell``: called with the part done, 0 to 1; ``stopped``: asked after the first
-    half, and after the second one, whether it was cut short.
+def halves(scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator, seed: int = 0, spp: int = 0) -> Halves:
+    """Renders each half by itself."""
+    both = Rendering(scene, sensor, integrator, seed, spp)
+    for _ in both:
+        pass
+    return both.halves
+
+
+class Rendering:
+    """Two halves in progress, as :class:`~mitsuba_prosim.engine.render.Render` is one image. :meth:`close` leaves the
+    first half, or what there is of it.
     """
-    check(sensor.film())
-    reached = []
-    images = []
-    with halved(integrator, sensor, spp) as (_, half):
+
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator, seed: int, spp: int) -> None:
+        check(sensor.film())
+        self.scene, self.sensor, self.integrator, self.seed, self.spp = scene, sensor, integrator, seed, spp
+        #: How far they came; None where the integrator does not say.
+        self.reached: Any = None
+        self._images: list[np.ndarray] = []
+        self._names: list[str] = []
+        self._steps = self._run()
+        self._render: Any = None
+        self._features: tuple[Any, Any] = (None, None)
+
+    def __iter__(self) -> Rendering:
+        return self
+
+    def __next__(self) -> Step:
+        return next(self._steps)
+
+    def put(self) -> None:
+        """Makes the half so far what the film holds."""
+        self._render.put()
+
+    def close(self) -> None:
+        """Ends it with what there is."""
+        self._steps.close()
+        if not self._images and self._render is not None:
+            self._render.close()
+            self._keep()
+
+    @property
+    def halves(self) -> Halves:
+        """What was rendered."""
+        whole = self._features[0] is not None
+        return Halves(self._names, self._images[0], self._images[1] if whole else None, *self._features)
+
+    def _run(self) -> Generator[Step, None, None]:
+        how = half(self.integrator, self.sensor, self.spp)
         # No neighbouring seed, which may be that of another image.
-        for k, own in enumerate((seed, combine(hash32(seed), 1))):
-            rendering.render(scene, sensor, own, half, part(tell, 0.48 * k, 0.48 * (k + 1)), integrator=integrator)
-            images.append(np.array(sensor.film().develop()))
-            reached.append(getattr(integrator, "reached", None))
-            if stopped():
-                break
-    names = [field.name for field in sensor.film().bitmap().struct_()]
-    if stopped():
-        if reached[0]:
-            integrator.reached = reached[0]
-        return Halves(names, images[0], None)
-    if all(reached):
-        integrator.reached = together(*reached)
-    albedo, normal = features(scene, sensor, seed, getattr(integrator, "hide_emitters", False))
-    if tell is not None:
-        tell(1.0)
-    return Halves(names, images[0], images[1], albedo, normal)
+        for k, seed in enumerate((self.seed, combine(hash32(self.seed), 1))):
+            self._render = rendering.progressive(self.scene, self.sensor, seed, integrator=self.integrator, **how)
+            for step in self._render:
+                yield Step(0.48 * (k + step.done), False)
+            if not getattr(self._render, "finished", True) and k:
+                return
+            self._keep()
+            if not getattr(self._render, "finished", True):
+                return
+        hide_emitters = getattr(self.integrator, "hide_emitters", False)
+        self._features = features(self.scene, self.sensor, self.seed, hide_emitters)
+        yield Step(1.0, True)
+
+    def _keep(self) -> None:
+        self._names = [field.name for field in self.sensor.film().bitmap().struct_()]
+        self._images.append(np.array(self.sensor.film().develop()))
+        reached = self._render.reached
+        self.reached = together(self.reached, reached) if self.reached else reached
 
 
 def features(
@@ -135,37 +168,28 @@ def check(film: mi.Film) -> None:
         )
 
 
-@contextmanager
-def halved(integrator: Any, sensor: mi.Sensor, spp: int) -> Iterator[tuple[Any, int]]:
-    """``(integrator, spp)`` for half of the samples, for a while: those of ``spp``, or of the integrator if that is 0.
+def half(integrator: Any, sensor: mi.Sensor, spp: int) -> dict[str, Any]:
+    """Arguments of :func:`.rendering.progressive` for half of the samples: those of ``spp``, or of the integrator if
+    that is 0.
 
     Our own integrators get patterns of about N²/2, with twice the variance where noise or a threshold is asked for,
     and half of the time.
     """
-    from ..rendering.integrator import WaveIntegrator
-
-    if not isinstance(integrator, WaveIntegrator) or not is_jit():
-        yield integrator, ((spp or sensor.sampler().sample_count()) + 1) // 2
-        return
+    if not rendering.keeps(integrator):
+        return {"spp": ((spp or sensor.sampler().sample_count()) + 1) // 2}
     if spp:
-        yield integrator, size_of_half(spp**0.5) ** 2
-        return
-    asked = {
-        "samples": size_of_half(integrator.samples),
-        "max_samples": (integrator.max_samples + 1) // 2,
-        "threshold": integrator.threshold * 2**0.5,
-        "noise": integrator.noise * 2**0.5,
-        "noise_99": integrator.noise_99 * 2**0.5,
-        "time": integrator.time / 2,
-    }
-    before = {name: getattr(integrator, name) for name in asked}
-    try:
-        for name, value in asked.items():
-            setattr(integrator, name, value)
-        yield integrator, 0
-    finally:
-        for name, value in before.items():
-            setattr(integrator, name, value)
+        return {"spp": size_of_half(spp**0.5) ** 2}
+    asked = integrator.sampling
+    sampling = dataclasses.replace(
+        asked,
+        samples=size_of_half(asked.samples),
+        max_samples=(asked.max_samples + 1) // 2,
+        threshold=asked.threshold * 2**0.5,
+        noise=asked.noise * 2**0.5,
+        noise_99=asked.noise_99 * 2**0.5,
+        time=asked.time / 2,
+    )
+    return {"sampling": sampling}
 
 
 def size_of_half(n: float) -> int:
@@ -174,7 +198,7 @@ def size_of_half(n: float) -> int:
 
 
 def together(first: Any, second: Any) -> Any:
-    """How far two halves came, as :class:`~mitsuba_prosim.rendering.snapshot.Reached`."""
+    """How far two halves came, as :class:`~mitsuba_prosim.engine.render.Reached`."""
     return dataclasses.replace(
         first,
         samples=first.samples + second.samples,
@@ -183,8 +207,3 @@ def together(first: Any, second: Any) -> Any:
         noise_99=float(np.hypot(first.noise_99, second.noise_99)) / 2,
         seconds=first.seconds + second.seconds,
     )
-
-
-def is_jit() -> bool:
-    """Whether the variant has waves."""
-    return not str(mi.variant()).startswith("scalar")

@@ -6,6 +6,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from prosim_scene import extras
 
 
 class MissingError(ImportError):
@@ -17,9 +18,7 @@ def load() -> ModuleType:
     try:
         import mitsuba_oidn
     except ImportError as error:
-        raise MissingError(
-            f"denoising needs the package mitsuba-oidn ({error}); install it by: pip install 'mitsuba-prosim[denoise]'"
-        ) from None
+        raise MissingError(f"{extras.needs('denoising', 'denoise')} ({error})") from None
     return mitsuba_oidn
 
 

@@ -6,15 +6,15 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..engine.film import aov_values, with_more_channels
+from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import reject
 from ..registry import plugin
-from ..rendering.film import aov_values, with_more_channels
-from ..rendering.integrator import WaveIntegrator
 from ..transport.nested import Nested
 
 
 @plugin("integrator", "prosim_adaptive")
-class ProsimAdaptive(WaveIntegrator):
+class ProsimAdaptive(ProgressiveIntegrator):
     r"""
     .. _integrator-prosim_adaptive:
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import mitsuba as mi
 
+from ..alone import alone
 from ..parameters import describe
 from ..registry import plugin
-from ..rendering import collector
 from ..transport import features
 
 
@@ -49,7 +49,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
     def aov_names(self) -> list[str]:
         return list(features.NAMES)
 
-    @collector.suspended()
+    @alone()
     def sample(
         self,
         scene: mi.Scene,

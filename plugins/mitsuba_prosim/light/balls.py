@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import shape_transform
 from .motion import with_ball
 from .sample import LightSample, direction_sample, weighed
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
@@ -111,7 +112,7 @@ class Balls:
 
 def ball(emitter: mi.Emitter | mi.EmitterPtr) -> tuple[mi.Point3f, mi.Float]:
     """``(center, radius)`` of the sphere that emits: ``mi.Point3f``, ``mi.Float``."""
-    to_world = mi.traverse(emitter.get_shape())["to_world"]
+    to_world = shape_transform(emitter.get_shape())
     return to_world @ mi.Point3f(0), dr.norm(to_world @ mi.Vector3f(1, 0, 0))
 
 

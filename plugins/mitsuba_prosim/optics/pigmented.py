@@ -10,6 +10,9 @@ import mitsuba as mi
 
 from .half_vectors import GRAZING
 
+#: A sample that weighs less is nothing beside 1 in single precision.
+LEAST_WEIGHT = 2**-24
+
 
 class Pigmented(mi.BSDF):
     """A one-sided BSDF with the components [specular, diffuse].
@@ -108,6 +111,9 @@ class Pigmented(mi.BSDF):
             lobe, density = self.specular_eval_pdf(si, wo, active)
             value += lobe
             pdf += p * density
+        # prb divides what is left of a path's radiance by this value. Where a channel has no pigment and the lobe has
+        # ended, that would be a rounding error over 1e-30; a value of 0 it leaves out.
+        value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf, 0, value))
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
 
     def eval(

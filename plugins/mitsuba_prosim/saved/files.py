@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from ..rendering.record import Record
-from ..scene_files import writing
+from ..engine.record import Record
+from ..scene import atomic
 from . import origin
 
 #: Names of the attributes that hold all that is no pixels, and the CRC-32 of this; the number of this way to write it.
@@ -38,7 +38,7 @@ def save(record: Record, path: str | Path) -> None:
 
     Raises OSError.
     """
-    writing.write({Path(path): partial(put, record)})
+    atomic.write({Path(path): partial(put, record)})
 
 
 def put(record: Record, path: Path) -> None:

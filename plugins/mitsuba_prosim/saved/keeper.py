@@ -12,8 +12,9 @@ from typing import Any
 
 import drjit as dr
 
-from ..rendering.record import Record
-from ..scene_files import writing
+from ..engine.record import Record
+from ..engine.render import Render
+from ..scene import atomic
 from . import files
 
 
@@ -34,19 +35,19 @@ class Keeper:
         self.wait = self.SHORTEST
         #: Whether it went wrong; and what could not be written in the end.
         self.failed = False
-        self.unwritten: writing.Content | None = None
+        self.unwritten: atomic.Content | None = None
         self.writer: threading.Thread | None = None
 
-    def __call__(self, record: Callable[[], Record], last: bool) -> None:
-        """Writes it if it is time for it, beside the work; or the ``last`` time, and waits for the end of that. What
-        fails is tried again the next time.
+    def __call__(self, render: Render, last: bool = False) -> None:
+        """Writes the checkpoint of ``render`` if it is time for it, in a thread; or the ``last`` time, and waits for
+        its end. What fails is tried again the next time.
         """
         if last and self.writer is not None:
             self.writer.join()
         elif not last and (time.perf_counter() - self.last < self.wait or (self.writer and self.writer.is_alive())):
             return
         begun, used = time.perf_counter(), time.thread_time()
-        content = replace(record(), about=self.about)
+        content = replace(render.checkpoint(), about=self.about)
         self.writer = threading.Thread(target=self._write, args=(content, begun, time.thread_time() - used, last))
         self.writer.start()
         if last:
@@ -55,7 +56,7 @@ class Keeper:
     def _write(self, record: Record, begun: float, used: float, last: bool) -> None:
         content, start = partial(files.put, record), time.thread_time()
         try:
-            writing.write({self.path: content})
+            atomic.write({self.path: content})
         except OSError as error:
             if last:
                 self.unwritten = content

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..rendering.part import Part
-from ..rendering.record import Record
+from ..engine.part import Part
+from ..engine.record import Record
 from . import origin
 from .files import StateError, about, load
 

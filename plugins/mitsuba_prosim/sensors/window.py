@@ -7,6 +7,7 @@ from math import inf
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import world_matrix, world_transform
 from ..parameters import describe, number, reject
 from ..registry import plugin
 
@@ -86,7 +87,7 @@ class Window(mi.Sensor):
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         d = self.direction(sample2)
-        to_world = self.world_transform()
+        to_world = world_transform(self, time)
         ray = dr.zeros(mi.Ray3f)
         ray.time, ray.wavelengths = time, wavelengths
         ray.d = to_world @ d
@@ -95,8 +96,7 @@ class Window(mi.Sensor):
         return ray, weight
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
-        center = self.world_transform() @ mi.Point3f(0)
-        return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(*[dr.slice(c) for c in center]))
+        return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(*world_matrix(self)[:3, 3]))
 
     def to_string(self) -> str:
         return describe(self, left=self.left, right=self.right, bottom=self.bottom, top=self.top, film=self.film())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from prosim_scene.model import View
+from prosim_scene import View
 
 #: A view goes so many times farther from what it turns around than the scene's own at most, and comes so many times
 #: nearer: beyond, single precision tells nothing apart.

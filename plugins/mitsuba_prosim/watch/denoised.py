@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Mapping
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from ..denoising import halves
-from ..rendering.waves import part
 from ..sampling.hash import combine, hash32
-from .picture import of_snapshot
+from .picture import of_render
 from .takes import Take
 
 
@@ -24,18 +22,25 @@ class DenoisedTake(Take):
     def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
         super().__init__(integrator, scene, sensor, spp, seed)
         halves.check(sensor.film())
-        self._steps: Iterator[None] | None = None
+        self._steps = self._work()
         self._first: dict[str, np.ndarray] = {}
         self._final: dict[str, np.ndarray] = {}
         self._samples = 0.0
         self._noise: float | None = None
 
     def step(self, between: Callable[[], None]) -> bool:
-        """Another wave of the first half, then of the second one; in the end both are denoised."""
-        self._between = between
-        self._steps = self._steps or self._work()
-        self.done = next(self._steps, self) is self
-        return not self.done
+        """Another pass of the first half, then of the second one; in the end both are denoised."""
+        try:
+            for shown in self._steps:
+                if shown:
+                    return True
+                between()
+        except BaseException:
+            self._steps.close()
+            self._render.close()
+            raise
+        self.done = True
+        return False
 
     def taken(self) -> dict[str, np.ndarray] | None:
         """By both halves; in the end also ``raw`` and ``denoised``, of which the final one is mixed."""
@@ -52,14 +57,15 @@ class DenoisedTake(Take):
         """Samples of a pixel in the mean, and about the noise, once it is denoised."""
         return self._samples, self._noise
 
-    def _work(self) -> Iterator[None]:
+    def _work(self) -> Generator[bool, None, None]:
+        """Yields whether there is something new to see after each work item."""
         done: list[dict[str, np.ndarray]] = []
         for begin, seed in ((0.0, self.seed), (0.48, combine(hash32(self.seed), 1))):
-            for snapshot in self._half(seed, begin):
-                self._snapshot = snapshot
-                yield
-                self._snapshot = None
-            done.append(of_snapshot(snapshot))
+            self._render = self.begin(seed, **halves.half(self.integrator, self.sensor, self.spp))
+            for step in self._render:
+                self.tell(begin + 0.48 * step.done)
+                yield step.complete
+            done.append(of_render(self._render))
             self._first = done[0]
         albedo, normal = halves.features(
             self.scene, self.sensor, self.seed, getattr(self.integrator, "hide_emitters", False)
@@ -72,23 +78,7 @@ class DenoisedTake(Take):
             "denoised": result.denoised,
         }
         self._noise = result.noise(result.final_error)
-        yield
-
-    def _half(self, seed: int, begin: float) -> Iterator[Any]:
-        """The waves of a half. How it samples is asked of the integrator when it begins, and only then."""
-        with ExitStack() as stack:
-            _, spp = stack.enter_context(halves.halved(self.integrator, self.sensor, self.spp))
-            waves = self.integrator.waves(self.scene, self.sensor, seed, spp)
-            while True:
-                self.integrator.progress = part(self.tell, begin, begin + 0.48)
-                try:
-                    snapshot = next(waves, None)
-                finally:
-                    self.integrator.progress = None
-                    stack.close()
-                if snapshot is None:
-                    return
-                yield snapshot
+        yield True
 
 
 def both(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
+from ..compat import world_matrix
 from . import takes
 from .camera import Camera
 from .subject import Subject
@@ -20,7 +21,7 @@ def glimpse(subject: Subject, document: Document, moved: Camera | None) -> tuple
     if turned is None:
         return None
     sensor, size = turned
-    to_world = np.array(sensor.world_transform().matrix, dtype=float).reshape(4, 4)
+    to_world = world_matrix(sensor)
     if moved is not None and subject.home is not None and np.allclose(to_world, subject.home.to_world):
         return None
     integrator, spp = takes.in_waves(subject.scene.integrator(), sensor, 1)

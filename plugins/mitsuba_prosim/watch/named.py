@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..scene_files import pointing
+from ..scene import errors
 from .changes import stamp
 
 #: What is quoted, as its second group; the apostrophe of "the scene's" is no quote.
@@ -26,7 +26,7 @@ def spoken_of(words: str, scene: Path) -> frozenset[Path]:
     """Where the files are to be that the ``words`` of an error have in quotes, or in which they name a place, as the
     text of ``scene`` names them.
     """
-    names = [found[2] for found in QUOTED.finditer(words)] + pointing.files(words)
+    names = [found[2] for found in QUOTED.finditer(words)] + errors.files(words)
     names = [name for name in names if len(name) < LONGEST and "\0" not in name]
     if scene.suffix.lower() != ".xml":  # what a translation names so is its own
         names = [name for name in names if not Path(name).is_absolute()]

@@ -13,10 +13,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import prosim_scene
+from prosim_scene import extras
 
-from ..scene_files import session
-from ..scene_files.images import png
-from ..scene_files.tone import compress
+from ..scene import session
+from ..scene.images import compress, png
 from . import cells, takes
 from .due import Due
 from .picture import HUES, LAYERS, Picture, coloured, palest
@@ -90,7 +90,7 @@ class View:
         try:
             import ipywidgets as widgets
         except ImportError as error:
-            raise ImportError("show needs ipywidgets: pip install 'mitsuba-prosim[notebooks]'") from error
+            raise ImportError(extras.needs("show", "notebooks")) from error
         from IPython.display import display
 
         #: What renders it in the background, where there is a notebook.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..rendering.snapshot import Snapshot
+from ..engine.render import Render
 
 #: The layers that every picture of a whole size has.
 LAYERS = ("final", "error", "samples")
@@ -65,13 +65,13 @@ class Picture:
         return found
 
 
-def of_snapshot(snapshot: Snapshot) -> dict[str, np.ndarray]:
+def of_render(render: Render) -> dict[str, np.ndarray]:
     """The :data:`LAYERS` of an image, 0 in all of them where it is not known yet."""
-    known = snapshot.known()
+    known = render.known()
     layers = {
-        "final": colours(np.array(snapshot.image())),
-        "error": snapshot.error(),
-        "samples": snapshot.counts().astype(np.float32),
+        "final": colours(np.array(render.image())),
+        "error": render.error(),
+        "samples": render.counts().astype(np.float32),
     }
     return layers if known.all() else {name: over(known, values) for name, values in layers.items()}
 

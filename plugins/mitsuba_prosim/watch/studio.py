@@ -12,12 +12,11 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import prosim_scene
-from prosim_scene.language.document import Document
+from prosim_scene import Document
 
 from ..denoising import layers
-from ..scene_files import black, session
-from ..scene_files.plugins import with_nearest
-from ..scene_files.pointing import pointed
+from ..scene import black, session
+from ..scene.errors import pointed, with_nearest
 from . import takes
 from .board import Board, State
 from .camera import Camera
@@ -58,12 +57,14 @@ class Studio:
         self._integrator: Any = None
         self._view: Camera | None = None  # the scene's own, when it was opened last
 
-    def result(self) -> tuple[State, mi.Bitmap, Any]:
-        """The state, the image of the scene's integrator as it is shown, and that integrator; for an errand."""
+    def result(self) -> tuple[State, mi.Bitmap, Any, Any]:
+        """The state, the image of the scene's integrator as it is shown, that integrator, and how far it came; for an
+        errand.
+        """
         picture = self.board.pictures["own"]
         planes = {name: picture.layers["final"][..., k] for k, name in enumerate("RGB")}
         planes |= {f"{name}.Y": values for name, values in picture.layers.items() if values.ndim == 2}
-        return self.board.state, layers.of_channels(planes), self._integrator
+        return self.board.state, layers.of_channels(planes), self._integrator, self._easel.takes["own"].last
 
     def run(self) -> None:
         """Renders what is wished, until somebody says :meth:`.Desk.leave`."""

@@ -12,11 +12,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from prosim_scene.language.document import Document
-from prosim_scene.model import Leaf
+from prosim_scene import Document, Leaf
 
-from .. import registry
-from ..scene_files.opening import SceneFile
+from .. import compat, registry
+from ..scene.scene_file import SceneFile
 from .camera import Camera, as_view, as_xml, nearest_axis
 from .changes import stamp
 
@@ -69,7 +68,7 @@ class Subject:
             self._near, self._far = float(sensor.near_clip), float(sensor.far_clip)
         else:
             return None
-        matrix = np.array(sensor.world_transform().matrix, dtype=float).reshape(4, 4)
+        matrix = compat.world_matrix(sensor)
         lengths = np.linalg.norm(matrix[:3, :3], axis=0)
         if not np.allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3) * lengths**2, atol=1e-3 * lengths.max() ** 2):
             return None  # sheared
@@ -92,14 +91,12 @@ class Subject:
         # What was behind the planes before may be seen now.
         moved = float(np.linalg.norm(camera.eye - self.home.eye))
         near = min(self._near, 1e-3 * camera.distance) if moved else self._near
-        if "to_world" in self._params:
-            self._params["to_world"] = mi.AffineTransform4f(camera.to_world)
+        compat.set_world_transform(self.sensor, self._params, camera.to_world)
+        if "near_clip" in self._params:
             self._params["near_clip"], self._params["far_clip"] = near, self._far + moved
-            self._params.update()
         else:
-            self.sensor.m_to_world = mi.ScalarTransform4f(camera.to_world)
-            dr.make_opaque(self.sensor.m_to_world)
             self.sensor.near_clip, self.sensor.far_clip = near, self._far + moved
+        self._params.update()
         self.camera = camera
 
     def turned(self, document: Document) -> tuple[mi.Sensor, tuple[int, int]] | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
 from math import isnan
 from typing import Any
 
@@ -11,16 +12,13 @@ import mitsuba as mi
 import numpy as np
 
 from ..compare.scenes import can_light, seen_by, sky
+from ..engine.work import Local, samples_of_a_second
 from ..registry import create
-from ..rendering.plan import SAMPLING
-from ..rendering.snapshot import Snapshot
-from ..scene_files import rendering
 from ..transport.dispersion import disperses
-from .picture import of_snapshot, over
-from .portions import Growing
+from .picture import of_render, over
 
-#: Into how many parts a step of about a second is cut where portions can't be measured.
-STEPS = 4
+#: Seconds that a work item takes, about; and into how many a second is cut where the time must have no say.
+SECONDS, STEPS = 0.25, 4
 
 
 class Take:
@@ -28,20 +26,16 @@ class Take:
 
     def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
         self.integrator = integrator
-        if integrator.sampler is None:
-            integrator.taker = Growing()
-        else:  # it is seeded anew for each portion, so that these have to be the same each time
-            per_pixel = spp or integrator.samples**2
-            integrator.band = max(2**10, rendering.samples_of_a_step() // STEPS // per_pixel)
-        #: How it samples; what makes halves of it changes that of the integrator for a while.
-        self.sampling = {name: getattr(integrator, name) for name in (*SAMPLING, "channels")}
+        self.sampling = integrator.sampling
+        if integrator.sampler is not None:
+            # It is seeded for each work item, so that these must not depend on the time.
+            band = max(2**10, samples_of_a_second() // STEPS // (spp or integrator.samples**2))
+            self.sampling = replace(self.sampling, band=band)
         self.done = False
         self.scene, self.sensor, self.spp, self.seed = scene, sensor, spp, seed
-        self._waves: Iterator[Snapshot] | None = None
-        self._snapshot: Snapshot | None = None  # after a wave
+        self._render: Any = None
         self._coarse: np.ndarray | None = None
         self._part = 0.0
-        self._between: Callable[[], None] | None = None
 
     @property
     def part(self) -> float:
@@ -49,26 +43,33 @@ class Take:
         return 1.0 if self.done else self._part
 
     def step(self, between: Callable[[], None]) -> bool:
-        """Another wave; returns whether there was one. ``between``: called between portions; what it raises ends the
+        """Another pass; returns whether there was one. ``between``: called between work items; what it raises ends the
         image.
         """
-        self._between = between
-        self.integrator.progress = self.tell
-        if self._waves is None:
-            self._waves = self.integrator.waves(self.scene, self.sensor, self.seed, self.spp)
-        self._snapshot = None
+        if self._render is None:
+            self._render = self.begin(self.seed, sampling=self.sampling)
         try:
-            self._snapshot = next(self._waves, None)
-        finally:
-            self.integrator.progress = None
-        self.done = self._snapshot is None
-        return not self.done
+            for step in self._render:
+                self.tell(step.done)
+                if step.complete:
+                    return True
+                between()
+        except BaseException:
+            self._render.close()
+            raise
+        self.done = True
+        return False
 
     def tell(self, part: float) -> None:
-        """Is called between portions with the part that is done, as far as the integrator knows."""
+        """Notes the part that is done, as far as the integrator knows."""
         self._part = max(self._part, part)
-        if self._between is not None:
-            self._between()
+
+    def begin(self, seed: int, **how: Any) -> Any:
+        """A render that takes its samples in short work items."""
+        executor = None if self.integrator.sampler is not None else Local(SECONDS)
+        return self.integrator.progressive(
+            self.scene, self.sensor, seed, how.pop("spp", self.spp), executor=executor, **how
+        )
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
         """What there is to see after a wave, or between two portions of one, as :class:`.Picture` has it. Within the
@@ -82,34 +83,34 @@ class Take:
         return now if known.all() else {"final": over(known, now["final"], self._coarse)}
 
     def taken(self) -> dict[str, np.ndarray] | None:
-        """What has been taken, as :func:`.of_snapshot` has it; None where there is nothing new."""
-        snapshot = self._snapshot or self.integrator.so_far()
-        return None if snapshot is None else of_snapshot(snapshot)
+        """What has been taken, as :func:`.of_render` has it; None where there is nothing new."""
+        return None if self._render is None or not self._render.current else of_render(self._render)
+
+    @property
+    def last(self) -> Any:
+        """How far it came, as :class:`.Reached`; None before it has begun."""
+        return None if self._render is None else self._render.reached
 
     def reached(self) -> tuple[float, float | None]:
         """Samples of a pixel in the mean, and the noise where it is measured."""
-        reached = self.integrator.reached
-        return reached.samples, None if isnan(reached.noise) else reached.noise
+        return self.last.samples, None if isnan(self.last.noise) else self.last.noise
 
     def coarse(self) -> np.ndarray:
         """The colours of one sample of each pixel, while the film has few; to be seen before there are others. Behind
         glass that disperses a sample has one colour, so that a pixel has a row of a pattern with as many as there are.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
-        taker, self.integrator.taker = self.integrator.taker, None  # so few samples say nothing of their speed
-        try:
-            snapshot = next(self.integrator.waves(self.scene, self.sensor, self.seed, each**2))
-            self._coarse = of_snapshot(snapshot)["final"]
-            return self._coarse
-        finally:
-            self.integrator.taker = taker
+        render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
+        next(step for step in render if step.complete)
+        self._coarse = of_render(render)["final"]
+        return self._coarse
 
 
 def in_waves(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
     """``integrator``, within ``prosim_adaptive`` if it knows no waves, and its samples per pixel."""
-    from ..rendering.integrator import WaveIntegrator
+    from ..engine.integrator import ProgressiveIntegrator
 
-    if isinstance(integrator, WaveIntegrator):
+    if isinstance(integrator, ProgressiveIntegrator):
         return integrator, spp
     within = create("prosim_adaptive", nested=integrator, adaptive="none")
     return within, spp or sensor.sampler().sample_count()
@@ -134,9 +135,9 @@ def alone(integrator: Any) -> str | None:
 
 def rival(own: Take) -> Take:
     """The image of Mitsuba's ``path``, sampled as ``own`` is, and lit by its background, which is no source to
-    ``prosim``. It may be begun, and grow, while ``own`` is between two portions, unless there is a crop window.
+    ``prosim``. It may be begun, and grow, while ``own`` is between two work items.
     """
-    path = create("prosim_adaptive", nested=create("path"), **own.sampling)
+    path = create("prosim_adaptive", nested=create("path"), channels=own.integrator.channels, **asdict(own.sampling))
     scene, background = own.scene, getattr(own.integrator, "background", None)
     if background is not None:
         scene = seen_by(own.sensor, scene, background=sky(background))

@@ -12,9 +12,8 @@ from pathlib import Path
 
 from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
-from . import foreign
-from .hints import nearest
-from .messages import Place, SceneError, Source, listing, quote
+from .diagnostics import SceneError, Source, Span, listing, quote
+from .suggestions import nearest, of_braces
 
 
 def _quarters(degrees: float) -> int | None:
@@ -62,23 +61,23 @@ OPERATIONS: dict[str, Callable[..., float]] = {
 }
 
 
-def evaluate(source: Source, braces: Place, value: Callable[[str, Place], float]) -> float:
-    """The number that an expression comes to; ``braces`` is its place, these included.
+def evaluate(source: Source, braces: Span, value: Callable[[str, Span], float]) -> float:
+    """The number that an expression comes to; ``braces`` is its span, these included.
 
-    ``value(name, place)`` says what a name stands for. Raises SceneError, also where the result is not finite.
+    ``value(name, span)`` says what a name stands for. Raises SceneError, also where the result is not finite.
     """
     first = braces.start + 1
     if source.text[braces.end - 1] != "}":
-        said = foreign.braces(source.text[first : braces.end])
-        raise source.error(braces, "this '{' is not closed on its line" + (f"; {said}" if said else ""))
+        reason = of_braces(source.text[first : braces.end])
+        raise _error(source, braces, "this '{' is not closed on its line" + (f"; {reason}" if reason else ""))
     try:
         tree = _parser().parse(source.text[first : braces.end - 1])
     except UnexpectedInput as error:
         raise _syntax_error(source, braces, error) from None
     values: dict[int, float] = {}
     for node in tree.iter_subtrees():  # the leaves first
-        place = Place(first + node.meta.start_pos, first + node.meta.end_pos)
-        values[id(node)] = _value(source, node, place, values, value)
+        span = Span(first + node.meta.start_pos, first + node.meta.end_pos)
+        values[id(node)] = _value(source, node, span, values, value)
     return values[id(tree)]
 
 
@@ -89,7 +88,7 @@ def _parser() -> Lark:
 
 
 def _value(
-    source: Source, node: Tree[Token], place: Place, values: dict[int, float], value: Callable[[str, Place], float]
+    source: Source, node: Tree[Token], span: Span, values: dict[int, float], value: Callable[[str, Span], float]
 ) -> float:
     """The value of a node, whose operands have theirs in ``values``."""
     word = str(node.children[0]) if node.children and isinstance(node.children[0], Token) else ""
@@ -97,50 +96,52 @@ def _value(
     if node.data == "number":
         result = float(word)
     elif node.data == "name":
-        result = value(word[1:], place)
+        result = value(word[1:], span)
     elif node.data == "word":
         if word not in CONSTANTS:
-            raise _unknown(source, place, word)
+            raise _unknown(source, span, word)
         result = CONSTANTS[word]
     else:
-        function = _function(source, place, word, len(operands)) if node.data == "call" else OPERATIONS[node.data]
+        function = _function(source, span, word, len(operands)) if node.data == "call" else OPERATIONS[node.data]
         try:
             result = float(function(*operands))
         except ZeroDivisionError:
-            raise source.error(place, "this divides by 0") from None
+            raise _error(source, span, "this divides by 0") from None
         except (ValueError, OverflowError):
             result = math.nan
     if not math.isfinite(result):
-        raise source.error(place, f"{quote(source.text[place.start : place.end])} is no finite number")
+        raise _error(source, span, f"{quote(source.text[span.start : span.end])} is no finite number")
     return result
 
 
-def _function(source: Source, place: Place, word: str, count: int) -> Callable[..., float]:
+def _function(source: Source, span: Span, word: str, count: int) -> Callable[..., float]:
     """The function of that name, for so many numbers."""
     if word not in FUNCTIONS:
-        raise _unknown(source, place, word)
+        raise _unknown(source, span, word)
     function, least, most = FUNCTIONS[word]
     if count < least or (most is not None and count > most):
-        raise source.error(
-            place,
+        raise _error(
+            source,
+            span,
             f"found {count} number{'s' * (count != 1)} in {word}(); expected {least}{' or more' * (most is None)}",
         )
     return function
 
 
-def _unknown(source: Source, place: Place, word: str) -> SceneError:
+def _unknown(source: Source, span: Span, word: str) -> SceneError:
     known = [f"{name}()" for name in FUNCTIONS] + list(CONSTANTS)
-    return source.error(
-        Place(place.start, place.start + len(word)),
+    return _error(
+        source,
+        Span(span.start, span.start + len(word)),
         f"unknown word {quote(word)} in an expression; expected a name such as ${word}, or {listing(known)}"
         f"{nearest(word, [*FUNCTIONS, *CONSTANTS])}",
     )
 
 
-def _syntax_error(source: Source, braces: Place, error: UnexpectedInput) -> SceneError:
+def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> SceneError:
     inside = source.text[braces.start + 1 : braces.end - 1]
-    if inside.strip() and (said := foreign.braces(inside)):
-        return source.error(braces, f"found {quote(inside.strip())} in braces; {said}")
+    if inside.strip() and (reason := of_braces(inside)):
+        return _error(source, braces, f"found {quote(inside.strip())} in braces; {reason}")
     start = braces.start + 1 + (error.pos_in_stream or 0)
     if "NUMBER" in _expected(error):
         wanted = "a number, a $name, a function or '('"
@@ -151,15 +152,20 @@ def _syntax_error(source: Source, braces: Place, error: UnexpectedInput) -> Scen
         if "RPAR" in _expected(error):
             line, column = source.line_column(braces.start + 1 + _open(inside))
             unclosed = f"; the '(' on line {line}, column {column} is not closed"
-        return source.error(
-            Place(braces.end - 1, braces.end),
+        return _error(
+            source,
+            Span(braces.end - 1, braces.end),
             f"the expression ends here and is not complete; expected {wanted}{unclosed}",
         )
     length = 1 if isinstance(error, UnexpectedCharacters) else len(str(getattr(error, "token", " ")))
-    place = Place(start, start + length)
-    found = source.text[place.start : place.end]
+    span = Span(start, start + length)
+    found = source.text[span.start : span.end]
     point = "; a fraction has a point, as in 0.5" if found == "," else ""
-    return source.error(place, f"found {quote(found)} in an expression; expected {wanted}{point}")
+    return _error(source, span, f"found {quote(found)} in an expression; expected {wanted}{point}")
+
+
+def _error(source: Source, span: Span, reason: str) -> SceneError:
+    return source.error(span, reason, "expression")
 
 
 def _open(text: str) -> int:

@@ -1,18 +1,83 @@
-"""The words of the language: one table, in which each word has its row.
+"""The words of the language: one table, in which each word has its row; and the names of metals, glasses and textures.
 
-A row says what the grammar takes the word for (its *role*, a terminal of ``grammar.lark``), how it may be spelled, what
-the model calls it, and which numbers follow it. Case and accents do not matter; both languages are accepted anywhere,
-also mixed. A word of several roles has a row for each, and the one counts that the grammar has a place for.
+A row says what the grammar takes the word for (its *role*), how it may be spelled, what the model calls it, and which
+numbers follow it. Case and accents do not matter; both languages are accepted anywhere, also mixed. A word of several
+roles has a row for each, and the one counts that the grammar has a place for.
 """
 
-import re
+import math
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
-from lark import Token
+#: Lengths go from 1 / LARGE to LARGE: their squares have to be numbers of single precision, which is Mitsuba's.
+LARGE = 1e15
 
-from .quantities import LARGE, Flags, Numbers
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers that follow a word: how many, what they are called in messages, and where they lie."""
+
+    count: int = 1
+    what: str = ""
+    low: float = 0
+    high: float = 1
+    whole: bool = False
+    channels: bool = False  #: r g b, or one for all channels
+    direction: bool = False  #: a vector that may not have length 0
+    least: float = 0  #: smaller magnitudes are refused, but for 0
+    nonzero: bool = False  #: and 0 too
+    unit: str = ""
+
+    def counted(self) -> str:
+        """How many there are, in words."""
+        return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
+
+    def bounds(self) -> str:
+        """What is allowed, in words."""
+        kind = ("a whole number" if self.whole else "") + (f" of {self.unit}" if self.unit else "")
+        magnitude = "a magnitude of " if self.low < 0 else ""
+        low = max(self.low, self.least)
+        least = f"{low:g} or more, " if low > 0 or not magnitude else ""
+        zero = "0, or " if self.least and not self.nonzero else ""
+        return f"{zero}{kind}{', ' * bool(kind)}{magnitude}{least}{self.high:.10g} at most"
+
+    def allow(self, value: float) -> bool:
+        """Whether a number is in the range."""
+        return (
+            self.low <= value <= self.high
+            and (abs(value) >= self.least or value == 0)
+            and (value != 0 or not self.nonzero)
+            and (value == int(value) or not self.whole)
+        )
+
+    def value(self, given: Sequence[float]) -> Any:
+        """The value of these numbers: one, or a tuple; None where their count is wrong, or one is not allowed."""
+        if len(given) != self.count and not (self.channels and len(given) == 1):
+            return None
+        if not (self.low <= min(given) and max(given) <= self.high):
+            return None
+        small = self.least and min(map(abs, given)) < self.least
+        if (small or self.whole or (self.nonzero and 0 in given)) and not all(map(self.allow, given)):
+            return None
+        if self.direction and math.hypot(*given) < 1 / LARGE:
+            return None
+        values = tuple(map(int, given)) if self.whole else tuple(given)
+        return values[0] if self.count == 1 else values * (self.count // len(values))
+
+
+@dataclass(frozen=True)
+class Flags:
+    """The TRUE or FALSE that follow a word: how many, and what they are called in messages."""
+
+    count: int = 1
+    what: str = ""
+
+    def counted(self) -> str:
+        """How many there are, in words."""
+        return f"{self.count} words, each TRUE or FALSE ({self.what})" if self.count > 1 else "TRUE or FALSE"
 
 
 @dataclass(frozen=True)
@@ -42,7 +107,7 @@ def _word(role: str, spellings: str, name: str = "", takes: Numbers | Flags | No
 #: The most pixels that an image has.
 PIXELS = 2**28
 
-INDEX = Numbers(1, "its index", 0, 2**31 - 1, whole=True)
+INDEX = Numbers(1, "its index", 0, 10**9 - 1, whole=True)
 POINT = Numbers(3, "x y z", -LARGE, LARGE)
 DIRECTION = Numbers(3, "x y z", -LARGE, LARGE, direction=True)
 DEGREES = Numbers(1, "degrees", -1e9, 1e9)
@@ -167,7 +232,7 @@ WORDS = (
     _word("NULL", "NULL NULO NENHUM NENHUMA NONE"),
 )
 
-#: What terminals that are no words are called in messages, and BOOL, whose words are too many.
+#: What messages call tokens that are no words, and BOOL, whose words are too many.
 MEANINGS = {
     "NUMBER": "a number",
     "VARIABLE": "a name such as $angle",
@@ -183,73 +248,100 @@ MEANINGS = {
     "BOOL": "TRUE or FALSE",
 }
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
-#: The roles that begin a statement.
+MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
+#: The words that belong to a statement, by their roles; ``""`` is the end of the text, where a statement ends, too.
 STATEMENTS = frozenset(
     ("DEFAULT", "NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END")
 )
-#: The statement that the words of other roles belong to.
-STATEMENT_OF = {
-    "LIGHT": "LIGHTS",
-    "LIGHT_PARAMETER": "LIGHTS",
-    "DISTRIBUTION": "LIGHTS",
-    "VIEW_PARAMETER": "VIEW",
-    "VRP": "VIEW",
-    "PRIMITIVE": "CSG_TREE",
-    "MATERIAL": "SURFACE",
-    "CONDUCTOR": "SURFACE",
-    "DIELECTRIC": "SURFACE",
-    "MATERIAL_KIND": "SURFACE",
-    "METAL": "SURFACE",
-    "OPTIC": "SURFACE",
-    "STEP": "TRANSFORM",
-    "KIND": "TEXTURE",
-    "PARAMETER": "TEXTURE",
+PARTS = {
+    "LIGHTS": "LIGHT LIGHT_PARAMETER DISTRIBUTION",
+    "VIEW": "VIEW_PARAMETER VRP",
+    "CSG_TREE": "PRIMITIVE",
+    "SURFACE": "MATERIAL CONDUCTOR DIELECTRIC MATERIAL_KIND METAL OPTIC",
+    "TRANSFORM": "STEP",
+    "TEXTURE": "KIND PARAMETER",
 }
+STATEMENT_OF = {role: statement for statement, roles in PARTS.items() for role in roles.split()}
 ROLES = tuple(dict.fromkeys(word.role for word in WORDS))
+#: The order in which a message lists what it expected.
+ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
+
+#: Names of metals, by the tables that Mitsuba ships (Palik's handbook first: it is the thesis's own source).
+METAL_NAMES = {
+    "Cu_palik": "copper cobre",
+    "Au": "gold ouro",
+    "Ag": "silver prata",
+    "Al": "aluminium aluminum aluminio",
+    "Cr": "chromium cromo",
+    "Ni_palik": "nickel niquel ni",
+    "W": "tungsten tungstenio",
+    "Hg_palik": "mercury mercurio",
+    "Be_palik": "beryllium berilio be",
+    "Ir_palik": "iridium iridio",
+    "Mo_palik": "molybdenum molibdenio",
+    "Nb_palik": "niobium niobio",
+    "Rh_palik": "rhodium rodio",
+    "Ta_palik": "tantalum tantalo",
+    "V_palik": "vanadium vanadio v",
+    "Na_palik": "sodium sodio na",
+    "Li_palik": "lithium litio",
+    "K_palik": "potassium potassio",
+}
+METALS = {name: table for table, names in METAL_NAMES.items() for name in names.split()}
+METALS |= {table.lower(): table for table in (*METAL_NAMES, *["Cu", "Hg", "Ir", "K", "Li", "Mo", "Nb", "Rh", "Ta"])}
+#: Names of glasses, and of what else is clear, by the materials of prosim_dielectric; and their indices at the line d,
+#: 587.6 nm.
+GLASS_NAMES = {
+    "bk7": "bk7 n-bk7",
+    "f2": "f2",
+    "sf10": "sf10",
+    "sf11": "sf11",
+    "lasf9": "lasf9 n-lasf9",
+    "silica": "silica quartz quartzo",
+    "diamond": "diamond diamante",
+    "zirconia": "zirconia",
+    "water": "water agua",
+}
+GLASSES = {name: glass for glass, names in GLASS_NAMES.items() for name in names.split()}
+INDICES = dict(zip(GLASS_NAMES, (1.5168, 1.62004, 1.72825, 1.78472, 1.85025, 1.45846, 2.41749, 2.15877, 1.3334)))
+#: The textures that need no TEXTURE statement and their kinds, and their other names.
+BUILT_IN = {"t-tijolo": "brick", "t-listra": "stripes", "t-fractal": "fractal"}
+ALIASES = {"t-brick": "t-tijolo", "t-stripes": "t-listra", "t-listras": "t-listra"}
 
 
-def fold(word: str) -> str:
+def normalise(word: str) -> str:
     """Lower case without accents: the form in which words are compared."""
     if word.isascii():
         return word.lower()
     return "".join(c for c in unicodedata.normalize("NFKD", word) if not unicodedata.combining(c)).lower()
 
 
-#: The rows of each folded spelling, in the order of the table.
+#: The rows of each normalised spelling, in the order of the table.
 ROWS: dict[str, list[Word]] = {}
 for _row in WORDS:
     for _spelling in _row.spellings:
-        ROWS.setdefault(fold(_spelling), []).append(_row)
-
-
-def row(token: Token) -> Word:
-    """The row of a keyword's token."""
-    return _row_of(token.type, token.value)
+        ROWS.setdefault(normalise(_spelling), []).append(_row)
 
 
 @lru_cache(maxsize=1 << 10)
-def _row_of(role: str, spelling: str) -> Word:
-    return next(word for word in ROWS[fold(spelling)] if word.role == role)
+def row(role: str, spelling: str) -> Word:
+    """The row of a keyword."""
+    return next(word for word in ROWS[normalise(spelling)] if word.role == role)
 
 
 def is_statement(word: str) -> bool:
     """Whether a word may begin a statement."""
-    return any(row.role in STATEMENTS for row in ROWS.get(fold(word), ()))
+    return any(row.role in STATEMENTS for row in ROWS.get(normalise(word), ()))
 
 
-def of_role(role: str) -> list[Word]:
-    """The rows of a role."""
-    return [word for word in WORDS if word.role == role]
+def of_role(*roles: str) -> list[Word]:
+    """The rows of some roles."""
+    return [word for word in WORDS if word.role in roles]
 
 
-def spelled(*roles: str) -> str:
-    """A pattern for the words of some roles; those with the same letter at the beginning stand together, to be fast."""
-    words = [spelling for role in roles for word in of_role(role) for spelling in word.spellings]
-    ends: dict[str, list[str]] = {}
-    for spelling in sorted(words, key=len, reverse=True):
-        ends.setdefault(spelling[0].upper(), []).append(re.escape(spelling[1:]))
-    pattern = "|".join(f"{letter}(?:{'|'.join(rest)})" for letter, rest in ends.items())
-    return rf'(?:{pattern})(?![^\s()#":=])'
+def spellings(*roles: str) -> list[str]:
+    """All spellings of some roles; of all roles if none is named."""
+    return [spelling for word in WORDS if not roles or word.role in roles for spelling in word.spellings]
 
 
 def numbers(role: str, name: str) -> Numbers:
@@ -268,3 +360,9 @@ def canonical(role: str, name: str = "") -> str:
 def meanings(role: str) -> list[str]:
     """What may stand where the grammar expects ``role``, in messages."""
     return [MEANINGS[role]] if role in MEANINGS else [word.canonical for word in of_role(role)]
+
+
+def texture_name(word: str) -> str:
+    """The name of a texture under which the model has it."""
+    name = normalise(word)
+    return ALIASES.get(name, name)

@@ -185,6 +185,5 @@ def _report_vanished(document: Document, seen: np.ndarray) -> None:
     elif gone:
         names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in gone[:10]]
         more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
-        document.warn(
-            f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result", "csg", gone[0][0]
-        )
+        reason = f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result"
+        document.warn(reason + document.operation(gone[0][0]), "csg", gone[0][0])

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..language.diagnostics import quote
 from ..language.document import Document
-from ..language.messages import quote
 from ..model import Scene
 from .pictures import BEGINNINGS, is_picture, located
 

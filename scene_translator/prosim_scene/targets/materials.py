@@ -3,8 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..language.names import INDICES
-from ..language.words import numbers
+from ..language.words import INDICES, numbers
 from ..model import GREY, Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
 from . import textures

@@ -8,18 +8,20 @@ content is one that a translation wrote, and may be removed by the next one. Not
 import os
 import re
 import sys
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 
-from ..replacing import PART, refuse_special, replace
+from ..files import PART, refuse_special, replace
 
 if sys.platform != "win32":
     import fcntl
 
 #: Stands in each XML file that a translation writes.
 MARK = "A translation from the scene language; the next one takes its place"
+WAIT = 10.0  # seconds, for another translation to the same folder
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
 
 
@@ -52,7 +54,7 @@ def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
         except BaseException:
             for path in written:
                 path.unlink(missing_ok=True)
-            if not any(bodies.iterdir()):
+            with suppress(OSError):  # it is not empty, or a link
                 bodies.rmdir()
             raise
         if alone:
@@ -75,19 +77,24 @@ def _make_sure_of(xml: Path, bodies: Path) -> None:
         raise FileExistsError(
             0, "this file is no translation and is not overwritten; move it, or choose another folder", xml
         )
-    if bodies.exists() and not bodies.is_dir():
+    if os.path.lexists(bodies) and not bodies.is_dir():
         raise FileExistsError(
-            0, "this file stands where the folder of the meshes goes; move it, or choose another folder", bodies
+            0,
+            "this file, or link to nowhere, stands where the folder of the meshes goes; move it, or choose another "
+            "folder",
+            bodies,
         )
 
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[bool]:
-    """Makes the folder, and keeps other translations out of it as long as the context lasts.
+    """Makes the folder, and keeps other translations out of it as long as the context lasts: else one could remove the
+    meshes of another before the XML that names them is there. Raises TimeoutError after WAIT seconds.
 
-    Gives whether that can be done: not on Windows, nor in every network's file system. The lock is the folder's own, so
-    that nothing is left behind where a translation is killed.
+    Returns whether that can be done: not on Windows, nor in every network's file system. The lock is the folder's own,
+    so that nothing is left behind where a translation is killed.
     """
+    end = time.monotonic() + WAIT
     while True:
         folder.mkdir(parents=True, exist_ok=True)
         if sys.platform == "win32":
@@ -95,11 +102,7 @@ def _alone_in(folder: Path) -> Iterator[bool]:
             return
         descriptor = os.open(folder, os.O_RDONLY)
         try:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
-                alone = True
-            except OSError:
-                alone = False
+            alone = _locked(descriptor, folder, end)
             try:
                 if not os.path.samestat(os.fstat(descriptor), os.stat(folder)):
                     continue  # it was removed, and perhaps made again, in the meantime
@@ -109,6 +112,23 @@ def _alone_in(folder: Path) -> Iterator[bool]:
             return
         finally:
             os.close(descriptor)
+
+
+def _locked(descriptor: int, folder: Path, end: float) -> bool:
+    """Locks a folder; False where it cannot be locked. Raises TimeoutError after the time ``end``."""
+    while sys.platform != "win32":
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            if time.monotonic() > end:
+                raise TimeoutError(
+                    0, "another translation is writing to this folder; wait for it, or choose another folder", folder
+                ) from None
+            time.sleep(0.02)
+        except OSError:
+            break
+    return False
 
 
 def _holds(path: Path, content: bytes) -> bool:

@@ -1,0 +1,67 @@
+"""How much a photon matters to an image, by where it lands: an importance map (Peter and Pietrek 1998)."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..engine.camera import uncropped
+from ..masks import but_not
+from ..sampling.hash import combine
+from ..transport import lobes
+from . import photons as grid
+from . import random
+from .footprint import Footprint
+from .sources import Start
+from .walk import WIDE, Landed, Walk
+
+#: Camera rays, and entries of the hash table that they are counted in.
+RAYS, ENTRIES = 1 << 16, 1 << 18
+
+#: Reach of a cell of that table, as a part of the width of the image.
+REACH = 1 / 128
+
+
+class Importance:
+    """What a photon adds to the pixels of ``sensor``, by its flux and by the place where it lands.
+
+    Rays of the camera go by ``walk`` as photons do. In each cell of space, the sum of the squared reflectances of what
+    they meet tells how well it is seen, directly or by way of specular surfaces.
+    """
+
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, walk: Walk, footprint: Footprint) -> None:
+        self.footprint = footprint
+        self.scale = dr.opaque(mi.Float, REACH * max(sensor.film().size()))
+        i = dr.arange(mi.UInt32, RAYS)
+        with uncropped(sensor):
+            ray, _ = sensor.sample_ray(sensor.shutter_open(), 0.5, *random.starts(mi.UInt32(0), i))
+        si = scene.ray_intersect(ray)
+        start = Start(ray, mi.Spectrum(1), mi.Float(0), dr.zeros(mi.PositionSample3f), dr.zeros(mi.EmitterPtr, RAYS))
+        beyond, _ = walk(start, combine(mi.UInt32(0), i))
+        through = dr.select(beyond.lies, dr.minimum(dr.max(beyond.flux), 1) * dr.square(dr.inv_pi), 0)
+        entries = np.concatenate([np.array(self._entry(p)) for p in (si.p, beyond.p)])
+        weights = np.concatenate([np.array(dr.square(reflectance(si))), np.array(through)])
+        self.seen = mi.Float(np.bincount(entries, weights, minlength=ENTRIES).tolist())  # a list: see Targets
+
+    def __call__(self, landed: Landed) -> mi.Float:
+        """Mean square of what each ``landed`` photon adds to a pixel, up to a factor; 0 where none has landed."""
+        width = self.footprint.at(self.footprint.distance(landed.p))
+        added = dr.max(landed.flux) / dr.square(width)
+        seen = dr.gather(mi.Float, self.seen, self._entry(landed.p), landed.lies)
+        return dr.select(landed.lies, seen * dr.square(added / dr.select(landed.wide, WIDE, 1)), 0)
+
+    def _entry(self, p: mi.Point3f) -> mi.UInt32:
+        """The entry of the hash table that the cell of ``p`` has."""
+        level = grid.level_of(self.scale * self.footprint.at(self.footprint.distance(p)))
+        x, y, z = grid.cell(p, level)
+        return combine(grid.key(level, y, z), mi.UInt32(x)) & dr.opaque(mi.UInt32, ENTRIES - 1)
+
+
+def reflectance(si: mi.SurfaceInteraction3f) -> mi.Float:
+    """Diffuse reflectance at ``si`` over pi; 1 / pi of a surface with other lobes."""
+    bsdf, valid = si.bsdf(), si.is_valid()
+    up = mi.Vector3f(0, 0, dr.sign(mi.Frame3f.cos_theta(si.wi)))
+    diffuse = dr.max(mi.unpolarized_spectrum(bsdf.eval(lobes.diffuse(), si, up, valid)))
+    only = but_not(valid, lobes.has_any(bsdf.flags(), *lobes.GLOSSY, *lobes.IDEAL))
+    return dr.select(only, diffuse, dr.select(valid, dr.inv_pi, 0))

@@ -1,0 +1,160 @@
+"""The files that commands take: scenes, checkpoints of a render, parts of an image."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import shlex
+from abc import ABC, abstractmethod
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..scene import scene_file
+
+EXR = "an EXR image"
+
+#: The first bytes of files that are no scenes, and what these files are.
+MAGIC = {
+    scene_file.EXR: EXR,
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"GIF8": "a GIF image",
+    b"II*\0": "a TIFF image",
+    b"MM\0*": "a TIFF image",
+    b"ply\n": "a mesh",
+    b"ply\r": "a mesh",
+    b"%PDF": "a PDF",
+    b"PK\x03\x04": "an archive",
+    b"\x1f\x8b": "a compressed file",
+}
+
+#: What follows the name of an image in that of its checkpoint, or of a part.
+SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))?\.exr$")
+
+
+class InputFile(click.Path, ABC):
+    """A file that exists; a subclass says which kind it has to be of."""
+
+    #: Patterns of the names of such files, the likeliest first.
+    patterns: tuple[str, ...] = ()
+
+    def __init__(self) -> None:
+        super().__init__(exists=True, dir_okay=False, readable=True, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path of the file."""
+        path = Path(os.fsdecode(value))
+        if path.is_dir():
+            self.fail(f"'{path}' is a folder.{self.suggestion(path)}", param, ctx)
+        if not os.path.lexists(path):
+            nor = "" if path.parent.is_dir() else f" (nor does the folder '{path.parent}')"
+            self.fail(f"File '{path}' does not exist{nor}.{self.suggestion(path)}", param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if (what := self.wrong(path)) is not None:
+            self.fail(f"'{path}' is {what}", param, ctx)
+        return path
+
+    @abstractmethod
+    def wrong(self, path: Path) -> str | None:
+        """What a file of another kind is, and what to do; None where it may be of the right one."""
+
+    def suggestion(self, path: Path) -> str:
+        """The file of this kind in the same folder, or in one below it, that ``path`` may mean, as a question."""
+        folder = path if path.is_dir() else path.parent
+        found = chain.from_iterable(folder.glob(below + one) for below in ("", "*/") for one in self.patterns)
+        files: dict[str, Path] = {}
+        for file in filter(lambda file: file != path, found):
+            files.setdefault(stem(file).name, file)
+        likely = [*files] if path == folder else difflib.get_close_matches(path.stem, files, n=1)
+        name = path.name
+        while name and path != folder:
+            likely = [name, *likely] if name in files else likely
+            name = name.rpartition(".")[0]
+        return f" Did you mean {parts(files[likely[0]])}?" if likely else ""
+
+
+class SceneFile(InputFile):
+    """A scene, in the thesis's language (any name) or XML."""
+
+    patterns = ("*.scn", "*.xml")
+
+    def wrong(self, path: Path) -> str | None:
+        """What a file is that is no scene, and what to do; None where it may be one."""
+        what = kind(path)
+        state = state_of(path) if what == EXR else None
+        if state:
+            return f"a part of an image, not a scene. To put all of them together: prosim merge {parts(path)}"
+        if state is not None:
+            return f"the state of a render, not a scene. To go on with it: prosim resume {shlex.quote(str(path))}"
+        return what and f"{what}, not a scene.{self.suggestion(path)}"
+
+
+class LanguageFile(SceneFile):
+    """A scene in the thesis's language."""
+
+    def wrong(self, path: Path) -> str | None:
+        """What a file is that is of another kind, and what to do; None where it may be of this one."""
+        if path.suffix.lower() == ".xml":
+            return f"a scene of Mitsuba's already. To render it: prosim render {shlex.quote(str(path))}"
+        return super().wrong(path)
+
+
+class StateFile(InputFile):
+    """The state of a render, or a part of an image."""
+
+    patterns: tuple[str, ...] = ("*.state.exr", "*.*-of-*.exr")
+    described, writes = "the state of a render", "prosim render --keep"
+
+    def wrong(self, path: Path) -> str | None:
+        """What a file is that is no state, and what to do; None where it may be one."""
+        what = kind(path)
+        if what == EXR and state_of(path) is not None:
+            return None
+        if what is None and path.suffix.lower() in (".scn", ".xml"):
+            what = "a scene"
+        hint = self.suggestion(path) or f" {self.writes} writes one."
+        return f"{what + ', ' if what else ''}not {self.described}.{hint}"
+
+
+class PartFile(StateFile):
+    """A part of an image."""
+
+    patterns = ("*.*-of-*.exr",)
+    described, writes = "a part of an image", "prosim render --part 1/4"
+
+
+def stem(path: Path) -> Path:
+    """The path of a state or a part without its suffixes, and of another file without its last."""
+    name = SUFFIXES.sub("", path.name)
+    return path.with_name(name if name != path.name else path.stem)
+
+
+def parts(path: Path) -> str:
+    """What the shell expands to all parts of the image of one: ``night.*-of-4.exr``; another path as it is."""
+    found = SUFFIXES.search(path.name)
+    return f"{stem(path)}.*-of-{found['of']}.exr" if found and found["of"] else str(path)
+
+
+def kind(path: Path) -> str | None:
+    """What a file is by its first bytes; None where they are of nothing known."""
+    if not path.is_file():  # a pipe could not be read again
+        return None
+    with open(path, "rb") as file:
+        begin = file.read(4)
+    return next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
+
+
+def state_of(path: Path) -> bool | None:
+    """Whether an EXR file is the state of a part of an image alone; None where it is none at all."""
+    from .. import saved
+
+    try:
+        return saved.about(path)["facts"]["part"] is not None
+    except saved.NoStateError:
+        return None
+    except (saved.StateError, OSError):
+        return False

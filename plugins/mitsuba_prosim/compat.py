@@ -1,0 +1,115 @@
+"""What this package relies on in Mitsuba and Dr.Jit although they do not promise it.
+
+One function or constant for each. The comment above says why, which version it was seen in, and where upstream speaks
+of it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import MutableMapping
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+# ---------------------------------------------------------------- transforms
+# Up to 3.9 the transform of a sensor or a shape is an AffineTransform4f. From 3.10 on it is an AnimatedTransform4f:
+# that has `eval(time)`, but no `matrix`, `@` or `translation()`, and the parameter is called `to_world.transform`
+# (https://github.com/mitsuba-renderer/mitsuba3/pull/1869).
+
+#: The name of the parameter, the newest first.
+TO_WORLD = ("to_world.transform", "to_world")
+
+
+def world_transform(sensor: mi.Sensor, time: float | mi.Float = 0.0) -> mi.AffineTransform4f:
+    """Transform of ``sensor`` from its own space to the world at ``time``."""
+    return _at(sensor.world_transform(), time)
+
+
+def world_matrix(sensor: mi.Sensor) -> np.ndarray:
+    """Matrix of :func:`world_transform` at time 0: shape (4, 4), double precision."""
+    return np.array(world_transform(sensor).matrix, dtype=float).reshape(4, 4)
+
+
+def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
+    """Transform of ``shape`` from its own space to the world, with its derivatives. Raises KeyError for a mesh."""
+    parameters = mi.traverse(shape)
+    return _at(parameters[to_world_name(parameters)], 0.0)
+
+
+def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str:
+    """Name of the transform among the ``parameters`` that ``mi.traverse`` returns; ``prefix``: of the object, "lamp."
+    say.
+    """
+    return next((prefix + name for name in TO_WORLD if prefix + name in parameters), prefix + TO_WORLD[-1])
+
+
+def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any], matrix: np.ndarray) -> None:
+    """Moves ``sensor``. ``parameters``: those of ``mi.traverse(sensor)``; call their ``update`` afterwards.
+
+    A sensor in Python without such a parameter has its transform as an attribute.
+    """
+    name = to_world_name(parameters)
+    if name in parameters:
+        parameters[name] = mi.AffineTransform4f(matrix)
+    else:
+        own: Any = sensor
+        own.m_to_world = mi.ScalarAffineTransform4f(matrix)
+        dr.make_opaque(own.m_to_world)
+
+
+def _at(transform: Any, time: float | mi.Float) -> mi.AffineTransform4f:
+    return transform.eval(time) if hasattr(transform, "eval") else transform
+
+
+# ---------------------------------------------------------------- meshes
+# Up to 3.9 the vertices of a mesh are the flat parameter `vertex_positions`, from 3.10 on the tensor `positions`
+# (release notes of 3.10, "Redesigned mesh representation").
+
+
+def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
+    """Vertices of ``shape`` in the world: shape (n, 3), double precision. None where ``shape`` is no mesh."""
+    parameters = mi.traverse(shape)
+    name = next((name for name in ("positions", "vertex_positions") if name in parameters), None)
+    return None if name is None else np.array(parameters[name], dtype=np.float64).reshape(-1, 3)
+
+
+# ---------------------------------------------------------------- threads
+
+#: With fewer threads Mitsuba 3.9 waits for ever when it reads or writes an EXR.
+EXR_THREADS = 3
+
+
+# ---------------------------------------------------------------- files
+# Mitsuba has no list of what it looks for in its search path.
+
+#: Suffixes of a plugin's file on Linux, macOS and Windows.
+LIBRARIES = (".so", ".dylib", ".dll")
+
+#: Parameter of a plugin -> the files that its value, a name, stands for.
+DATA_FILES = {"material": ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")}
+
+
+# ---------------------------------------------------------------- the words of errors
+# An error has no attributes: what it speaks of is in its words (as of 3.9).
+
+#: The Python traceback that Mitsuba puts in the midst of its own words, and a line of its own source.
+TRACEBACK = re.compile(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?")
+SOURCE_LINE = re.compile(r"\[\w+\.(?:cpp|h):\d+\] ")
+
+#: A place, as file, line and column: `While loading FILE (line 3, col 6)`, `At FILE (...)`, or `Parsing of XML file
+#: "FILE" failed: ... (...)`.
+PLACE = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*?)? \(line (\d+), col (\d+)\)')
+
+#: There is no such plugin: the tag in XML, and the name.
+NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*not found!')
+#: A plugin has no such parameter: the plugin, and the first of its unknown parameters.
+UNREFERENCED = re.compile(r'unreferenced propert(?:y|ies) in \w+ plugin of type "([^"\n]+)":\s+- \w+ "([^"\n]+)"')
+
+#: Tag in XML -> name of the kind of plugin, where they differ.
+TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}
+
+#: A file ends too early, in most formats of images: bytes that are there, and bytes that should be.
+DAMAGED = re.compile(r"read (\d+) out of (\d+) bytes")

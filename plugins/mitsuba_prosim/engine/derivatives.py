@@ -1,0 +1,109 @@
+"""Derivatives of an image with respect to the parameters of its scene, by the very samples of the image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import drjit as dr
+import mitsuba as mi
+
+from .accumulate import Image
+from .camera import uncropped
+from .estimate import Estimator
+from .plan import Plan, index_within, pixels
+
+#: Samples that are followed at a time: many, as each time all is traced anew; but each keeps some 100 numbers a node.
+LANES = 1 << 18
+
+
+class Derivatives:
+    """An image that was rendered without derivatives, so that the number of samples in each pixel is known.
+
+    ``image``: that image, without own channels; ``counts``: the number of samples of each pixel of ``plan.region``;
+    ``estimator``: one whose transport is attached.
+    """
+
+    def __init__(self, plan: Plan, estimator: Estimator, image: Image, counts: mi.UInt32) -> None:
+        self.plan, self.estimator, self.sensor, self.film = plan, estimator, estimator.sensor, estimator.sensor.film()
+        self.counts = counts
+        #: The film's values of that image.
+        self.storage = image.tensor()
+
+    def develop(self, storage: mi.TensorXf, aov_names: Sequence[str]) -> mi.TensorXf:
+        """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
+        self.film.prepare(aov_names[: storage.shape[2] - self.estimator.channels.names.index("W") - 1])
+        self.film.put_block(mi.ImageBlock(storage, mi.ScalarPoint2i(self.film.crop_offset()), border=False))
+        return self.film.develop()
+
+    def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
+        """Yields ``(values, weights)``: the film's values of up to ``LANES`` samples, one a lane, with derivatives; and
+        for each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's
+        index in the window.
+        """
+        window, reach = self.plan.window, self.plan.reach
+        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
+        offsets = range(-reach, reach + 1)
+        x, y, *_ = pixels(self.plan.region)
+        with uncropped(self.sensor):
+            for plan, pixel, t in self.lanes():
+                self.estimator.plan = plan
+                px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
+                values, _, position = self.estimator.sample(px, py, t)
+                share = dr.rcp(mi.Float(dr.gather(mi.UInt32, self.counts, pixel)))
+                spread = []
+                targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
+                for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
+                    there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
+                    weight = dr.select(there, weight * share, 0)
+                    spread.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
+                yield values, spread
+
+    def lanes(self) -> Iterator[tuple[Plan, mi.UInt32, mi.UInt32]]:
+        """All samples, up to ``LANES`` at a time: ``(plan, pixel, t)``, the pixels of the region and which of their
+        samples are taken, by the plan.
+        """
+        begin = 0
+        for plan, end in self.plan.stages():
+            own = dr.minimum(self.counts, end) - dr.minimum(self.counts, begin)
+            behind = dr.cumsum(mi.UInt64(own))
+            pixels_there, total = dr.width(behind), int(behind[dr.width(behind) - 1])
+            for first in range(0, total, LANES):
+                lane = dr.opaque(mi.UInt64, first) + dr.arange(mi.UInt64, min(LANES, total - first))
+                pixel = dr.binary_search(0, pixels_there, lambda i: dr.gather(mi.UInt64, behind, i) <= lane)  # noqa: B023
+                t = begin + mi.UInt32(lane + dr.gather(mi.UInt32, own, pixel) - dr.gather(mi.UInt64, behind, pixel))
+                dr.eval(pixel, t)
+                yield plan, pixel, t
+            begin = end
+
+    def backward(self, gradient: mi.TensorXf) -> None:
+        """Propagates the derivative with respect to the film's values to the scene's parameters."""
+        channels = gradient.shape[2]
+        gradient = gradient.array
+        for values, spread in self.samples():
+            loss = mi.Float(0)
+            for c, value in enumerate(values):
+                if dr.grad_enabled(value):
+                    loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
+            # All lanes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
+            # but the sum itself would be a kernel of its own.
+            dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
+            dr.eval()  # what was scattered to the parameters, so that each time has the same kernels
+
+    def forward(self) -> mi.TensorXf:
+        """The derivative of the film's values, by those that the scene's parameters have."""
+        total = dr.zeros(mi.Float, len(self.storage.array))
+        channels = self.storage.shape[2]
+        # Not by symbolic calls: Dr.Jit 1.5 goes forward from what one of them reads (a blend's weight) through all that
+        # hangs on it, what other calls have left behind included, where it must not.
+        with dr.scoped_set_flag(dr.JitFlag.SymbolicCalls, False):
+            for values, spread in self.samples():
+                values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
+                if values:
+                    # What all lanes share, behind the scene's parameters, is gone through once: it keeps its
+                    # derivatives.
+                    dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
+                for c, value in values:
+                    for w, p in spread:
+                        dr.scatter_add(total, w * dr.grad(value), p * channels + c)
+                dr.eval(total)  # so that the size of a kernel does not grow with the number of samples
+        return mi.TensorXf(total, self.storage.shape)

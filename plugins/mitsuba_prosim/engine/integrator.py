@@ -1,0 +1,262 @@
+"""An integrator that renders progressively: what ``prosim`` and the wrapper of other integrators share."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..alone import alone
+from ..parameters import choice, describe, number, reject, whole
+from ..sampling.nrook import JITTERS
+from .film import Channels, asked_aovs, with_more_channels
+from .plan import SAMPLING, Plan, Sampling
+from .policies import POLICIES
+from .scalar import take_back_interrupts
+
+if TYPE_CHECKING:
+    from .derivatives import Derivatives
+    from .estimate import Estimator
+    from .part import Part
+    from .record import Record
+    from .render import Render
+    from .work import Executor
+
+
+class ProgressiveIntegrator(mi.SamplingIntegrator):
+    """Base class of integrators that render progressively.
+
+    A subclass gives the radiance along a ray: :meth:`transport`, and ``sample()``, which Mitsuba's own loop calls in
+    scalar variants and within other integrators.
+
+    Classes of Mitsuba's cannot be abstract by ``abc``: their metaclass is another.
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        super().__init__(props)
+        if mi.is_polarized:
+            raise ValueError(
+                f"{self.name()}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
+            )
+        self.samples = whole(props, "samples", 5, 1)
+        self.threshold = number(props, "threshold", 0.006, 0)
+        self.min_passes = whole(props, "min_passes", 1, 1)
+        self.max_samples = whole(props, "max_samples", 0, 0)
+        self.noise = number(props, "noise", 0.0, 0)
+        self.noise_99 = number(props, "noise_99", 0.0, 0)
+        self.time = number(props, "time", 0.0, 0)
+        # What makes most of many samples is the default where there may be many.
+        aims = bool(self.noise or self.noise_99 or self.time)
+        default = "graded" if aims else "neighbours"
+        self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
+        if aims and self.adaptive == "thesis":
+            raise reject(
+                props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"
+            )
+        self.jitter = choice(props, "jitter", JITTERS)
+        self.channels = props.get("channels", "rgb").lower()
+        if set(self.channels) - set("rgb"):
+            raise reject(props, "channels", self.channels, "some of the letters r, g, b")
+        self.band = whole(props, "band", 1 << 18, 1)
+        self.own_aovs, self.mitsuba_aovs = asked_aovs(props)
+        #: What the samples are drawn from, if not from N-rook patterns.
+        self.sampler: mi.Sampler | None = None
+        #: What :meth:`cancel` ends.
+        self._renders: weakref.WeakSet[Render] = weakref.WeakSet()
+        self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
+
+    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
+        """What finds the radiance along rays of ``sensor`` in ``scene``, see :class:`.Transport`; ``attached``: whether
+        derivatives are wanted.
+        """
+        raise NotImplementedError
+
+    def name(self) -> str:
+        """Name of the plugin."""
+        raise NotImplementedError
+
+    def parameter_names(self) -> list[str]:
+        """Names of the parameters that ``str()`` shows."""
+        return [*(name for name in SAMPLING if name != "band"), "channels"]
+
+    def to_string(self) -> str:
+        return describe(self, **{name: getattr(self, name) for name in self.parameter_names()}, aovs=self.aov_names())
+
+    def aov_names(self) -> list[str]:
+        others = self.mitsuba_aovs.aov_names() if self.mitsuba_aovs is not None else []
+        return list(others) + self.own_aovs
+
+    def cancel(self) -> None:
+        """Ends the renders in progress within a second or so; their films keep what was finished."""
+        for render in list(self._renders):
+            render.stop()
+        super().cancel()  # the loop of scalar variants
+
+    # ---------------------------------------------------------------- rendering
+
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> mi.TensorXf:
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        if not dr.is_jit_v(mi.Float):
+            return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
+        self.progressive(scene, sensor, seed, spp).run()
+        film = sensor.film()
+        with alone():
+            image = film.develop() if develop else mi.TensorXf()
+            if evaluate:
+                dr.eval(image)
+                dr.sync_thread()
+        return image
+
+    def progressive(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        *,
+        executor: Executor | None = None,
+        begin: Record | None = None,
+        part: Part | None = None,
+        sampling: Sampling | None = None,
+    ) -> Render:
+        """Returns what :meth:`render` does, as a loop: an iterator that yields a :class:`.Step` after each work item,
+        and whose methods show the image so far.
+
+        ``executor``: takes the samples, in the place of this process; ``begin``: continues from a checkpoint;
+        ``part``: takes the samples of this part of the image alone (``begin`` knows its own); ``sampling``: in the
+        place of the integrator's parameters.
+
+        Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError where ``begin`` belongs to another
+        image, where samples are drawn from a sampler of Mitsuba's, which does not say where it was, and for a part
+        where noise or time are asked for, which go by the whole image.
+        """
+        if not dr.is_jit_v(mi.Float):
+            raise RuntimeError(
+                f"{self.name()}: scalar variants cannot render progressively; use an llvm or cuda variant."
+            )
+        if dr.flag(dr.JitFlag.FreezingScope):
+            raise RuntimeError(
+                f"{self.name()}: an image can't be rendered within a function that dr.freeze records, because how "
+                "many samples are taken is decided on the way; render it outside of that function."
+            )
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        sampling = sampling or self.sampling
+        part = part if begin is None else begin.part
+        if part is not None and sampling.aims:
+            raise ValueError(
+                f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
+                "without them, and let the image that is put together go on until it is good enough."
+            )
+        if self.sampler is not None and (part is not None or begin is not None or executor is not None):
+            raise ValueError(
+                f"{self.name()}: an image can't be kept and gone on with, nor shared out, where its samples are drawn "
+                "from a sampler of Mitsuba's, which does not say where it was; leave the sampler out."
+            )
+        return self._progressive(scene, sensor, seed, spp, self.own_aovs, sampling, part, executor, begin)
+
+    @property
+    def sampling(self) -> Sampling:
+        """How the image is sampled, by the parameters."""
+        return Sampling(**{name: getattr(self, name) for name in SAMPLING})
+
+    @alone()
+    def _progressive(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: int | mi.UInt32,
+        spp: int,
+        own_aovs: Sequence[str] | None,
+        sampling: Sampling,
+        *how: Any,
+    ) -> Render:
+        # With the first image: what makes images, and NumPy, would take longer to load than all plugins together.
+        from .render import Render
+
+        sensor.film().prepare(self.aov_names())
+        plan = Plan.of(sampling, sensor.film(), seed, spp)
+        render = Render(plan, self.estimator(plan, scene, sensor), own_aovs, *how)
+        self._renders.add(render)
+        return render
+
+    def estimator(self, plan: Plan, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
+        """What takes the samples of a ``plan``, through the scene to the film's values."""
+        from .estimate import Estimator
+
+        transport = self.transport(scene, sensor)
+        channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
+        return Estimator(plan, scene, sensor, transport, channels, self.sampler)
+
+    def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
+        """Mitsuba's own loop over pixels and samples."""
+        if self._scalar is not None:  # Mitsuba calls render() of this class once more
+            return super().render(scene, sensor, *arguments)
+        if self.sampling.aims:
+            mi.Log(mi.LogLevel.Warn, f"{self.name()}: noise and time end nothing in scalar variants; the samples do.")
+        self._scalar = self.transport(scene, sensor)
+        try:
+            return super().render(scene, sensor, *arguments)
+        finally:
+            self._scalar = None
+            take_back_interrupts()
+
+    # ---------------------------------------------------------------- derivatives
+
+    @alone()
+    def render_forward(
+        self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
+    ) -> mi.TensorXf:
+        derivatives = self._derivatives(scene, sensor, seed, spp)
+        storage, gradient = mi.TensorXf(derivatives.storage), derivatives.forward()
+        dr.enable_grad(storage)
+        dr.set_grad(storage, gradient)
+        image = derivatives.develop(storage, self.aov_names())
+        dr.forward_to(image)
+        gradient = dr.grad(image)
+        return with_more_channels(gradient, len(self.own_aovs))  # what it says of itself has no derivatives
+
+    @alone()
+    def render_backward(
+        self,
+        scene: mi.Scene,
+        params: Any,
+        grad_in: mi.TensorXf,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+    ) -> None:
+        derivatives = self._derivatives(scene, sensor, seed, spp)
+        storage = mi.TensorXf(derivatives.storage)
+        dr.enable_grad(storage)
+        image = derivatives.develop(storage, self.aov_names())
+        dr.backward(dr.sum(image * grad_in[:, :, : image.shape[2]], axis=None))
+        derivatives.backward(dr.grad(storage))
+
+    def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
+        from .derivatives import Derivatives
+
+        if self.time:
+            raise RuntimeError(
+                f"{self.name()}: derivatives are those of an image's own samples, and how many fit into a time is "
+                "different each time; set samples, max_samples or noise in the place of time."
+            )
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        with dr.suspend_grad():
+            render = self._progressive(scene, sensor, seed, spp, None, self.sampling).run()
+        state = render.state
+        state.estimator.transport = self.transport(scene, sensor, attached=True)
+        return Derivatives(state.plan, state.estimator, state.image(), state.counts())

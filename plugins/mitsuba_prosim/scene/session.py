@@ -1,0 +1,113 @@
+"""Mitsuba made ready: a variant, the plugins of all packages, threads and search paths."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+
+from ..alone import alone
+from ..compat import EXR_THREADS, SOURCE_LINE, TRACEBACK
+
+#: Beginning of a variant's name -> (its backend, what that needs).
+BACKENDS = {
+    "scalar": (None, ""),
+    "llvm": (dr.JitBackend.LLVM, "LLVM"),
+    "cuda": (dr.JitBackend.CUDA, "an NVIDIA GPU with its driver"),
+    "metal": (dr.JitBackend.Metal, "a GPU of Apple's"),
+}
+
+#: The order in which the native command tries them, as far as what it tries first can be had.
+PREFERRED = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
+
+
+def has_backend(variant: str) -> bool:
+    """Whether this machine has what a variant runs on."""
+    backend, _ = BACKENDS[variant.partition("_")[0]]
+    return backend is None or bool(dr.has_backend(backend))
+
+
+def default_variant() -> str:
+    """The most capable variant whose backend this machine has, by the native command's order."""
+    return next(variant for variant in PREFERRED if variant in mi.variants() and has_backend(variant))
+
+
+def set_variant(variant: str | None = None) -> str:
+    """Sets the variant (default: :func:`default_variant`), loads the plugins of all packages, and returns its name.
+
+    Raises ImportError for a variant that this Mitsuba does not have, RuntimeError for one that can't be used here.
+    """
+    variant = variant or default_variant()
+    if variant in mi.variants() and not has_backend(variant):
+        _, need = BACKENDS[variant.partition("_")[0]]
+        raise RuntimeError(
+            f"{variant} needs {need}, and Dr.Jit finds none here. This machine can run "
+            f"{', '.join(filter(has_backend, mi.variants()))}; prosim doctor tells more."
+        )
+    mi.set_variant(variant)
+    load_plugins()
+    return variant
+
+
+def load_plugins() -> None:
+    """Loads the plugins of every package that offers some.
+
+    A package does so by an entry point in the group ``mitsuba``, which names a module that registers them for the
+    active variant when it is imported. Mitsuba 3.10 and later load these by themselves, 3.9 does not.
+    """
+    for entry in entry_points(group="mitsuba"):
+        try:
+            entry.load()
+        except Exception as error:  # noqa: BLE001 (whatever another package does, our plugins can be used)
+            warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
+
+
+def message(error: BaseException, lines: bool = False) -> str:
+    """The words of an error and of its cause, without the Python traceback that Mitsuba puts among them, and without
+    the ``lines`` of Mitsuba's source unless they are asked for.
+    """
+    cause = f" {message(error.__cause__, lines)}" if error.__cause__ else ""
+    text = TRACEBACK.sub("", str(error)) + cause
+    return text if lines else SOURCE_LINE.sub("", text)
+
+
+def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> mi.FileResolver:
+    """Mitsuba's search path with folders at both ends."""
+    with alone():
+        result = mi.FileResolver(mi.file_resolver())
+    for path in reversed(first):
+        result.prepend(str(path))
+    for path in last:
+        result.append(str(path))
+    return result
+
+
+@contextmanager
+def resolving(resolver: mi.FileResolver) -> Iterator[None]:
+    """Sets another search path for a while; other threads that want to do so wait."""
+    with alone():
+        before = mi.file_resolver()
+        mi.set_file_resolver(resolver)
+        try:
+            yield
+        finally:
+            mi.set_file_resolver(before)
+
+
+@contextmanager
+def threads(count: int | None) -> Iterator[None]:
+    """Sets the number of threads for a while; None leaves it."""
+    before = dr.thread_count()
+    dr.set_thread_count(count or before)
+    try:
+        yield
+    finally:
+        dr.set_thread_count(before)
+
+
+def enough_threads() -> AbstractContextManager[None]:
+    """Sets at least :data:`~mitsuba_prosim.compat.EXR_THREADS` for a while."""
+    return threads(max(dr.thread_count(), EXR_THREADS))

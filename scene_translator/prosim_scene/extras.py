@@ -1,0 +1,30 @@
+"""The extras of this project: packages that only some of it needs, and what is said where they are missing."""
+
+from importlib.util import find_spec
+
+#: Extra -> its modules, and the packages that bring them.
+EXTRAS = {
+    "cluster": {"distributed": "distributed"},
+    "compare": {
+        "matplotlib": "matplotlib",
+        "skimage": "scikit-image",
+        "flip_evaluator": "flip-evaluator",
+        "jinja2": "jinja2",
+    },
+    "denoise": {"mitsuba_oidn": "mitsuba-oidn"},
+    "editors": {"pygls": "pygls"},
+    "notebooks": {"ipywidgets": "ipywidgets"},
+    "tev": {"tevclient": "tevclient"},
+    "watch": {"starlette": "starlette", "uvicorn": "uvicorn", "watchfiles": "watchfiles"},
+}
+
+
+def missing(extra: str) -> list[str]:
+    """Packages of an extra that are not installed."""
+    return [package for module, package in EXTRAS[extra].items() if find_spec(module) is None]
+
+
+def needs(what: str, extra: str) -> str:
+    """Says that ``what`` needs an extra, which packages of it are missing, and how to install it."""
+    packages = " and ".join(missing(extra)) or "a package that can be imported"
+    return f"{what} needs {packages}; to get it: pip install 'mitsuba-prosim[{extra}]'"

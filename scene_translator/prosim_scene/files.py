@@ -1,0 +1,79 @@
+"""Scene files: how they are read, and how files are replaced, all of them or nothing."""
+
+import errno
+import os
+import secrets
+import stat
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from contextlib import suppress
+from os import PathLike
+from pathlib import Path
+
+from .language.analysis import SIZE_LIMIT, too_large
+from .language.diagnostics import SceneError
+
+#: How the name of an unfinished file begins. It says nothing of what that becomes, so it is never too long where the
+#: other is not.
+PART = ".prosim-part-"
+
+
+def read(path: str | PathLike[str]) -> str:
+    """The text of a scene file: UTF-8, UTF-16 where it begins with that encoding's mark, or else Latin-1."""
+    path = Path(path)
+    try:
+        if path.stat().st_size > SIZE_LIMIT:
+            raise too_large(path)
+        data = path.read_bytes()
+    except OSError as error:
+        raise SceneError(f"{path}: {error.strerror or error}", str(path)) from None
+    try:
+        text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    if "\0" in text[:2]:  # every other byte of what is most likely UTF-16 without its mark
+        raise SceneError(f"{path}: this is no text in UTF-8; expected it saved in that encoding", str(path))
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def rewrite(path: str | PathLike[str], text: str) -> None:
+    """Puts ``text`` in the place of a scene file's own, all of it or nothing.
+
+    The file keeps its permissions, and a symbolic link stays one: what it leads to is rewritten. Raises SceneError
+    where that cannot be done; the file is then as it was.
+    """
+    try:
+        os.stat(path)  # one that is gone is not made
+        replace(Path(path), text.encode("utf-8"))
+    except OSError as error:
+        raise SceneError(f"{path}: {error.strerror or error}; the file is as it was", str(path)) from None
+
+
+def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
+    """Replaces the file ``path``, or what this link leads to, by one with ``content`` and the same permissions.
+
+    The new file is written to ``folder`` first, or beside ``path``: by default, for a link, and where ``folder`` is on
+    another disk. Raises OSError; then nothing has changed.
+    """
+    if path.is_symlink():
+        path, folder = Path(os.path.realpath(path)), None
+    refuse_special(path)
+    part = (folder or path.parent) / f"{PART}{secrets.token_hex(6)}"
+    try:
+        with open(part, "xb") as file:
+            file.write(content)
+        with suppress(OSError):  # there is no old one, or no mode on such a disk
+            part.chmod(stat.S_IMODE(path.stat().st_mode))
+        os.replace(part, path)
+    except BaseException as error:
+        part.unlink(missing_ok=True)
+        if folder is None or not isinstance(error, OSError) or error.errno != errno.EXDEV:
+            raise
+        replace(path, content)
+
+
+def refuse_special(path: Path) -> None:
+    """Raises OSError where there is something that is neither a file nor a folder: a file in its place would be no
+    device any more, for nobody.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))

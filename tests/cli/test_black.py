@@ -1,0 +1,53 @@
+"""A picture that is black says why it may be."""
+
+import re
+
+import pytest
+from running import prosim
+
+SCENE = """LIGHTS {light}
+VIEW RESOLUTION 8 6 WINDOW -4 -3 4 3 {view}
+CSG-TREE SPHERE 0
+SURFACE 0 {surface}
+TRANSFORM 0
+END
+"""
+LAMP, VIEW = "POINT position 9 9 9", "OBS 0 0 10 VRP 0 0 0"
+
+
+AREA = "AREA position 90 90 90 raio 4"
+
+
+@pytest.mark.parametrize(
+    "light, view, says",
+    [
+        ("", VIEW, "the scene has no lights"),
+        (LAMP, "OBS 0 0 10 VRP 0 0 20", "looks towards (0, 0, 11); the middle of the scene, (0, 0, 0), is 180"),
+        (LAMP, "OBS 30 0 10 VRP 30 0 0", "(0, 0, 0), is 72 degrees off that direction and 31.6 away"),
+        (LAMP, "OBS 0 0 0 VRP 0 0 -1", "the eye is within a solid"),
+        ("POINT position 0 0 -9", VIEW, "they lie in shadow"),
+        (LAMP + " CONE direction 0 1 0 angle 5", VIEW, "the lights shine elsewhere"),
+        (LAMP + " Intensity 3 3 3", VIEW, "its brightest value is"),
+        (LAMP, "OBS 0 0 10 VRP 0 0 9.99", "is 0 degrees off that direction and 10 away; the scene is 2 wide"),
+        (AREA, "OBS 0 0 10 VRP 0 0 20", "is 180 degrees off that direction and 10 away"),
+        (AREA, VIEW + "|kd 0 0 0", "light arrives at the visible surfaces, and none is reflected"),
+        (LAMP + " POINT position 9 0 9 CONE direction 1 0 0 angle 5", VIEW + "|material condutor ouro", "or mirrors"),
+        (LAMP, VIEW, None),
+    ],
+)
+def test_black_pictures_say_why(tmp_path, light, view, says):
+    scene = tmp_path / "scene.scn"
+    view, _, surface = view.partition("|")
+    scene.write_text(SCENE.format(light=light, view=view, surface=surface), encoding="utf-8")
+    done = prosim("render", scene, "--samples", 1)
+    assert done.exit_code == 0, done.output
+    assert ("the picture is black" in done.output) == (says is not None)
+    assert says is None or says in done.output
+
+
+def test_a_picture_shown_brighter_is_not_black(tmp_path):
+    scene = tmp_path / "scene.scn"
+    scene.write_text(SCENE.format(light=LAMP + " Intensity 3 3 3", view=VIEW, surface=""), encoding="utf-8")
+    said = prosim("render", scene, "--samples", 1, "--exposure", -9).output
+    enough = re.search(r"the picture is black: its brightest value is .*--exposure (-?\d+) makes it bright", said)[1]
+    assert "black" not in prosim("render", scene, "--samples", 1, "--exposure", enough).output

@@ -1,0 +1,332 @@
+"""The native ``mitsuba`` command renders scenes that name our plugins, and its Python side is like it."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim import registry
+from mitsuba_prosim.stock_command import hosted, stand_ins
+
+SCENE = """<scene version="3.0.0">
+    <default name="spp" value="4"/>
+    <integrator type="direct"/>
+    <sensor type="perspective">
+        <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/></film>
+        <sampler type="{sampler}"><integer name="sample_count" value="$spp"/></sampler>
+    </sensor>
+    <sensor type="perspective">
+        <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film>
+        <sampler type="{sampler}"><integer name="sample_count" value="$spp"/></sampler>
+    </sensor>
+    <emitter type="constant"/>
+    <shape type="sphere">
+        <transform name="to_world"><translate z="4"/></transform>
+        <bsdf type="{bsdf}">{inside}</bsdf>
+    </shape>
+</scene>
+"""
+BITMAP = '<texture name="reflectance" type="bitmap"><string name="filename" value="wood.png"/></texture>'
+
+
+def write(folder, name, sampler="nrook", bsdf="prosim_lambertian", inside=""):
+    path = folder / name
+    path.write_text(SCENE.format(sampler=sampler, bsdf=bsdf, inside=inside))
+    return path
+
+
+COMMAND = shutil.which("mitsuba", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+
+
+compiled = pytest.mark.skipif(
+    sys.platform != "linux" or not stand_ins.compiler(), reason="needs a C compiler, on Linux"
+)
+
+
+@pytest.fixture(scope="module")
+def plugins(tmp_path_factory):
+    """A folder of stand-ins, those of this source. The command looks into ``plugins`` of the current folder first."""
+    folder = tmp_path_factory.mktemp("plugins")
+    stand_ins.install(stand_ins.plugin_names(), folder)
+    return folder
+
+
+@pytest.fixture
+def mitsuba(plugins):
+    """Runs the command in a folder, which gets the stand-ins."""
+
+    def run(folder, *arguments, **env):
+        if not (folder / "plugins").exists():
+            (folder / "plugins").symlink_to(plugins)
+        return subprocess.run(
+            [COMMAND, *map(str, arguments)],
+            check=False,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            env=os.environ | env,
+        )
+
+    return run
+
+
+def test_every_plugin_has_a_stand_in():
+    assert set(registry.PLUGINS) | set(stand_ins.BUNDLED) <= set(stand_ins.plugin_names())
+
+
+def test_bundled_names_are_mitsubas(variant_rgb):
+    folder = Path(mi.__file__).parent / "python" / "ad"
+    text = "".join(path.read_text() for path in folder.rglob("*.py"))
+    registered = {line.split('"')[1] for line in text.splitlines() if line.startswith("mi.register_")}
+    assert set(stand_ins.BUNDLED) == registered
+
+
+@compiled
+def test_image_equals_render(tmp_path, tmp_path_factory, variant_rgb, mitsuba):
+    """Two of our plugins and a bitmap in a folder of their own: the same pixels as mi.render, to the half."""
+    mi.Bitmap(np.tile(np.linspace(0, 1, 8, dtype=np.float32)[:, None, None], (1, 8, 3))).convert(
+        component_format=mi.Struct.Type.UInt8, srgb_gamma=True
+    ).write(str(tmp_path / "wood.png"))
+    scene = write(tmp_path, "wood.xml", inside=BITMAP)
+    done = mitsuba(tmp_path_factory.mktemp("here"), "-m", "llvm_ad_rgb", "-D", "spp=9", scene)
+    assert done.returncode == 0, done.stderr
+    image = np.array(mi.Bitmap(str(tmp_path / "wood.exr")))
+    reference = np.array(mi.render(mi.load_file(str(scene), parallel=False, spp="9")))
+    assert image.dtype == np.float16 and np.ptp(image) > 0.1
+    assert np.array_equal(image, reference.astype(np.float16))
+
+
+@pytest.mark.slow
+@compiled
+def test_search_path(tmp_path, variant_rgb, mitsuba):
+    """As in the native command: the current folder, then those of -a in their order, then the scene's."""
+    for folder in "scene", "a", "b", "here":
+        (tmp_path / folder).mkdir()
+    texture = (
+        '<texture name="reflectance" type="bitmap"><string name="filename" value="grey.exr"/>'
+        '<boolean name="raw" value="true"/></texture>'
+    )
+    scene = write(tmp_path / "scene", "scene.xml", inside=texture)
+    arguments = ["-a", f"{tmp_path / 'a'};{tmp_path / 'b'}", "-o", tmp_path / "out.exr", scene]
+    for folders, expected in (("scene", "b", "a"), 0.4), (("here",), 0.8):
+        for folder in folders:
+            value = {"scene": 0.1, "b": 0.2, "a": 0.4, "here": 0.8}[folder]
+            mi.Bitmap(np.full((4, 4, 3), value, dtype=np.float32)).write(str(tmp_path / folder / "grey.exr"))
+        assert mitsuba(tmp_path / "here", *arguments).returncode == 0
+        image = np.array(mi.Bitmap(str(tmp_path / "out.exr")), dtype=float)
+        assert image[8, 12].mean() == pytest.approx(expected, rel=0.2)  # few samples, but a factor of two apart
+
+
+@pytest.mark.slow
+@compiled
+def test_several_scenes_none_twice(tmp_path, mitsuba):
+    """A stock scene that the native command has rendered before it met ours is not rendered again."""
+    stock = write(tmp_path, "stock.xml", "independent", "diffuse")
+    ours, other = write(tmp_path, "ours.xml"), write(tmp_path, "other.xml", "multijitter", "diffuse")
+    done = mitsuba(tmp_path, "-m", "llvm_ad_mono", "-s1", stock, ours, other)
+    assert done.returncode == 0, done.stderr
+    for name in ("stock", "ours", "other"):
+        assert done.stdout.count(f'{name}.exr" ..') == 1
+        assert tuple(mi.Bitmap(str(tmp_path / f"{name}.exr")).size()) == (8, 8)
+
+
+@pytest.mark.slow
+@compiled
+def test_one_thread_and_output(tmp_path, mitsuba):
+    """Mitsuba 3.9.1 alone hangs when it writes an EXR with -t 1."""
+    scene = write(tmp_path, "scene.xml")
+    done = mitsuba(tmp_path, "-t", "1", "-o", "out.png", scene)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.exr", "plugins", "scene.xml"]
+
+
+@compiled
+def test_wrong_parameter(tmp_path, mitsuba):
+    scene = write(tmp_path, "scene.xml", bsdf="prosim_conductor", inside='<string name="distribution" value="ggx"/>')
+    done = mitsuba(tmp_path, scene)
+    assert done.returncode == 255
+    assert "Caught a critical exception" in done.stderr and "scene.xml (line 15, col 10)" in done.stderr
+    assert "'ggx'; allowed: one of" in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "scene.exr").exists()
+
+
+@compiled
+def test_stock_scenes_do_not_start_python(tmp_path, mitsuba):
+    scene = write(tmp_path, "scene.xml", "independent", "diffuse")
+    assert mitsuba(tmp_path, scene, MITSUBA_PYTHON="/nowhere").returncode == 0
+
+
+@compiled
+def test_missing_interpreter_is_said(tmp_path, mitsuba):
+    done = mitsuba(tmp_path, write(tmp_path, "scene.xml"), MITSUBA_PYTHON="/nowhere")
+    assert done.returncode == 255 and "MITSUBA_PYTHON" in done.stderr
+
+
+@compiled
+def test_modules_beside_the_scene_are_not_imported(tmp_path, mitsuba):
+    (tmp_path / "numpy.py").write_text("raise SystemExit(7)")
+    assert mitsuba(tmp_path, write(tmp_path, "scene.xml")).returncode == 0
+
+
+@compiled
+def test_stand_ins_do_nothing_in_python(tmp_path, plugins):
+    """Loading one of them by Mitsuba's plugin manager, in a Python without our package, is an error like any other."""
+    code = (
+        "import mitsuba as mi; mi.set_variant('scalar_rgb')\n"
+        "try: mi.load_dict({'type': 'prosim_conductor'})\n"
+        "except RuntimeError as error: print(error)"
+    )
+    (tmp_path / "plugins").symlink_to(plugins)
+    done = subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, capture_output=True, text=True)
+    assert "could not be found" in done.stdout
+
+
+@pytest.mark.slow
+@compiled
+def test_plugins_of_another_package(tmp_path, plugins, mitsuba):
+    """Any package with an entry point in the group ``mitsuba`` is hosted by the same stand-in, here in ./plugins."""
+    site = tmp_path / "site"
+    (site / "other-1.dist-info").mkdir(parents=True)
+    (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
+    (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
+    (site / "other.py").write_text(
+        "import mitsuba as mi\nmi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n"
+    )
+    (tmp_path / "plugins").mkdir()
+    shutil.copy(plugins / "nrook.so", tmp_path / "plugins" / "other_bsdf.so")
+    scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
+    assert mitsuba(tmp_path, scene).returncode == 255
+    done = mitsuba(tmp_path, scene, PYTHONPATH=str(site))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "scene.exr").exists()
+
+
+@compiled
+def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
+    (tmp_path / "plugins").symlink_to(plugins)
+    monkeypatch.chdir(tmp_path)
+    scene = write(tmp_path, "scene.xml")
+    scene.write_text(scene.read_text().replace('"24"', '"512"').replace('"16"', '"512"'))
+    program = Path(mi.__file__).with_name("mitsuba")
+    with subprocess.Popen([program, "-m", "scalar_rgb", "-D", "spp=4096", scene], stdout=subprocess.PIPE) as process:
+        for line in process.stdout:
+            if b"Starting render job" in line:
+                break
+        time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == -signal.SIGINT
+    assert not (tmp_path / "scene.exr").exists()
+
+
+@pytest.fixture
+def own_stand_in(tmp_path):
+    """A stand-in of this source, which begins to render only with the plugin that the scene names."""
+    (tmp_path / "plugins").mkdir()
+    stand_ins.compile_stand_in(tmp_path / "plugins" / "stood_in_for.so")
+    site = tmp_path / "site"
+    (site / "other-1.dist-info").mkdir(parents=True)
+    (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
+    (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
+    (site / "other.py").write_text("""if True:
+        import os, time
+        import mitsuba as mi
+        def plugin(props):
+            print("process", os.getpid(), flush=True)
+            time.sleep(40)  # renders on
+        mi.register_bsdf("stood_in_for", plugin)
+        """)
+    return os.environ | {"PYTHONPATH": f"{site}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+
+
+@pytest.mark.slow
+@compiled
+def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, own_stand_in):
+    """A signal for the process that was started reaches the one that renders, its grandchild."""
+    scene = write(tmp_path, "scene.xml", "independent", "stood_in_for")
+    with subprocess.Popen(
+        [COMMAND, "-m", "scalar_rgb", scene.name], cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=own_stand_in
+    ) as launcher:
+        renderer = next(int(line.split()[1]) for line in launcher.stdout if line.startswith("process"))
+        assert renderer != launcher.pid
+        launcher.terminate()
+        begun = time.monotonic()
+        launcher.stdout.read()  # ends when both have
+        assert time.monotonic() - begun < 20
+        assert launcher.wait() == -signal.SIGTERM
+
+
+@pytest.mark.slow
+@compiled
+def test_hang_up_writes_the_image_so_far(tmp_path, plugins, monkeypatch):
+    (tmp_path / "plugins").symlink_to(plugins)
+    monkeypatch.chdir(tmp_path)
+    scene = write(tmp_path, "scene.xml")
+    scene.write_text(
+        scene.read_text()
+        .replace(
+            '"direct"/>',
+            '"prosim"><integer name="samples" value="12"/><string name="adaptive" value="none"/></integrator>',
+        )
+        .replace('"24"', '"512"')
+        .replace('"16"', '"2048"')
+    )
+    program = Path(mi.__file__).with_name("mitsuba")
+    with subprocess.Popen([program, "-m", "llvm_ad_rgb", scene], stdout=subprocess.PIPE) as process:
+        for line in process.stdout:
+            if b"Embree ready" in line:
+                break
+        process.send_signal(signal.SIGHUP)
+        assert b"Developing" in process.stdout.readline()
+        image = None
+        while image is None and process.poll() is None:
+            try:
+                image = np.array(mi.Bitmap(str(tmp_path / "scene.exr")))
+            except RuntimeError:  # not there, or not complete
+                time.sleep(0.05)
+        process.kill()
+    assert image.shape == (2048, 512, 3)
+    assert image[0].max() > 0 and image[-1].max() == 0
+
+
+@pytest.mark.parametrize(
+    "words, options, scenes",
+    [
+        (["-vvt4", "a.xml"], {"-v": [None, None], "-t": ["4"]}, ["a.xml"]),
+        (
+            ["--mode", "x", "-Da=1", "-D", "b=2", "a.xml", "b.xml"],
+            {"-m": ["x"], "-D": ["a=1", "b=2"]},
+            ["a.xml", "b.xml"],
+        ),
+        (["-WW", "-O0", "-o", "y.exr", "-ap;q"], {"-W": [None] * 2, "-O": ["0"], "-o": ["y.exr"], "-a": ["p;q"]}, []),
+        (["--append", "p", "--verbose", "--define", "k=v"], {"-a": ["p"], "-v": [None], "-D": ["k=v"]}, []),
+    ],
+)
+def test_arguments(words, options, scenes):
+    assert hosted.parse_arguments(words) == (options, scenes)
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (["-x"], 'Argument "-x" was not recognized!'),
+        (["--wrong"], 'Argument "--wrong" was not recognized!'),
+        (["-t"], 'Missing/invalid argument for argument "-t"'),
+        (["--sensor", "-1"], 'Missing/invalid argument for argument "--sensor"'),
+        (["-t", "many"], 'Argument "-t": value "many" is not an integer!'),
+        (["-V", "8"], "-V: the vector width can't be set"),
+        (["-D", "key"], "-D/--define: expect key=value pair!"),
+        (["-m", "scalar_rgb", "-W"], "only makes sense in a JIT"),
+        (["-m", "llvm_wrong"], "unsupported variant"),
+    ],
+)
+def test_wrong_use(words, message, capsys, monkeypatch):
+    monkeypatch.setattr(mi, "set_log_level", lambda _: None)
+    assert hosted.main("nrook", *words) == 255
+    assert message in capsys.readouterr().err

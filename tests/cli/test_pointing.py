@@ -1,0 +1,80 @@
+"""An error in an XML scene shows its place as one in a scene of the language does."""
+
+import re
+
+import pytest
+from running import prosim
+
+XML = """<scene version="3.0.0">
+    <sensor type="perspective"/>
+    <shape type="sphere">
+\t<float name="radius" value="1"/></shape>
+</scene>
+"""
+
+
+@pytest.mark.parametrize(
+    "old, new, line, under",
+    [
+        ('type="sphere"', 'type="spheree"', "    <shape", "shape"),
+        ('"1"/>', '"wide"/>', " <float name", "float"),
+        ("</shape>", "", "</scene>", "scene>"),
+    ],
+)
+def test_places_in_xml_have_a_caret(tmp_path, old, new, line, under):
+    scene = tmp_path / "a scene.xml"
+    scene.write_text(XML.replace(old, new), encoding="utf-8")
+    done = prosim("render", scene, "-m", "scalar_rgb")
+    assert done.exit_code == 2
+    quoted, caret = done.output.splitlines()[-2:]
+    assert quoted.startswith(f"    {line}") and caret.strip() == "^"
+    assert quoted[caret.index("^") :].startswith(under)
+    assert ('"spheree" not found! Did you mean sphere?\n' in done.output) == ("spheree" in new)
+
+
+def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
+    from mitsuba_prosim.scene.errors import with_nearest
+
+    words = 'failed to instantiate {} plugin of type "{}": [PluginManager] Plugin "{}" not found!'
+    for kind, name, meant in [
+        ("bsdf", "roughconductorr", " Did you mean roughconductor?"),
+        ("bsdf", "prosim_composit", " Did you mean prosim_composite?"),
+        ("rfilter", "mitchel", " Did you mean mitchell?"),
+        ("shape", "roughconductorr", ""),
+        ("bsdf", "xyzzy", ""),
+    ]:
+        said = words.format(kind, name, name)
+        assert with_nearest(f"{said}\nmore") == f"{said}{meant}\nmore"
+
+
+def test_what_can_not_be_shown_is_said_alone(tmp_path):
+    """Words without a place, or with one that is not there to be read."""
+    from mitsuba_prosim.scene.errors import pointed
+
+    gone = f"At {tmp_path}/gone.xml (line 3, col 6): failed"
+    for words in ("[Film] too wide", gone, 'Loading "a.ply" (line 1, col 1)'):
+        assert pointed(words) == words
+    short = tmp_path / "short.xml"
+    short.write_text("<scene/>\n", encoding="utf-8")
+    said = f"While loading {short} (line {{}}, col 2): wrong\n  - more"
+    assert pointed(said.format(9)) == said.format(9)
+    assert re.search(r"more\n    <scene/>\n     \^$", pointed(said.format(1)))
+    outer = f"Error while loading {tmp_path}/gone.xml (line 1, col 2): while processing <include>:\n"
+    assert pointed(outer + said.format(1)).endswith("     ^")
+
+
+def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
+    from mitsuba_prosim.scene.errors import pointed
+
+    scene, part, secret = tmp_path / "scene" / "scene.xml", tmp_path / "scene" / "part.xml", tmp_path / "secret.xml"
+    scene.parent.mkdir()
+    for path in (secret, part):
+        path.write_text(f"<{path.stem}/>")
+    scene.symlink_to(part)
+    (scene.parent / "link.xml").symlink_to(secret)
+    (tmp_path / "named.xml").symlink_to(part)
+    for path, shown in ((secret, False), (scene.parent / "link.xml", False), (part, True), (scene, True)):
+        words = f'could not parse floating point value "At "{path}" (line 1, col 2)"'
+        assert (pointed(words, scene) != words) == shown
+    words = f"While loading {tmp_path}/named.xml (line 1, col 2): wrong"
+    assert pointed(words, tmp_path / "named.xml").endswith("\n    <part/>\n     ^")

@@ -1,0 +1,121 @@
+"""Whatever Mitsuba calls and returns, in the version that is installed or the next one, the image is the same.
+
+The next one is imitated: its transforms have ``eval`` alone, the names of parameters are its own, and meshes have
+tensors.
+"""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim import compat
+from mitsuba_prosim.caustics.footprint import Footprint
+from mitsuba_prosim.caustics.targets import sphere
+from mitsuba_prosim.scene.black import why
+from scenes import mesh, penumbra
+
+#: Parameters of Mitsuba 3.9 -> those of 3.10.
+RENAMED = {"to_world": "to_world.transform", "vertex_positions": "positions"}
+
+
+class Animated:
+    """A ``mi.AnimatedTransform4f`` of Mitsuba 3.10 with one keyframe: no matrix, no ``@``."""
+
+    def __init__(self, transform):
+        self._transform = transform
+
+    def eval(self, time):
+        return self._transform
+
+
+class Parameters:
+    """The parameters of an object under their names of 3.10; there are none of 3.9."""
+
+    def __init__(self, parameters):
+        self._parameters = parameters
+        self._names = {self._new(name): name for name in dict.fromkeys(parameters.keys())}
+
+    @staticmethod
+    def _new(name):
+        before, _, last = name.rpartition(".")
+        return f"{before}." * bool(before) + RENAMED.get(last, last)
+
+    def __contains__(self, name):
+        return name in self._names
+
+    def __getitem__(self, name):
+        value = self._parameters[self._names[name]]
+        return mi.TensorXf(value, (len(value) // 3, 3)) if name.endswith("positions") else value
+
+    def __setitem__(self, name, value):
+        self._parameters[self._names[name]] = value
+
+    def keys(self):
+        return self._names.keys()
+
+    def update(self, *args):
+        return self._parameters.update(*args)
+
+
+@pytest.fixture
+def next_mitsuba(variant_rgb, monkeypatch):
+    """Puts the interface of Mitsuba 3.10 over that of 3.9."""
+    sensor, traverse = mi.Sensor.world_transform, mi.traverse
+
+    def put():
+        monkeypatch.setattr(mi.Endpoint, "world_transform", lambda self: Animated(sensor(self)))
+        monkeypatch.setattr(mi, "traverse", lambda node: Parameters(traverse(node)))
+
+    return put
+
+
+def window():
+    """A scene through our own sensor, with photons off a mesh of glass."""
+    scene = penumbra(size=8, type="prosim", caustics=2000, samples=2)
+    scene["sensor"] |= {"type": "prosim_window"}
+    del scene["sensor"]["fov"]
+    corners = [[0.5, 0.3, 1], [1, 0.3, 1.5], [0.5, 0.3, 2], [0, 0.3, 1.5]]
+    scene["pane"] = mesh(corners, [(0, 1, 2), (0, 2, 3)], bsdf={"type": "dielectric"})
+    return scene
+
+
+@pytest.mark.parametrize("scene", [penumbra, window])
+def test_the_image_is_the_same(next_mitsuba, scene):
+    scenes = [mi.load_dict(scene(size=8) if scene is penumbra else scene()) for _ in range(2)]
+    before = np.array(mi.render(scenes[0]))
+    next_mitsuba()
+    assert np.array_equal(np.array(mi.render(scenes[1])), before) and before.any()
+
+
+def test_what_is_measured_is_the_same(next_mitsuba):
+    """The footprint of a pixel, spheres around meshes, and why a picture is black."""
+    scene = mi.load_dict(window())
+    sensor, pane = scene.sensors()[0], next(shape for shape in scene.shapes() if shape.is_mesh())
+
+    def measured():
+        footprint = Footprint.of(scene, sensor)
+        return (
+            *np.ravel(footprint.eye),
+            footprint.spread[0],
+            *sphere(pane),
+            *compat.world_matrix(sensor).ravel(),
+            why(scene, sensor, np.zeros((2, 2, 3))),
+        )
+
+    before = measured()
+    next_mitsuba()
+    assert measured() == before
+    assert sphere(pane)[3] < 0.55  # the half diagonal of its box is 0.7
+
+
+@pytest.mark.parametrize("kind", ["perspective", "prosim_window"])
+def test_a_sensor_is_moved(next_mitsuba, kind):
+    sensor = mi.load_dict({"type": kind})
+    next_mitsuba()
+    matrix = np.eye(4)
+    matrix[:3, 3] = 1, 2, 3
+    parameters = mi.traverse(sensor)
+    compat.set_world_transform(sensor, parameters, matrix)
+    parameters.update()
+    assert np.array_equal(compat.world_matrix(sensor), matrix)
+    ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
+    assert np.ravel(ray.o)[:2] == pytest.approx([1, 2])

@@ -1,0 +1,178 @@
+"""A scene that is confined can name no file outside its folder: each way to one is refused before it is gone."""
+
+from pathlib import Path
+
+import mitsuba as mi
+import pytest
+from mitsuba_prosim.compat import LIBRARIES
+from mitsuba_prosim.scene import session
+from mitsuba_prosim.scene.confinement import OutsideError
+from mitsuba_prosim.scene.references import UnreadableError
+from mitsuba_prosim.scene.scene_file import SceneFile
+
+INCLUDE, SPECTRUM = (
+    '<include filename="{}"/>',
+    '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>',
+)
+STRING = '<shape type="ply">\n  <string name="filename" value="{}"/></shape>'
+METAL = '<bsdf type="conductor"><string name="material" value="{}"/></bsdf>'
+HERE = '<scene version="3.0.0">\n{}</scene>'
+
+LITTLE = """LIGHTS AREA position 10 20 30 Intensity 60000 60000 60000 raio 4
+VIEW OBS 0 3 12 VRP 0 0 0 WINDOW -4 -3 4 3 RESOLUTION 8 6
+CSG-TREE SPHERE 0
+SURFACE 0 material lambertiano kd = 0.4 0.5 0.6
+TRANSFORM 0 SCALE (2 2 2)
+END
+"""
+
+#: What a scene names, with OUT for the absolute path of the folder around its own.
+OUTSIDE = {
+    "included from above": INCLUDE.format("../secret.xml"),
+    "included by its path": INCLUDE.format("OUT/secret.xml"),
+    "included in a detour": INCLUDE.format("parts/../../secret.xml"),
+    "included from the folder where the command is given": INCLUDE.format("secret.xml"),
+    "included by a link": INCLUDE.format("link.xml"),
+    "included by a link of a folder": INCLUDE.format("up/secret.xml"),
+    "included by what is included": INCLUDE.format("parts/above.xml"),
+    "a device": INCLUDE.format("/dev/zero"),
+    "written in characters' numbers": INCLUDE.format("&#x2e;&#46;/secret.xml"),
+    "behind CDATA and comments": "<!-- <![CDATA[ -->" + INCLUDE.format("../secret.xml") + "<!-- ]]> -->",
+    "a folder to search": '<path value=".."/>' + INCLUDE.format("secret.xml"),
+    "a folder to search by its path": '<path value="OUT"/>',
+    "a folder to search, a link": '<path value="up"/>',
+    "a parameter": '<default name="x" value=".."/>' + INCLUDE.format("$x/secret.xml"),
+    "parameters that begin alike": '<default name="x" value="a"/><default name="xx" value=".."/>'
+    + INCLUDE.format("$xx/secret.xml"),
+    "a parameter in a parameter": r'<default name="xx" value="\$y"/><default name="y" value=".."/>'
+    + INCLUDE.format("$xx/secret.xml"),
+    "a parameter of what is included": INCLUDE.format("parts/default.xml") + INCLUDE.format("$up/secret.xml"),
+    "a spectrum": SPECTRUM.format("../secret.spd"),
+    "a spectrum from the folder where the command is given": SPECTRUM.format("secret.spd"),
+    "a spectrum by a link": SPECTRUM.format("link.spd"),
+    "a mesh": STRING.format("../secret.ply"),
+    "a mesh by its path": STRING.format("OUT/secret.ply"),
+    "a mesh from the folder where the command is given": STRING.format("secret.ply"),
+    "a mesh by a link": STRING.format("link.ply"),
+    "a mesh that is not there": STRING.format("../none.ply"),
+    "a metal": METAL.format("../../../secret"),
+    "a metal by a link": METAL.format("link"),
+    "a name that no plugin here has": '<shape type="sphere"><string name="picture" value="../secret.ply"/></shape>',
+    "a plugin": '<shape type="../../secret"/>',
+    "a plugin from the folder where the command is given": '<shape type="secret"/>',
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The folder of a scene in another, which has secrets, and where the command is given."""
+    folder = tmp_path / "scene"
+    for name in ("parts", "data/ior"):
+        (folder / name).mkdir(parents=True)
+    for end in (".xml", ".spd", ".ply"):
+        (tmp_path / f"secret{end}").write_text("SECRET 1")
+        (folder / f"link{end}").symlink_to(tmp_path / f"secret{end}")
+        (folder / f"good{end}").write_text(
+            "400 1\n700 1" if end == ".spd" else HERE.format('<emitter type="constant"/>')
+        )
+    (tmp_path / "plugins").mkdir()
+    for end in LIBRARIES:
+        (tmp_path / "plugins" / f"secret{end}").write_text("SECRET")
+    (folder / "up").symlink_to(tmp_path)
+    (folder / "data" / "ior" / "link.eta.spd").symlink_to(tmp_path / "secret.spd")
+    (folder / "parts" / "above.xml").write_text(HERE.format(INCLUDE.format("../../secret.xml")))
+    (folder / "parts" / "default.xml").write_text(HERE.format('<default name="up" value=".."/>'))
+    (folder / "parts" / "beside.xml").write_text(HERE.format(INCLUDE.format("../good.xml")))
+    monkeypatch.chdir(tmp_path)
+    resolver = mi.FileResolver(mi.file_resolver())
+    resolver.prepend(str(tmp_path))  # as Mitsuba does with the folder in which it is imported
+    with session.resolving(resolver):
+        yield folder
+
+
+def opened(folder, text, confined=True, **definitions):
+    path = folder / "scene.xml"
+    path.write_bytes(text if isinstance(text, bytes) else HERE.format(text).encode())
+    return SceneFile(path, folder, definitions=definitions, confined=confined)
+
+
+@pytest.mark.parametrize("way", OUTSIDE)
+def test_files_outside_are_refused(variant_rgb, folder, way):
+    text = OUTSIDE[way].replace("OUT", str(folder.parent))
+    with pytest.raises(OutsideError, match=r"^At .*\.xml \(line \d, col \d+\): ") as error:
+        opened(folder, text)
+    words = str(error.value)
+    assert "SECRET" not in words and "--allow-outside" in words
+
+
+def test_files_that_the_command_defines_are_refused_too(variant_rgb, folder):
+    with pytest.raises(OutsideError, match="<include> names"):
+        opened(folder, INCLUDE.format("$x.xml"), x=str(folder.parent / "secret"))
+
+
+def test_files_within_and_those_of_mitsuba_are_read(variant_rgb, folder):
+    """As without a confinement; what is not there is missed by Mitsuba, in its own words."""
+    (folder.parent / "rgb").mkdir()  # a word of Mitsuba's, where the command is given
+    (folder / "again.ply").symlink_to(folder / "good.ply")
+    texts = [INCLUDE.format("parts/beside.xml"), SPECTRUM.format("good.spd"), SPECTRUM.format("data/ior/Cu.eta.spd")]
+    texts += ['<path value="parts"/>' + INCLUDE.format("default.xml") + STRING.format("$up/good.ply")]
+    texts += [STRING.format("parts/../again.ply"), STRING.format("$x"), STRING.format(folder / "good.ply")]
+    texts += [
+        '<sensor type="perspective"><film type="hdrfilm"><string name="pixel_format" value="rgb"/></film></sensor>'
+    ]
+    for text in texts:
+        opened(folder, text, x="good.ply") if "$x" in text else opened(folder, text)
+    assert opened(folder, METAL.format("Cu")).load()
+    for missing in (SPECTRUM, INCLUDE, STRING):
+        with pytest.raises(RuntimeError, match=r"\w+\.cpp"):
+            opened(folder, missing.format("none.ply")).load()
+    for text in (STRING.format("../secret.ply"), METAL.format("link")):
+        opened(folder, text, confined=False)
+    opened(folder, SPECTRUM.format("good.spd").replace("good", "../scene/good"), confined=True)
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ('<!DOCTYPE scene [<!ENTITY x "x">]><scene version="3.0.0"/>', r"<!DOCTYPE> is not for scenes \(line 1, "),
+        (HERE.format("<shape type='a' type='b'/>"), r"duplicate attribute \(line 2, col 17\)"),
+        (HERE.format(STRING.format("a & b")), r"not well-formed .*\(line 3, col 37\)"),
+        (HERE.format("").encode("utf-16"), "it is not in UTF-8"),
+        (HERE.format("<!-- é -->").encode("latin-1"), "it is not in UTF-8"),
+        ('<?xml version="1.0" encoding="latin1"?>' + HERE.format("<!-- é -->"), "said to be in latin1; expected UTF-8"),
+        (HERE.format(INCLUDE.format("$x")), r"\(line 2, col 2\)\S* undefined parameter: \$x"),
+        (HERE.format(3 * INCLUDE.format("scene.xml")), "include each other"),
+    ],
+)
+def test_text_that_others_might_read_otherwise_is_refused(variant_rgb, folder, text, says):
+    with pytest.raises((UnreadableError, RuntimeError), match=says):
+        opened(folder, text if isinstance(text, bytes) else text.encode())
+
+
+def test_nothing_takes_the_place_of_mitsubas_own_files(variant_rgb, folder):
+    """Neither in a scene of the language. Without a confinement Mitsuba looks for them in the scene's folder first."""
+    (folder / "data" / "ior" / "Cu.eta.spd").symlink_to(folder.parent / "secret.spd")
+    suffix = next((Path(mi.__file__).parent / "plugins").glob("cube.*")).suffix
+    (folder / "plugins").mkdir()
+    (folder / "plugins" / f"cube{suffix}").symlink_to(folder.parent / "secret.xml")
+    assert opened(folder, METAL.format("Cu")).load() and opened(folder, '<shape type="cube"/>').load()
+    with pytest.raises(RuntimeError):
+        opened(folder, METAL.format("Cu"), confined=False).load()
+    scene = folder / "scene.scn"
+    scene.write_text(LITTLE)
+    assert SceneFile(scene, folder / "made", confined=True).load()
+
+
+def test_a_text_that_is_exchanged_while_it_is_read(variant_rgb, folder, monkeypatch):
+    """What Mitsuba has parsed is looked at, not what was in the file before."""
+    parse = mi.parser.parse_file
+
+    def exchanged(config, path, **parameters):
+        Path(path).write_text(HERE.format(texts.pop()))
+        return parse(config, path, **parameters)
+
+    monkeypatch.setattr(mi.parser, "parse_file", exchanged)
+    texts = [STRING.format("../secret.ply"), INCLUDE.format("good.xml")]
+    for says in ("was changed", "names"):
+        with pytest.raises(OutsideError, match=says):
+            opened(folder, "")

@@ -1,0 +1,79 @@
+"""What is written of a film is what the film holds."""
+
+import io
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+import pytest
+from mitsuba_prosim.scene import images, session
+
+
+def film(**settings):
+    """A rendered film of 20 x 10 pixels."""
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "light": {"type": "constant"},
+            "ball": {"type": "sphere", "to_world": mi.ScalarTransform4f().translate([0, 0, 4])},
+            "integrator": {"type": "aov", "aovs": "nn:sh_normal,depth:depth", "path": {"type": "path"}},
+            "sensor": {
+                "type": "perspective",
+                "sampler": {"type": "independent"},
+                "film": {"type": "hdrfilm", "width": 20, "height": 10} | settings,
+            },
+        }
+    )
+    mi.render(scene)
+    return scene.sensors()[0].film().bitmap()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"component_format": "float32"},
+        {"component_format": "float16"},
+        {"pixel_format": "rgba"},
+        {"pixel_format": "luminance", "component_format": "float32"},
+    ],
+)
+def test_exr_holds_the_film_bit_by_bit(variant_rgb, tmp_path, settings):
+    """Every channel under its name, in its precision; both OpenEXR's library and Mitsuba read the same."""
+    bitmap = film(**settings)
+    content = images.exr(bitmap, {"prosim.scene": "a"})
+    pixels = np.array(bitmap)
+    read = OpenEXR.File(io.BytesIO(content), separate_channels=True)
+    names = [field.name for field in bitmap.struct_()]
+    assert "nn.X" in names and set(read.channels()) == set(names)
+    for k, name in enumerate(names):
+        plane = read.channels()[name].pixels
+        assert plane.dtype == pixels.dtype
+        assert plane.tobytes() == np.ascontiguousarray(pixels[..., k]).tobytes()
+    (tmp_path / "a.exr").write_bytes(content)
+    again = mi.Bitmap(str(tmp_path / "a.exr"))
+    assert {field.name for field in again.struct_()} == set(names)
+    assert again.metadata()["prosim.scene"] == "a"
+
+
+def test_exr_in_one_thread(variant_rgb):
+    """Mitsuba 3.9 alone would wait for ever."""
+    with session.threads(1):
+        assert images.exr(film(), {})[:4] == b"v/1\x01"
+
+
+def test_a_name_that_is_no_text(variant_rgb):
+    name = b"caf\xe9.scn".decode("utf-8", "surrogateescape")
+    header = OpenEXR.File(io.BytesIO(images.exr(film(), {"prosim.scene": name}))).header()
+    assert header["prosim.scene"] == r"caf\udce9.scn"
+
+
+def test_png_is_srgb_of_the_exposed_image(variant_rgb, tmp_path):
+    bitmap = mi.Bitmap(np.full((4, 6, 3), 0.25, dtype=np.float32))
+    (tmp_path / "a.png").write_bytes(images.encode(bitmap, {}, 1)[".png"])
+    shown = mi.Bitmap(str(tmp_path / "a.png"))
+    assert np.all(np.abs(np.array(shown) - 255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055)) <= 1)
+
+
+def test_spectral_bins_have_no_png(variant_spectral):
+    bitmap = mi.Bitmap(np.zeros((4, 6, 5), dtype=np.float32), mi.Bitmap.PixelFormat.MultiChannel)
+    assert set(images.encode(bitmap, {})) == {".exr"}

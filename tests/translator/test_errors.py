@@ -205,8 +205,8 @@ WRONG = [
     (5, "SURFACE 0 kd = 60% 0 0", 16, ["found '60%', which is not a number; write 0.6"]),
     (5, "SURFACE 0 kd = 153 .2 .2", 16, ["1 at most: a share from 0 to 1, not from 0 to 255; 153 of 255 is 0.6"]),
     # digits of other scripts
-    (4, "CSG-TREE CUBE ٠", 15, ["unknown word '٠' after CUBE; expected 1 number (its index)"]),
-    (5, "SURFACE ٠ kd = .5", 9, ["unknown word '٠' after SURFACE"]),
+    (4, "CSG-TREE CUBE ٣", 15, ["unknown word '٣' after CUBE; expected 1 number (its index)"]),
+    (5, "SURFACE ٣ kd = .5", 9, ["unknown word '٣' after SURFACE"]),
     # materials by other words
     (5, "SURFACE 0 material metal", 20, ["found 'metal'", "composto; for a metal: material condutor and its name"]),
     (5, "SURFACE 0 material ouro", 20, ["unknown word 'ouro'", "did you mean 'condutor ouro'"]),

@@ -349,7 +349,8 @@ def test_a_solid_that_vanishes_by_an_operator_between_its_operands_is_told_of_th
     """The tree is valid, but means something else than + + + A (B * C)."""
     path = tmp_path / "s.scn"
     path.write_text(
-        "LIGHTS POINT position 0 9 9\nCSG-TREE + + +\nCYLINDER 1\n- CYLINDER 2 *\nCONE 3\nCYLINDER 4\nSPHERE 5 SPHERE 6\n"
+        "LIGHTS POINT position 0 9 9\nCSG-TREE + + +\nCYLINDER 1\n- CYLINDER 2 *\nCONE 3\nCYLINDER 4\n"
+        "SPHERE 5 SPHERE 6\n"
         + "".join(f"SURFACE {i}\nTRANSFORM {i} TRANSLATE ({5 * i} 0 0)\n" for i in range(1, 7))
         + "END\n"
     )

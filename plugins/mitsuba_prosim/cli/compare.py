@@ -58,7 +58,7 @@ def levels(text: str) -> tuple[int, ...]:
 @option(
     "Comparison",
     "--reference-seconds",
-    type=Finite(min=0),
+    type=Finite("seconds", low=0),
     default=60,
     help="Time for each reference; a cached one is continued.",
 )

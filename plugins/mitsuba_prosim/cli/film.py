@@ -112,7 +112,7 @@ class Film:
             seed = (self.job.seed + number) % 2**32
             job = replace(self.job, definitions={**self.job.definitions, **own}, seed=seed)
             with naming(number), wrong_input():
-                file = job.file(folder, self.kept)
+                file = job.file(folder, kept=self.kept)
                 self.see_changes(number)
                 made_of = digest(job, file)
             if job.overwrite or not exists(self.path(number), made_of):

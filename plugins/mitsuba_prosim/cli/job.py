@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-import mitsuba as mi
 import prosim_scene
-from prosim_scene import Document
 
 from ..engine.part import Part
 from ..engine.record import Record
@@ -29,40 +27,23 @@ ENDS = ("noise", "noise_99", "time")
 
 #: Options that exclude each other: some, others, and what to do.
 CONFLICTS = (
-    (("spp",), ("samples",), "--spp and --samples both say how many samples a pixel gets; give one of them."),
+    ("spp", "samples", "--spp and --samples both say how many samples a pixel gets; give one of them."),
+    ("workers", "cluster", "--workers starts a cluster here, and --cluster names one that runs; give one of them."),
+    ("part", "workers cluster", "--part is for processes that know nothing of each other; leave it to the cluster."),
     (
-        ("workers",),
-        ("cluster",),
-        "--workers starts a cluster on this machine, and --cluster names one that runs; give one of them.",
-    ),
-    (
-        ("part",),
-        ("workers", "cluster"),
-        "--part is for processes that know nothing of each other; leave it to the cluster.",
-    ),
-    (
-        ("part",),
-        ENDS,
+        "part",
+        "noise noise_99 time",
         "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
         "with --adaptive none, then prosim merge --keep, and continue the image: prosim resume NAME.state.exr "
         "--noise X --adaptive graded. Where machines can talk to each other, --cluster does it in one step.",
     ),
+    ("denoise", "keep part", "--denoise renders two images, and --keep and --part keep the state of one; give either."),
     (
-        ("denoise",),
-        ("keep", "part"),
-        "--denoise renders two images, and --keep and --part keep the state of one; give either.",
+        "frames",
+        "part",
+        "--part is for single images. To share a film, give each machine some of its --frames: 0:24 here, 24:48 there.",
     ),
-    (
-        ("frames",),
-        ("part",),
-        "--part is for single images. A film is shared by giving each machine some of its --frames, such as 0:24 here "
-        "and 24:48 there.",
-    ),
-    (
-        ("frames",),
-        ("view",),
-        "--view is for single images. To see one frame: --frames 7 without it, or -D frame=7 with it.",
-    ),
+    ("frames", "view", "--view is for single images. To see one frame: --frames 7 without it, or -D frame=7 with it."),
 )
 
 
@@ -126,42 +107,12 @@ class Job:
         """What a record of it has to say, so that another process can continue it: ``job`` and ``digest``."""
         return {"job": self.image() | {"scene": os.path.abspath(self.scene)}, "digest": file.digest()}
 
-    def file(
-        self,
-        folder: Path,
-        kept: prosim_scene.Kept | None = None,
-        confined: bool = False,
-        document: Document | None = None,
-    ) -> scene_file.SceneFile:
-        """The scene file; see :class:`.scene_file.SceneFile`. ``folder``: for translations; ``kept``: the cache of
-        translations; ``confined``: whether it can name no file outside its own folder; ``document``: the text, where
-        it has been read already. Raises what its maker raises.
+    def file(self, folder: Path, **how: Any) -> scene_file.SceneFile:
+        """The scene file; ``folder``: for translations; ``how``: see :class:`.scene_file.SceneFile`, which says what is
+        raised.
         """
-        return scene_file.SceneFile(
-            self.scene,
-            folder,
-            definitions=self.definitions,
-            resolution=self.resolution,
-            crop=self.crop,
-            samples=self.samples,
-            integrator=self.integrator,
-            kept=kept,
-            confined=confined,
-            document=document,
-            **self.language,
-        )
-
-    def open(
-        self,
-        folder: Path,
-        kept: prosim_scene.Kept | None = None,
-        confined: bool = False,
-        document: Document | None = None,
-    ) -> tuple[scene_file.SceneFile, mi.Scene, mi.Sensor]:
-        """The scene file, its scene and its sensor; see :meth:`file`. Raises what their makers raise."""
-        file = self.file(folder, kept, confined, document)
-        scene = file.load()
-        return file, scene, scene_file.pick_sensor(scene, self.sensor)
+        image = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "samples", "integrator")}
+        return scene_file.SceneFile(self.scene, folder, **image, **how, **self.language)
 
 
 #: The fields that say which image it is.
@@ -194,8 +145,8 @@ def takes_job(*names: str) -> Callable[[Callable], Callable]:
 def job_of(options: dict[str, Any]) -> Job:
     """The job that options ask for. Raises UsageError where they contradict each other."""
     given = {name for name, value in options.items() if value is not None and value is not False}
-    for some, others, message in CONFLICTS:
-        if given & set(some) and given & set(others):
+    for one, others, message in CONFLICTS:
+        if one in given and given & set(others.split()):
             raise click.UsageError(message)
     if "frames" not in given and (film := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film)} is for films; say which --frames.")

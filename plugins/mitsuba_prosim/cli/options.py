@@ -147,6 +147,13 @@ def viewer(text: str) -> tuple[str, int]:
     return (found["host"], int(found["port"])) if found["port"] else (TEV_HOST, TEV_PORT)
 
 
+class Text(click.types.StringParamType):
+    """Any text; ``name``: what it is in the help."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
 class Whole(click.IntRange):
     """A whole number in a range."""
 
@@ -162,9 +169,13 @@ class Whole(click.IntRange):
 
 
 class Finite(click.FloatRange):
-    """A number in a range, and not "nan", which no range keeps out."""
+    """A number in a range, and not "nan", which no range keeps out; ``name``: what it is in the help."""
 
-    name = "number"
+    def __init__(
+        self, name: str, low: float | None = None, high: float | None = None, open_below: bool = False
+    ) -> None:
+        super().__init__(low, high, open_below)
+        self.name = name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number."""
@@ -231,174 +242,115 @@ def option(group: str, *names: str, **settings: Any) -> Callable[[Callable], Cal
     return click.option(*names, cls=Option, group=group, **settings)
 
 
-ABOVE_0 = Finite(min=0, min_open=True)
+PATH, VARIANT = Text("path"), Text("variant")
+SECONDS = Finite("seconds", low=0, open_below=True)
+ERROR = Finite("error", low=0, open_below=True)
+EXPOSURE = Finite("stops", -STOPS, STOPS)
+ADDRESS = Pattern("ADDRESS", "tcp://machine:8786, the address that `dask scheduler` prints", address)
+UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
+
+#: Group of the help -> parameter -> (type, None for a flag; help; names, if they are not that of the parameter).
+TABLE: dict[str, dict[str, tuple[Any, ...]]] = {
+    "Quality": {
+        "noise": (ERROR, "Stop when the RMS error of the displayed image is below this (white = 1); 0.01 is usual."),
+        "time": (SECONDS, "Stop after this time; with --noise: at the latest."),
+        "spp": (Whole(1, 2**24), "Samples per pixel. [default: those of the scene]"),
+        "denoise": (None, "Denoise the image, as far as two halves of its samples agree that this improves it."),
+    },
+    "Output": {
+        "output": (
+            PATH,
+            "File or folder to write; all kinds are written. [default: beside the input]",
+            "-o",
+            "--output",
+        ),
+        "exposure": (EXPOSURE, "Exposure of the PNG in stops."),
+        "keep": (None, "Write checkpoints, NAME.state.exr, from which prosim resume continues."),
+        "view": (
+            Pattern("tev[=HOST:PORT]", "tev=127.0.0.1:14158", viewer),
+            "Show the image in tev while it is rendered.",
+        ),
+        "verbose": (None, "Verbose output; repeat for more.", "-v", "--verbose"),
+    },
+    "Scene": {
+        "definitions": (
+            Pattern("key=value", "angle=30", definition),
+            "Replace $key in the scene; may be repeated.",
+            "-D",
+            "--define",
+        ),
+        "sensor": (Whole(min=0), "Which sensor of the scene.", "-s", "--sensor"),
+        "resolution": (Pattern("WxH", "640x480", resolution), "Size of the image in pixels, such as 640x480."),
+        "crop": (Pattern("X,Y,W,H", "10,20,64,48", crop), "Render only this window of the image, in pixels."),
+        "paths": (None, "Path tracing: follow diffuse reflections too, in place of the ambient term."),
+        "caustics": (
+            None,
+            "Light that glass and mirrors gather. [default: what the scene says]",
+            "--caustics/--no-caustics",
+        ),
+        "max_level": (Whole(-1, 2**16), "Maximum depth of rays; -1, with --paths: any. [default: what the scene says]"),
+        "allow_outside": (None, "Let the scene use files from outside its folder."),
+    },
+    "Film": {
+        "frames": (
+            Pattern("A:B[:STEP]", "0:48, 0:48:2 or 7", frames),
+            "Render a film: an image for each $frame, A to B-1, or one.",
+        ),
+        "fps": (Finite("number", low=0, open_below=True), "Frames per second, for $time. [default: 24]"),
+        "overwrite": (None, "Render existing frames again.", "--overwrite"),
+    },
+    "Distribution": {
+        "threads": (Whole(1, MOST_THREADS), "Number of threads. [default: all]", "-t", "--threads"),
+        "workers": (Whole(1, MOST_WORKERS), "Use this many local processes."),
+        "cluster": (ADDRESS, "Use the workers of the Dask cluster with this scheduler."),
+        "part": (Pattern("K/M", "3/16", part), "Render only part K of M, to NAME.K-of-M.exr; see prosim merge."),
+    },
+    "Advanced": {
+        "mode": (
+            VARIANT,
+            "Mitsuba variant. [default: the first of cuda, metal, llvm and scalar that works here]",
+            "-m",
+            "--mode",
+        ),
+        "seed": (Whole(0, 2**32 - 1), "Seed of the samples."),
+        "samples": (Whole(1, 2**12), "N of the thesis's N-rook sampling: N samples a pass, at most N*N per pixel."),
+        "threshold": (Finite("error", low=0), "Standard error of a pixel that needs no more samples (white = 1)."),
+        "noise_99": (ERROR, "Also require 99 % of the pixels to be within this error."),
+        "max_samples": (Whole(1, 2**20), "Maximum number of samples per pixel. [default with --noise, --time: any]"),
+        "adaptive": (
+            click.Choice(tuple(POLICIES)),
+            "Which pixels get how many samples. [default with --noise, --time: graded]",
+        ),
+        "light_units": (UNITS, "What a light's intensity means in the thesis's language. [default: calibrated]"),
+        "tolerance": (
+            Finite("pixels", low=0, open_below=True),
+            "Maximum tessellation error in the thesis's language. [default: 0.1]",
+        ),
+    },
+}
+
+#: What else there is to say of some.
+SETTINGS: dict[str, dict[str, Any]] = {
+    "caustics": {"default": None},
+    "definitions": {"multiple": True},
+    "overwrite": {"old": ["--anew"]},
+    "seed": {"default": 0},
+    "sensor": {"default": 0},
+    "verbose": {"is_flag": False, "count": True, "show_default": False},
+}
+
+
+def options() -> Iterator[tuple[str, Callable[[Callable], Callable]]]:
+    """The parameter and the decorator of each row of the table."""
+    for group, rows in TABLE.items():
+        for name, (type_, text, *names) in rows.items():
+            settings = {"is_flag": True} if type_ is None else {"type": type_}
+            names = names or [f"--{name.replace('_', '-')}"]
+            yield name, option(group, *names, name, help=text, **settings | SETTINGS.get(name, {}))
+
 
 #: Parameter -> decorator, in the order of the help.
-OPTIONS = {
-    "noise": option(
-        "Quality",
-        "--noise",
-        type=ABOVE_0,
-        help="Stop when the RMS error of the displayed image is below this (white = 1): 0.02 is rough, 0.005 is good.",
-    ),
-    "time": option(
-        "Quality", "--time", type=ABOVE_0, metavar="SECONDS", help="Stop after this time; with --noise: at the latest."
-    ),
-    "spp": option("Quality", "--spp", type=Whole(1, 2**24), help="Samples per pixel. [default: those of the scene]"),
-    "denoise": option(
-        "Quality",
-        "--denoise",
-        is_flag=True,
-        help="Denoise the image, as far as two halves of its samples agree that this makes it better. The raw image is "
-        "a layer of the EXR.",
-    ),
-    "output": option(
-        "Output",
-        "-o",
-        "--output",
-        metavar="PATH",
-        help="File to write, with or without a suffix (all kinds are written), or a folder. [default: beside the "
-        "input, under its name]",
-    ),
-    "exposure": option(
-        "Output", "--exposure", type=Finite(-STOPS, STOPS), metavar="STOPS", help="Exposure of the PNG in stops."
-    ),
-    "keep": option(
-        "Output",
-        "--keep",
-        is_flag=True,
-        help="Write checkpoints beside the image, as NAME.state.exr, at intervals and at the end: prosim resume "
-        "continues from them, whatever has ended this render.",
-    ),
-    "view": option(
-        "Output",
-        "--view",
-        type=Pattern("tev[=HOST:PORT]", "tev=127.0.0.1:14158", viewer),
-        help=f"Send the image to the viewer tev while it is rendered. [default of HOST:PORT: {TEV_HOST}:{TEV_PORT}]",
-    ),
-    "verbose": option(
-        "Output", "-v", "--verbose", count=True, show_default=False, help="Verbose output; repeat for more."
-    ),
-    "definitions": option(
-        "Scene",
-        "-D",
-        "--define",
-        "definitions",
-        type=Pattern("key=value", "angle=30", definition),
-        multiple=True,
-        help="Value that replaces $key in the scene. May be repeated.",
-    ),
-    "sensor": option("Scene", "-s", "--sensor", type=Whole(min=0), default=0, help="Which sensor of the scene."),
-    "resolution": option(
-        "Scene",
-        "--resolution",
-        type=Pattern("WxH", "640x480", resolution),
-        help="Size of the image in pixels, such as 640x480.",
-    ),
-    "crop": option(
-        "Scene",
-        "--crop",
-        type=Pattern("X,Y,W,H", "10,20,64,48", crop),
-        help="Render only this window of the image, in pixels. What is white in its PNG is found in the window alone.",
-    ),
-    "paths": option(
-        "Scene",
-        "--paths",
-        is_flag=True,
-        help="Path tracing: follow diffuse reflections too, in place of the ambient term.",
-    ),
-    "caustics": option(
-        "Scene",
-        "--caustics/--no-caustics",
-        default=None,
-        help="Light that glass and mirrors throw on diffuse surfaces, by photons. [default: what the scene says]",
-    ),
-    "max_level": option(
-        "Scene",
-        "--max-level",
-        type=Whole(-1, 2**16),
-        help="Maximum depth of reflected and refracted rays; -1, with --paths: any. [default: what the scene says; "
-        "with --paths: -1]",
-    ),
-    "allow_outside": option(
-        "Scene", "--allow-outside", is_flag=True, help="Let the scene use files from outside its folder."
-    ),
-    "frames": option(
-        "Film",
-        "--frames",
-        type=Pattern("A:B[:STEP]", "0:48, 0:48:2 or 7", frames),
-        help="Render images NAME.0000, ..., one for each value of $frame in the scene: 0:48 are frames 0 to 47, 7 is "
-        "frame 7 alone. Existing frames of the same scene are kept.",
-    ),
-    "fps": option("Film", "--fps", type=ABOVE_0, help="Frames per second, for $time. [default: 24]"),
-    "overwrite": option("Film", "--overwrite", old=["--anew"], is_flag=True, help="Render existing frames again."),
-    "threads": option(
-        "Distribution", "-t", "--threads", type=Whole(1, MOST_THREADS), help="Number of threads. [default: all]"
-    ),
-    "workers": option("Distribution", "--workers", type=Whole(1, MOST_WORKERS), help="Use this many local processes."),
-    "cluster": option(
-        "Distribution",
-        "--cluster",
-        type=Pattern("ADDRESS", "tcp://machine:8786, the address that `dask scheduler` prints", address),
-        help="Use the workers of a Dask cluster; its scheduler's address, such as tcp://machine:8786.",
-    ),
-    "part": option(
-        "Distribution",
-        "--part",
-        type=Pattern("K/M", "3/16", part),
-        help="Render only part K of M, to NAME.K-of-M.exr: prosim merge makes the image of all.",
-    ),
-    "mode": option(
-        "Advanced",
-        "-m",
-        "--mode",
-        metavar="VARIANT",
-        help="Mitsuba variant. [default: the first of cuda_ad_rgb, metal_ad_rgb, llvm_ad_rgb, scalar_rgb that this "
-        "machine can run]",
-    ),
-    "seed": option("Advanced", "--seed", type=Whole(0, 2**32 - 1), default=0, help="Seed of the samples."),
-    "samples": option(
-        "Advanced",
-        "--samples",
-        type=Whole(1, 2**12),
-        metavar="N",
-        help="N of the thesis's N-rook sampling: N samples a pass, at most N*N per pixel.",
-    ),
-    "threshold": option(
-        "Advanced",
-        "--threshold",
-        type=Finite(min=0),
-        help="Standard error of a pixel that needs no more samples (white = 1). [default: what the scene says]",
-    ),
-    "noise_99": option(
-        "Advanced", "--noise-99", type=ABOVE_0, help="Also require 99 % of the pixels to be within this error."
-    ),
-    "max_samples": option(
-        "Advanced",
-        "--max-samples",
-        type=Whole(1, 2**20),
-        help="Maximum number of samples per pixel. [default: what the scene says; with --noise or --time: any]",
-    ),
-    "adaptive": option(
-        "Advanced",
-        "--adaptive",
-        type=click.Choice(tuple(POLICIES)),
-        help="Which pixels get how many samples. [default: what the scene says; with --noise or --time: graded]",
-    ),
-    "light_units": option(
-        "Advanced",
-        "--light-units",
-        type=click.Choice(["calibrated", "radiance", "unattenuated"]),
-        help="What a light's intensity means in the thesis's language. [default: calibrated]",
-    ),
-    "tolerance": option(
-        "Advanced",
-        "--tolerance",
-        type=ABOVE_0,
-        metavar="PIXELS",
-        help="Maximum tessellation error, in pixels, in the thesis's language. [default: 0.1]",
-    ),
-}
+OPTIONS = dict(options())
 
 
 def choose_variant(name: str | None) -> str:

@@ -56,7 +56,9 @@ def watch(job: Job, port: int, browser: bool) -> None:
         kept, confined = Kept(), not job.language.get("allow_outside")
 
         def opened(document: Document | None = None) -> tuple[scene_file.SceneFile, Any, Any]:
-            return job.open(folder, kept, confined, document)
+            file = job.file(folder, kept=kept, confined=confined, document=document)
+            scene = file.load()
+            return file, scene, scene_file.pick_sensor(scene, job.sensor)
 
         shown = studio.Studio(Path(job.scene), opened, job.spp, job.seed, job.denoise)
 
@@ -82,4 +84,4 @@ def has_windows() -> bool:
     """Whether a browser would open a window: one in the terminal, at the other end of a tunnel for example, is no good
     for this page.
     """
-    return sys.platform == "darwin" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

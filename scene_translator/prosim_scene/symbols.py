@@ -26,7 +26,7 @@ IN_BRACES = re.compile(r"[$\w]*\Z")
 
 @dataclass(frozen=True)
 class Symbol:
-    """What has a name of its own: the ``kind`` is "index", "texture" or "name"."""
+    """What has a name of its own: the ``kind`` is "index", "texture", "solid" or "name"."""
 
     kind: str
     key: str
@@ -48,7 +48,7 @@ class Completion:
     """A word for the place of the text from ``start`` on; ``detail``: what follows it. The lowest ``rank`` is first."""
 
     label: str
-    kind: str  # "statement", "keyword", "metal", "glass", "texture", "index", "name" or "function"
+    kind: str  # "statement", "keyword", "metal", "glass", "texture", "solid", "index", "name" or "function"
     start: int
     detail: str = ""
     documentation: str = ""
@@ -89,6 +89,9 @@ class Symbols:
         elif token.role == "TEXTURE_NAME":
             symbol = Symbol("texture", words.texture_name(token.text))
             yield Occurrence(symbol, token.start, token.end, before == "TEXTURE", before)
+        elif token.role == "USE" or before == "SOLID":
+            symbol = Symbol("solid", words.normalise(token.text))
+            yield Occurrence(symbol, token.start, token.end, before == "SOLID", before)
 
     def occurrences(self, symbol: Symbol) -> list[Occurrence]:
         """Where a symbol is used or defined."""
@@ -113,6 +116,10 @@ class Symbols:
             new = words.normalise(new)
             if not re.fullmatch(r't-[^\s()#":={}]+', new):
                 raise ValueError(f"{new!r} is no name of a texture; expected t- and a word")
+        elif symbol.kind == "solid":
+            new = words.normalise(new)
+            if not re.fullmatch(r"[^\W\d][\w-]*", new) or new in words.ROWS:
+                raise ValueError(f"{new!r} is no name of a solid; expected a word that the language does not have")
         elif not NAME.fullmatch(new):
             raise ValueError(f"{new!r} cannot be a name; expected letters, digits and _")
         elif symbol.key in (FRAME, TIME):
@@ -178,12 +185,11 @@ class Symbols:
             functions = [Completion(name, "function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._variables(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
-        begins = (token.start for token in reversed(self.tokens) if token.role in STATEMENTS and token.end < start)
-        text = self.text[next(begins, 0) : start]
-        before = Reader(text, tolerant=True)
+        before = Reader(self.text[:start], tolerant=True)
         last, expected = before.scanner.last, before.expected
-        unclosed = any(one.error.code == "unclosed" for one in before.skipped) and "RPAR" not in expected
-        comment = before.tokens and before.tokens[-1].text.startswith("#") and before.tokens[-1].end == len(text)
+        errors = [one.error.code for one in before.skipped if one.end == start]
+        unclosed = "unclosed" in errors and "RPAR" not in expected
+        comment = before.tokens and before.tokens[-1].text.startswith("#") and before.tokens[-1].end == start
         if unclosed or comment or last.role == "END":
             return []
         if last.role in INDEXED:
@@ -201,6 +207,8 @@ class Symbols:
         if "TEXTURE_NAME" in expected:
             kinds = self._textures.items()
             result += [Completion(name, "texture", start, kind, descriptions.TEXTURES[kind]) for name, kind in kinds]
+        if "USE" in expected:
+            result += [Completion(name, "solid", start) for name in before.fields["solids"]]
         if {"NUMBER", "WORD"} & expected:
             result += self._variables(start)
         return result

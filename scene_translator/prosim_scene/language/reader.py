@@ -205,7 +205,7 @@ class Reader:
         if token.role not in expected:
             if "USE" not in expected or normalise(token.text) not in self.fields["solids"]:
                 raise self.unexpected(token)
-            self.token = self.tokens[-1] = token._replace(role="USE")
+            self.token = self.tokens[-1] = self.scanner.last = token._replace(role="USE")
         return self.token.role
 
     def numbers(self, follow: frozenset[str]) -> list[Token]:

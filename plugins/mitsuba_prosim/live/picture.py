@@ -20,7 +20,7 @@ LARGEST = 65504.0
 @dataclass(frozen=True, eq=False)
 class Picture:
     """Layers by name, arrays of 32 bits: colours (height, width, 3), maps (height, width). ``number``: no other picture
-    of this studio has it.
+    of the viewer has it.
     """
 
     number: int

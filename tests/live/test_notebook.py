@@ -3,8 +3,7 @@
 import asyncio
 import base64
 import re
-import subprocess
-import sys
+import signal
 from types import SimpleNamespace
 
 import ipywidgets
@@ -16,10 +15,9 @@ import prosim_scene
 import pytest
 from little import LITTLE
 from mitsuba_prosim.engine.work import Local
-from mitsuba_prosim.watch import cells, notebook
-from mitsuba_prosim.watch.picture import coloured, palest
-from mitsuba_prosim.watch.takes import Take
-from mitsuba_prosim.watch.turns import Turns
+from mitsuba_prosim.live import notebook
+from mitsuba_prosim.live.image import ProgressiveImage
+from mitsuba_prosim.live.picture import coloured, palest
 from nbclient import NotebookClient
 
 
@@ -36,43 +34,14 @@ def test_without_a_variant_it_says_what_to_do(path, monkeypatch):
         mitsuba_prosim.show(path)
 
 
-def test_turns_never_run_at_the_same_time_and_hand_on_what_is_raised():
-    done = []
-
-    def work(pause):
-        for k in range(3):
-            done.append(k)
-            pause()
-        raise ValueError("enough")
-
-    turns = Turns(work)
-    assert done == []
-    for k in range(3):
-        assert turns.go_on() and done == list(range(k + 1))
-    with pytest.raises(ValueError, match="enough"):
-        turns.go_on()
-    assert not turns.go_on()
-
-
-def test_work_that_is_left_behind_ends_before_the_interpreter_does():
-    """Also while it has a turn; else what Dr.Jit does in its thread then ends the process by a signal."""
-    program = """if 1:
-        import threading, time
-        from mitsuba_prosim.watch.turns import Turns
-        def work(pause):
-            try:
-                pause()
-                time.sleep(0.2)
-                pause()
-            finally:
-                print("ended", flush=True)
-        paused, busy, never = Turns(work), Turns(work), Turns(work)
-        for turns in (paused, busy):
-            turns.go_on()
-        threading.Thread(target=busy.go_on, daemon=True).start()
-        time.sleep(0.05)"""
-    done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "ended\nended\n", "")
+def test_an_interrupt_lets_the_work_item_come_to_its_end(monkeypatch):
+    """And stops the image then."""
+    stopped = []
+    with notebook.interrupting(lambda: stopped.append(True)):
+        signal.raise_signal(signal.SIGINT)
+    assert stopped == [True]
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
 
 
 def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
@@ -86,7 +55,7 @@ def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
         request = {"header": {"msg_id": run}, "metadata": {"cellId": cell}}
         monkeypatch.setattr("IPython.get_ipython", lambda: SimpleNamespace(get_parent=lambda: request))
         view = View()
-        cells.made(view)
+        notebook.stop_earlier(view)
         return view
 
     one, other, elsewhere = made("a", "1"), made("a", "1"), made("b", "2")
@@ -94,7 +63,7 @@ def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
     again = made("a", "3")
     assert one.stopped and other.stopped and not (again.stopped or elsewhere.stopped)
     monkeypatch.setattr("IPython.get_ipython", lambda: None)
-    cells.made(View())
+    notebook.stop_earlier(View())
 
 
 def test_the_scale_of_a_map_says_what_its_colours_mean():
@@ -125,7 +94,7 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch
 
     async def stopped(stop):
         view = mitsuba_prosim.show(path, spp=2**16)
-        while len(np.unique(view.layers.get("samples", 0))) == 1:  # until the second wave has come to some pixels
+        while len(np.unique(view.layers.get("samples", 0))) == 1:  # until the second pass has come to some pixels
             await asyncio.sleep(0)
         stop(view)
         return await view
@@ -143,7 +112,7 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch
     def step(*_):
         raise RuntimeError("too much")
 
-    monkeypatch.setattr(Take, "step", step)
+    monkeypatch.setattr(ProgressiveImage, "step", step)
     assert repr(asyncio.run(wrong())) == "<not rendered: too much>"
 
 
@@ -159,7 +128,7 @@ def test_the_part_that_is_done_never_falls(path, monkeypatch, estimates_that_fal
     monkeypatch.setattr(ipywidgets, "FloatProgress", Bar)
     monkeypatch.setattr(Local, "limit", lambda *_: 1500)
     mitsuba_prosim.show(path)
-    assert parts == sorted(parts) and len(parts) > 6
+    assert parts == sorted(parts) and len(parts) > 4
 
 
 @pytest.mark.notebook

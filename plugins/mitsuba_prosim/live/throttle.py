@@ -1,4 +1,4 @@
-"""When another picture of an image that grows is due."""
+"""Limits how much of the time goes into drawing."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter as clock
 
-#: Seconds from one picture to the next, at least; and the part of the time that pictures may take.
+#: Seconds from one picture to the next, at least; and the share of the time that pictures may take.
 EVERY, SHARE = 0.1, 0.03
 
 
-class Due:
-    """True when another is due: the longer it takes to draw one, the less often."""
+class Throttle:
+    """True when another picture is due: the longer it takes to draw one, the less often."""
 
     def __init__(self) -> None:
         self._next = 0.0

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 import mitsuba as mi
 import pytest
 from click.testing import CliRunner
+from mitsuba_prosim.live import server, viewer
 from mitsuba_prosim.scene.confinement import OutsideError
-from mitsuba_prosim.watch import server, studio
 from prosim_start import group
 
 
@@ -23,13 +23,13 @@ def test_a_scene_in_xml_names_files_of_its_folder_alone(variant_rgb, tmp_path, m
     def served(*_):
         yield "nowhere"
 
-    class Studio(studio.Studio):
+    class Viewer(viewer.Viewer):
         def __init__(self, path, opener, *others):
             super().__init__(path, opener, *others)
             self.run = lambda: opened.append(opener())
 
     monkeypatch.setattr(server, "served", served)
-    monkeypatch.setattr(studio, "Studio", Studio)
+    monkeypatch.setattr(viewer, "Viewer", Viewer)
     done = CliRunner().invoke(group.prosim, ["watch", str(scene), "--no-browser", "-m", mi.variant(), *options])
     if options:
         assert done.exit_code == 0 and isinstance(opened[0][1], mi.Scene), done.output

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import signal
+import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import mitsuba as mi
 import numpy as np
@@ -17,23 +20,23 @@ from prosim_scene import extras
 
 from ..scene import session
 from ..scene.images import compress, png
-from . import cells, takes
-from .due import Due
+from .image import ProgressiveImage, progressive
 from .picture import HUES, LAYERS, Picture, coloured, palest
-from .turns import Turns
+from .throttle import Throttle
 
-#: Seconds that the notebook has for itself after each turn of the work.
+#: Seconds that the notebook has for itself after each work item.
 BREATH = 0.005
 
-#: What zlib does for a picture of which the next wave makes another: the least, as it takes the longest of all.
+#: Effort of zlib for a picture that will be replaced soon.
 PASSING = 1
 
 #: Map -> what it is called beside its scale.
 MAPS = {"error": "Standard error of the luminance", "samples": "Samples of a pixel"}
 
 
-class StoppedError(Exception):
-    """Somebody has stopped the work."""
+#: Cell of a notebook -> its last run, and the views that this has made. They are stopped when the cell is run again, as
+#: nobody can see or stop them any more.
+_made: dict[str, tuple[str, WeakSet[View]]] = {}
 
 
 def show(
@@ -49,9 +52,9 @@ def show(
     ``scene``
         A scene of Mitsuba's, or the path of a file in the thesis's language or XML.
     ``sensor``, ``integrator``, ``seed``, ``spp``
-        As for ``mi.render``; an integrator that knows no waves is put within ``prosim_adaptive``.
+        As for ``mi.render``; an integrator that renders as a whole is put within ``prosim_adaptive``.
     ``exposure``
-        Makes what is shown brighter by so many factors of two.
+        Of what is shown, in stops.
 
     Returns at once: the image grows while the notebook has nothing else to do. ``await view``, or ``view.wait()``,
     which keeps the notebook busy, wait for its end, and to interrupt the kernel meanwhile is to stop it; where there is
@@ -65,15 +68,15 @@ def show(
     if mi.variant() is None:
         raise RuntimeError("show: no variant is set; set one before, as by mi.set_variant('llvm_ad_rgb').")
     if str(mi.variant()).startswith("scalar"):
-        raise RuntimeError("show: there are no waves in scalar variants; use an llvm or cuda variant.")
+        raise RuntimeError("show: scalar variants do not render progressively; use an llvm or cuda variant.")
     if isinstance(scene, (str, Path)):
         xml = Path(scene).suffix.lower() == ".xml"
         scene = mi.load_file(str(scene)) if xml else mi.load_dict(prosim_scene.load(scene))
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
-    chosen, spp = takes.in_waves(integrator or scene.integrator(), sensor, spp)
-    view = View(takes.Take(chosen, scene, sensor, spp, seed), exposure)
-    cells.made(view)
+    chosen, spp = progressive(integrator or scene.integrator(), sensor, spp)
+    view = View(ProgressiveImage(chosen, scene, sensor, spp, seed), exposure)
+    stop_earlier(view)
     try:
         loop = asyncio.get_running_loop()
     except RuntimeError:
@@ -83,10 +86,29 @@ def show(
     return view
 
 
-class View:
-    """An image that grows in a notebook; :func:`show` makes it."""
+def stop_earlier(view: View) -> None:
+    """Stops the views that earlier runs of this cell have made. Does nothing outside of a notebook, and where it does
+    not tell its cells.
+    """
+    from IPython import get_ipython
 
-    def __init__(self, take: takes.Take, exposure: float) -> None:
+    request: dict[str, Any] = getattr(get_ipython(), "get_parent", dict)()
+    cell, run = request.get("metadata", {}).get("cellId"), request.get("header", {}).get("msg_id")
+    if cell is None or run is None:
+        return
+    last, views = _made.get(cell, (None, WeakSet[View]()))
+    if last != run:
+        for earlier in views:
+            earlier.stop()
+        views = WeakSet()
+        _made[cell] = run, views
+    views.add(view)
+
+
+class View:
+    """An image in progress in a notebook; :func:`show` makes it."""
+
+    def __init__(self, image: ProgressiveImage, exposure: float) -> None:
         try:
             import ipywidgets as widgets
         except ImportError as error:
@@ -95,13 +117,13 @@ class View:
 
         #: What renders it in the background, where there is a notebook.
         self.task: asyncio.Task[None] | None = None
-        self._take, self._factor = take, np.float32(2**exposure)
+        self._image, self._factor = image, np.float32(2**exposure)
         self._picture: Picture | None = None
-        self._stopped, self._due = False, Due()
+        self._stopped, self._throttle = False, Throttle()
         self._words_in_the_end: str | None = None
         self._wrong: str | None = None
         self._begun = time.perf_counter()
-        self._turns = Turns(self._work)
+        self._steps = self._render()
         self._shown = widgets.Image(format="png", layout=widgets.Layout(max_width="100%"))
         self._layer = widgets.ToggleButtons(options=[(name.capitalize(), name) for name in LAYERS], value="final")
         self._layer.observe(lambda _: self._draw(), names="value")
@@ -121,29 +143,26 @@ class View:
     @property
     def layers(self) -> dict[str, np.ndarray]:
         """The image as it was drawn last, ``final`` (height, width, 3), linear, and the maps ``error``, the standard
-        error of its luminance, and ``samples`` (height, width); empty before the first wave has come to its end.
+        error of its luminance, and ``samples`` (height, width); empty before the first pass is complete.
         """
         return dict(self._picture.layers) if self._picture is not None else {}
 
     @property
     def image(self) -> np.ndarray:
-        """The linear image, shape (height, width, 3). Raises ValueError before the first wave."""
+        """The linear image, shape (height, width, 3). Raises ValueError before the first pass is complete."""
         if self._picture is None:
             raise ValueError("show: there is no image yet; wait for it with view.wait()")
         return self._picture.layers["final"]
 
     def stop(self) -> None:
-        """Ends it with what there is; before the first wave, with nothing."""
+        """Ends it with what there is; before the first pass is complete, with nothing."""
         self._stopped = True
 
     def wait(self) -> View:
         """Renders to the end, without pause. Ctrl-C, or to interrupt the kernel, stops it."""
         with self._ended():
-            try:
-                while self._turns.go_on():
-                    pass
-            except KeyboardInterrupt:
-                self._stop_at_once()
+            for _ in self._steps:
+                pass
         return self
 
     def __await__(self) -> Generator[Any, None, View]:
@@ -154,13 +173,13 @@ class View:
         return self
 
     async def converge(self) -> None:
-        """Renders to the end, turn by turn; what cancels it stops it."""
+        """Renders to the end, work item by work item; to cancel it stops it."""
         with self._ended():
             try:
-                while self._turns.go_on():
+                for _ in self._steps:
                     await asyncio.sleep(BREATH)
             except (KeyboardInterrupt, asyncio.CancelledError):
-                self._stop_at_once()
+                self.stop()
 
     @contextmanager
     def _ended(self) -> Iterator[None]:
@@ -173,42 +192,25 @@ class View:
         finally:
             self._finish()
 
-    def _stop_at_once(self) -> None:
-        self.stop()
-        while self._turns.go_on():
-            pass
-
-    def _work(self, pause: Callable[[], None]) -> None:
-        """The waves, in the turns' thread."""
-
-        def between() -> None:
-            self._part.value = self._take.part
-            if self._due:
-                self._look()
-            pause()
-            if self._stopped:
-                self._look()
-                raise StoppedError
-
-        try:
-            while self._take.step(between):
-                self._look()
-                pause()
-                if self._stopped:
-                    raise StoppedError
-        except StoppedError:
-            pass
+    def _render(self) -> Iterator[None]:
+        while not self._image.done and not self._stopped:
+            with interrupting(self.stop):
+                complete = self._image.step()
+                self._part.value = self._image.part
+                if self._stopped or (self._image.new and (complete or self._throttle)):
+                    self._look()
+            yield
 
     def _look(self) -> None:
-        """Draws the image so far; within the first wave it is black where there is nothing yet, and only a glimpse."""
-        with self._due.drawing():
-            layers = self._take.layers() or {}
+        """Draws the image so far; within the first pass only as a preview, black where there are no samples."""
+        with self._throttle.drawing():
+            layers = self._image.layers() or {}
             if set(LAYERS) <= set(layers):
                 self._picture = Picture(0, layers)
                 self._draw()
             elif layers:
                 self._shown.value = self._png(layers["final"], PASSING)
-                self._said.value = f"the first wave, {time.perf_counter() - self._begun:.1f} s"
+                self._said.value = f"the first pass, {time.perf_counter() - self._begun:.1f} s"
 
     def _png(self, values: np.ndarray, effort: int = -1) -> bytes:
         if values.ndim == 2:
@@ -234,7 +236,7 @@ class View:
         if self._wrong is not None:
             return f"not rendered: {self._wrong}"
         if self._picture is None:
-            return "stopped before the first wave"
+            return "stopped before the first pass"
         return ("stopped: " if self._stopped else "") + self._words()
 
     def _finish(self) -> None:
@@ -248,6 +250,21 @@ class View:
         if self._picture is not None and self._wrong is None:
             still["image/png"] = base64.b64encode(self._png(self._picture.layers["final"])).decode()
         self._place.update(still, metadata={"image/png": {"alt": self._words_in_the_end}}, raw=True)
+
+
+@contextmanager
+def interrupting(stop: Callable[[], None]) -> Iterator[None]:
+    """Calls ``stop`` where the kernel is interrupted, and lets the work item come to its end: an exception in the midst
+    of what Dr.Jit traces would leave that unfinished.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, lambda *_: stop())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def scale(what: str, values: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""Where the studio says what there is, and every page reads it."""
+"""The state of the live view, which one thread publishes and every page reads."""
 
 from __future__ import annotations
 
@@ -26,68 +26,54 @@ class State:
     warnings: tuple[str, ...] = ()
     #: Why the picture may be black, where it is.
     black: str | None = None
-    #: Width and height that the picture comes to.
+    #: Final width and height of the picture.
     size: tuple[int, int] = (0, 0)
-    #: The numbers of the newest pictures, by the name of the take.
+    #: Numbers of the newest pictures, by the name of the image.
     pictures: Mapping[str, int] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
-    #: The part of all images that is done, 0 to 1; of the scene's own the samples of a pixel in the mean, and the
-    #: noise, where it is measured; and seconds.
+    #: Progress of all images, 0 to 1; of the scene's own the mean number of samples of a pixel, and the noise where it
+    #: is measured; seconds of rendering.
     part: float = 0.0
     samples: float | None = None
     noise: float | None = None
     seconds: float = 0.0
-    #: What the scene is rendered by, and why that can't be compared with ``path``, if it can't.
+    #: Name of the scene's integrator, and why it can't be compared with ``path``, if so.
     integrator: str = ""
     compared: bool = False
     alone: str | None = None
-    #: The view as it was moved, in the scene's language; None as long as it is the scene's own, or can't be moved.
+    #: The view as it was moved, in the scene's language; None for the scene's own, or where it can't be moved.
     view: str | None = None
     movable: bool = False
 
 
-class Board:
-    """The newest state and pictures, to be put by one thread and read by others."""
+class Publisher:
+    """The newest state and pictures."""
 
     def __init__(self, state: State) -> None:
         self._lock = threading.Lock()
-        self._state = state
-        self._pictures: Mapping[str, Picture] = {}
+        self.state, self.pictures = state, dict[str, Picture]()
         self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
         self._closed = False
-
-    @property
-    def state(self) -> State:
-        """The newest."""
-        return self._state
-
-    @property
-    def pictures(self) -> Mapping[str, Picture]:
-        """The newest, by the name of the take."""
-        return self._pictures
 
     @property
     def followed(self) -> bool:
         """Whether anybody reads it."""
         return bool(self._waiting)
 
-    def say(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
+    def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
         """Changes the state, and the pictures."""
-        with self._lock:
-            if pictures is not None:
-                self._pictures = dict(pictures)
-                changes["pictures"] = {name: picture.number for name, picture in pictures.items()}
-            self._state = replace(self._state, **changes)
-            self._wake()
+        if pictures is not None:
+            changes["pictures"] = {name: picture.number for name, picture in pictures.items()}
+        self.restore(replace(self.state, **changes), self.pictures if pictures is None else pictures)
 
-    def put_back(self, state: State, pictures: Mapping[str, Picture]) -> None:
-        """A state and its pictures that there were before."""
+    def restore(self, state: State, pictures: Mapping[str, Picture]) -> None:
+        """Publishes a state and its pictures."""
         with self._lock:
-            self._state, self._pictures = state, pictures
+            self.state, self.pictures = state, dict(pictures)
             self._wake()
 
     def close(self) -> None:
-        """Ends what follows it."""
+        """Ends :meth:`follow`."""
         with self._lock:
             self._closed = True
             self._wake()
@@ -105,8 +91,8 @@ class Board:
             told = None
             while not self._closed:
                 one[1].clear()
-                if self._state is not told:
-                    told = self._state
+                if self.state is not told:
+                    told = self.state
                     yield told
                 await one[1].wait()
         finally:

@@ -1,4 +1,4 @@
-"""A scene file as it is watched: opened, looked at from elsewhere, and asked what is seen where."""
+"""A scene file that is open: its camera moves, and it tells what a pixel shows."""
 
 from __future__ import annotations
 
@@ -17,24 +17,28 @@ from prosim_scene import Document, Leaf
 from .. import compat, registry
 from ..scene.scene_file import SceneFile
 from .camera import Camera, as_view, as_xml, nearest_axis
-from .changes import stamp
+from .files import stamp
+from .image import ProgressiveImage, progressive
 
-#: What opens the scene: the file, its scene, and the sensor that is looked through; by what the text says, where it has
-#: been read already.
+#: Opens the scene, by its text where that has been read already: returns the file, its scene, and the sensor.
 Opener = Callable[[Document | None], tuple[SceneFile, Any, Any]]
 
-#: Most pixels of the picture that comes before the first wave.
+#: Pixels at most of the picture that comes before the first pass.
 COARSE = 1 << 14
 
 
-class Subject:
-    """A scene file, opened; by ``document``, where that has been read already. Raises what ``opener`` does."""
+class LoadedScene:
+    """The scene at ``path``; ``document``: its text, where that has been read already. Raises what ``opener`` does."""
 
     def __init__(self, path: Path, opener: Opener, document: Document | None = None) -> None:
-        self.path = path
         self.file, self.scene, self.sensor = opener(document)
-        #: The files that it names, wherever they lie; not those of its translation.
-        self.files = self._files()
+        #: The files that it is made of, wherever they lie; without those of its translation.
+        self.files = [path for _, path in self.file.named_files()]
+        if self.file.document is None:
+            self.files += [Path(str(path)) for path in self.file.state.files]
+        else:
+            made = self.file.xml.parent.resolve()
+            self.files = [path for path in self.files if made not in path.resolve().parents]
         self._stamps = {path: stamp(path) for path in self.files}
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
@@ -44,18 +48,10 @@ class Subject:
         self.home = self._home()
         self.camera = self.home
 
-    def _files(self) -> list[Path]:
-        found = [path for _, path in self.file.named_files()]
-        if self.file.document is None:
-            found += [Path(str(path)) for path in self.file.state.files]
-        else:
-            found = [path for path in found if self.file.xml.parent.resolve() not in path.resolve().parents]
-        return found
-
     # ---------------------------------------------------------------- looking from elsewhere
 
     def _home(self) -> Camera | None:
-        """The view that the scene says; None for a sensor that can't be moved."""
+        """The scene's own view; None for a sensor that can't be moved."""
         sensor: Any = self.sensor
         window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
         across: tuple[float, float]
@@ -85,10 +81,11 @@ class Subject:
             depth = float((np.array(box.center()) - matrix[:3, 3]) @ matrix[:3, 2]) if box.valid() else 0.0
         return float(depth) if depth > 1e-6 else max(10 * self._near, 1e-3)
 
-    def look(self, camera: Camera) -> None:
-        """Looks from there from now on."""
+    def look(self, camera: Camera | None) -> None:
+        """Moves the camera; None for the scene's own view."""
         assert self.home is not None
-        # What was behind the planes before may be seen now.
+        camera = camera or self.home
+        # The planes must not cut off what they did not cut off before.
         moved = float(np.linalg.norm(camera.eye - self.home.eye))
         near = min(self._near, 1e-3 * camera.distance) if moved else self._near
         compat.set_world_transform(self.sensor, self._params, camera.to_world)
@@ -100,9 +97,8 @@ class Subject:
         self.camera = camera
 
     def turned(self, document: Document) -> tuple[mi.Sensor, tuple[int, int]] | None:
-        """What looks at the scene as it is by the VIEW of ``document``, with a coarse film, and the size of the picture
-        that it comes to; None where that VIEW is not all that is another by now. Raises
-        :class:`prosim_scene.SceneError` for a view that there can't be.
+        """A sensor for the VIEW of ``document`` with a coarse film, and the final size of the picture; None where more
+        than that VIEW has changed. Raises :class:`prosim_scene.SceneError` for a view that there can't be.
         """
         before = self.file.document
         if before is None or not self.whole or document.scene.view == before.scene.view:
@@ -126,7 +122,7 @@ class Subject:
 
     @contextmanager
     def coarse(self) -> Iterator[None]:
-        """With a film of fewer pixels, for a while; the code of the kernels is the same."""
+        """Gives the film fewer pixels for a while; the code of the kernels is the same."""
         before = mi.ScalarVector2u(self.sensor.film().size())
         try:
             self._resize(mi.ScalarVector2u(coarser(self.size)))
@@ -141,11 +137,8 @@ class Subject:
     # ---------------------------------------------------------------- what is seen where
 
     def seen(self, x: int, y: int) -> str:
-        """What the middle of pixel (x, y) shows, in words."""
-        film = self.sensor.film()
+        """The surface in the middle of pixel (x, y), in words."""
         place = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
-        if not self.whole and list(film.crop_size()) == list(film.size()):
-            return ""  # within a wave the film has no crop window
         ray, _ = self.sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
         si = self.scene.ray_intersect(ray)
         if not bool(si.is_valid()[0]):
@@ -169,7 +162,24 @@ class Subject:
 
 
 def coarser(size: tuple[int, int]) -> tuple[int, int]:
-    """The size of the picture that comes before the first wave of one of ``size``."""
+    """Size of the picture that comes before the first pass over one of ``size``."""
     width, height = size
     least = max(1, ceil(sqrt(width * height / COARSE)))
     return max(1, width // least), max(1, height // least)
+
+
+def preview(
+    scene: LoadedScene, document: Document, moved: Camera | None
+) -> tuple[ProgressiveImage, tuple[int, int]] | None:
+    """The coarse image of ``scene`` by the VIEW of ``document``, until the scene is open again, and its final size.
+
+    None where more than that VIEW has changed, and where the camera is ``moved`` and stays where it is, as the eye
+    does. Raises :class:`prosim_scene.SceneError` for a view that there can't be.
+    """
+    if (turned := scene.turned(document)) is None:
+        return None
+    sensor, size = turned
+    if moved is not None and scene.home is not None and np.allclose(compat.world_matrix(sensor), scene.home.to_world):
+        return None
+    integrator, spp = progressive(scene.scene.integrator(), sensor, 1)
+    return ProgressiveImage(integrator, scene.scene, sensor, spp, 0), size

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mitsuba_prosim.watch.picture import Picture
+from mitsuba_prosim.live.picture import Picture
 
 
 @pytest.mark.parametrize("brightness", [1e-9, 0.7, 3e7])

@@ -3,7 +3,8 @@
 import threading
 
 import pytest
-from mitsuba_prosim.watch.changes import watched
+from little import until
+from mitsuba_prosim.live.files import Files
 
 
 @pytest.fixture
@@ -31,8 +32,9 @@ class Heard:
 
 def test_each_file_in_its_folder_and_no_other(scene):
     picture = scene.parent / "pictures" / "wood.png"
-    files, heard = {scene, scene.parent / ("é" * 200) / "wood.png"}, Heard()  # the name of that folder is too long
-    with watched(lambda: set(files), heard.tell):
+    files, heard = Files(scene), Heard()
+    files.opened([scene.parent / ("é" * 200) / "wood.png"])  # the name of that folder is too long
+    with files.watched(heard.tell):
         assert not heard.after(lambda: scene.with_name("other.scn").write_text("other"), 0.3)
         assert heard.after(lambda: scene.write_text("changed"))
         assert heard.after(
@@ -40,7 +42,7 @@ def test_each_file_in_its_folder_and_no_other(scene):
         )
         picture.parent.mkdir()
         picture.write_bytes(b"wood")
-        assert not heard.after(lambda: files.add(picture), 0.3)
+        assert not heard.after(lambda: files.opened([picture]), 0.3)
         assert heard.after(lambda: picture.write_bytes(b"oak"))
         assert heard.after(lambda: scene.write_text("the folder of the scene is watched as before"))
         assert heard.after(picture.unlink)
@@ -49,3 +51,14 @@ def test_each_file_in_its_folder_and_no_other(scene):
         assert heard.after(lambda: picture.parent.rename(scene.parent / "gone"))
         assert heard.after(lambda: (scene.parent / "gone").rename(picture.parent))
         assert heard.after(lambda: picture.write_bytes(b"beech"))
+
+
+def test_a_file_that_is_being_written_is_told_of_once_it_is_whole(scene, monkeypatch):
+    """Between two looks nothing has changed."""
+    stamps = iter([(1,), (2,), (3,), *[(4,)] * 9])
+    monkeypatch.setattr("mitsuba_prosim.live.files.stamp", lambda path: next(stamps, (4,)))
+    monkeypatch.setattr("mitsuba_prosim.live.files.places", lambda path: {path})
+    files, told = Files(scene), []
+    with files.watched(lambda: told.append(next(stamps, None))):
+        until(lambda: told)
+    assert told == [(4,)]

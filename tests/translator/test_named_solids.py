@@ -78,10 +78,8 @@ def test_solids_of_solids_do_not_grow_without_a_limit():
 def test_an_editor_knows_named_solids():
     symbols = Symbols(NAMED)
     at = NAMED.index("LEG 11")
-    assert (
-        len(symbols.occurrences(symbols.at(at).symbol)) == 3
-        and len(symbols.renamed(symbols.at(at).symbol, "foot")) == 3
-    )
+    symbol = symbols.at(at).symbol
+    assert len(symbols.occurrences(symbol)) == len(symbols.renamed(symbol, "foot")) == 3
     assert "SOLID leg + CYLINDER 1 SPHERE 2" in symbols.hover(at)[2]
     assert {"leg", "CUBE"} <= {one.label for one in symbols.completions(at)}
     assert {"20", "1"} <= {one.label for one in symbols.completions(at + len("LEG "))}

@@ -15,7 +15,7 @@ EXTRAS = {
     "editors": {"pygls": "pygls"},
     "notebooks": {"ipywidgets": "ipywidgets"},
     "tev": {"tevclient": "tevclient"},
-    "watch": {"starlette": "starlette", "uvicorn": "uvicorn", "watchfiles": "watchfiles"},
+    "watch": {"starlette": "starlette", "uvicorn": "uvicorn"},
 }
 
 

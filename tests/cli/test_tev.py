@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import tev
-from mitsuba_prosim.watch import due
+from mitsuba_prosim.live import throttle
 from running import pixels, prosim
 
 pytest.importorskip("tevclient", reason="tevclient is not installed (it needs Python 3.11)")
@@ -44,8 +44,8 @@ class Tev:
 
 
 def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
-    monkeypatch.setattr(due, "EVERY", 0.0)
-    monkeypatch.setattr(due, "SHARE", 1e9)
+    monkeypatch.setattr(throttle, "EVERY", 0.0)
+    monkeypatch.setattr(throttle, "SHARE", 1e9)
     viewer = Tev()
     done = prosim("render", palito, "--resolution", "24x16", "--samples", 2, "--view", viewer.place)
     assert done.exit_code == 0, done.output

@@ -29,7 +29,7 @@ from .job import Job
 from .log import log
 from .options import wrong_input
 from .progress import FilmBar, warn
-from .workers import Workers, bundle_of
+from .workers import Workers, bundled
 
 if TYPE_CHECKING:
     from ..parallel.executor import DaskExecutor, ImageTask
@@ -126,22 +126,20 @@ class Film:
         """
         job = frame.job
         with wrong_input():
-            task = Task.of(job, frame.file, frame.stem, facts=frame.facts)
-            bundle = bundle_of(task)
+            task = bundled(Task.of(job, frame.file, frame.stem, facts=frame.facts))
         if task.about is not None and not job.overwrite:
             task = replace(task, begin=unfinished(frame.stem, task.about))
         if self.signals:  # from here on the render listens itself
             return None, "interrupted"
         before = 0.0 if workers.dask is None else workers.dask.seconds
-        result = render_image(task, self.bar, workers, bundle)
-        executor = workers.dask
+        result = render_image(task, self.bar, workers)
         if result.interrupted:
             return None, result.lost or "interrupted"
         self.see(frame, result)
         # A state is kept here, so that nothing is lost with a worker; and a time is that of all of them.
-        if executor is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
+        if workers.dask is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
             return None, None
-        return Apart(executor, task.size(), executor.seconds - before), None
+        return Apart(workers.dask, task.size(), workers.dask.seconds - before), None
 
     def frames_apart(self, apart: Apart, frames: Iterator[Frame]) -> str | None:
         """Lets each worker render some of the next frames, as long as they are small; returns by what it was
@@ -220,10 +218,8 @@ class Apart:
                 yield image
 
         try:
-            answers = self.dask.make(images())
-            for answer in answers:
+            for answer in self.dask.make(images()):
                 if stopped():
-                    answers.close()
                     break
                 if answer is None:
                     continue

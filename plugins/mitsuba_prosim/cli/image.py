@@ -27,7 +27,7 @@ from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .options import InputError, refuse_waves, wrong_input
-from .progress import Bar, ImageBar, warn
+from .progress import Bar, Progress, warn
 from .tev import Viewer, viewer
 
 if TYPE_CHECKING:
@@ -65,6 +65,8 @@ class Task:
     begin: Record | None = None
     sources: Sequence[Path] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
+    #: The scene as it is sent to workers, where they take the samples.
+    bundle: SceneBundle | None = None
 
     @classmethod
     def of(
@@ -167,11 +169,9 @@ def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     return rendering.progressive(scene, sensor, job.seed, job.spp, **how)
 
 
-def render(
-    task: Task, bar: Bar, workers: Workers, bundle: SceneBundle | None = None, shown: Viewer | None = None
-) -> Result:
-    """Renders and writes an image or its state. ``bar`` shows the progress; ``workers`` take the samples if ``bundle``,
-    the scene as it travels, is given, else this process does; ``shown`` is where the image is shown.
+def render(task: Task, bar: Bar, workers: Workers, shown: Viewer | None = None) -> Result:
+    """Renders and writes an image or its state. ``bar``: shows the progress; ``workers``: take the samples, if not this
+    process; ``shown``: where the image is shown.
 
     Raises InputError, where nothing has been written, and ClickException; ends the process where it was interrupted
     before the first sample, unless it is a frame of a film.
@@ -179,7 +179,8 @@ def render(
     job, is_frame = task.job, bool(task.facts)
     keeper = task.checked()
     with interruptible(task.integrator.cancel) as signals:
-        executor, begun = workers.executor(bundle), perf_counter()
+        executor = workers.executor(task.bundle)
+        begun = perf_counter()
         with failing():
             steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
             while not (signals or gone(executor)) and (step := next(steps, None)) is not None:
@@ -364,18 +365,18 @@ def write_image(job: Job, stem: Path, begin: Record | None = None, sources: Coll
     ``begin``: continues from there; ``sources``: the files of ``begin``, which no image may overwrite. Raises
     InputError, where nothing has been written, and ClickException; ends the process where it was interrupted.
     """
-    from .workers import Workers, bundle_of
+    from .workers import Workers, bundled
 
     with log(job.verbose), session.threads(job.threads):
         with atomic.scratch() as folder, wrong_input():
-            task = Task.of(job, job.file(folder), stem, begin, sources)
-            bundle = bundle_of(task)
+            task = bundled(Task.of(job, job.file(folder), stem, begin, sources))
         with (
             Workers(job) as workers,
             viewer(job, task.sensor.film()) as shown,
-            ImageBar(rendering.keeps(task.integrator)) as bar,
+            # The first step comes when the kernels are compiled and a part is rendered.
+            Progress("compiling kernels") if rendering.keeps(task.integrator) else Progress("rendering", False) as bar,
         ):
-            result = render(task, bar, workers, bundle, shown)
+            result = render(task, bar, workers, shown)
         if result.black:
             warn(result.black)
     click.echo(result.said)

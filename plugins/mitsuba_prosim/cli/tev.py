@@ -12,8 +12,8 @@ import click
 import mitsuba as mi
 from prosim_scene import extras
 
+from ..live.throttle import Throttle
 from ..scene import images
-from ..watch.due import Due
 from .job import Job
 from .progress import warn
 
@@ -39,7 +39,7 @@ class Viewer:
             raise click.ClickException(extras.needs("--view tev (Python 3.11 or later)", "tev"))
         import tevclient
 
-        self._name, self._film, self._due = name, film, Due()
+        self._name, self._film, self._throttle = name, film, Throttle()
         self._begun = False
         self._tev: Any = tevclient.Ipc(host, port)
         before = socket.getdefaulttimeout()
@@ -56,8 +56,8 @@ class Viewer:
 
     def update(self, render: Any) -> None:
         """Shows what there is of a render, if it is time for it."""
-        if self._due:
-            with self._due.drawing():
+        if self._throttle:
+            with self._throttle.drawing():
                 render.put()
                 self.show()
 

@@ -37,7 +37,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """
     if extras.missing("watch"):
         raise click.ClickException(extras.needs("prosim watch", "watch"))
-    from ..watch import changes, server, studio
+    from ..live import server, viewer
 
     refuse_for_xml(job, "light_units", "tolerance")
     refuse_waves(["prosim watch"], job.variant)
@@ -60,7 +60,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             scene = file.load()
             return file, scene, scene_file.pick_sensor(scene, job.sensor)
 
-        shown = studio.Studio(Path(job.scene), opened, job.spp, job.seed, job.denoise)
+        shown = viewer.Viewer(Path(job.scene), opened, job.spp, job.seed, job.denoise)
 
         def encode(exposure: float) -> dict[str, bytes]:
             state, bitmap, integrator, reached = shown.result()
@@ -74,8 +74,8 @@ def watch(job: Job, port: int, browser: bool) -> None:
             with (
                 log(job.verbose),
                 session.threads(job.threads),
-                changes.watched(shown.files.known, shown.desk.saved, shown.files.missing),
-                interruptible(shown.desk.leave),
+                shown.files.watched(shown.requests.saved),
+                interruptible(shown.requests.close),
             ):
                 shown.run()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
@@ -18,15 +19,15 @@ if TYPE_CHECKING:
     from ..parallel.executor import DaskExecutor
 
 
-def bundle_of(task: Task) -> SceneBundle | None:
-    """The scene as it travels to the workers; None without workers.
+def bundled(task: Task) -> Task:
+    """The task with the scene as it is sent to the workers; as it is where there are none.
 
     Raises ClickException where Dask is missing, ValueError where the scene can't travel or its integrator does not
     render progressively, OSError.
     """
     option = task.job.helpers
     if option is None:
-        return None
+        return task
     if extras.missing("cluster"):
         raise click.ClickException(extras.needs(option, "cluster"))
     from ..parallel.bundle import SceneBundle
@@ -36,7 +37,7 @@ def bundle_of(task: Task) -> SceneBundle | None:
             f"{option}: other processes take the samples where prosim or prosim_adaptive says which, in all but scalar "
             f"variants; this scene's integrator is {task.integrator.class_name()}. {HOW_TO_SAMPLE}"
         )
-    return SceneBundle.of(task.file, task.job.sensor)
+    return replace(task, bundle=SceneBundle.of(task.file, task.job.sensor))
 
 
 class Workers:

@@ -82,7 +82,8 @@ class Prosim(ProgressiveIntegrator):
 
      * - diffuse_bounces
        - |int|
-       - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing
+       - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing. With
+         any but 0, each vertex samples one lamp, chosen by an estimate of its light there
          (Default: 0)
 
      * - caustics

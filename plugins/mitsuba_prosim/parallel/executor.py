@@ -85,8 +85,8 @@ class DaskExecutor:
         self.sizer = Local(SECONDS)
         #: Why the cluster has gone away.
         self.gone: str | None = None
-        #: Seconds of all workers together, and samples that these took.
-        self.seconds, self.samples = 0.0, 0
+        #: Seconds of all workers together.
+        self.seconds = 0.0
         self.address = getattr(client.scheduler, "address", "of the cluster")
         self._workers: frozenset[str] = frozenset()
         self._refused: dict[str, str] = {}
@@ -151,7 +151,7 @@ class DaskExecutor:
 
         def read(result: tuple[float, bytes]) -> tuple[WorkItem, Any]:
             seconds, content = result
-            self.seconds, self.samples = self.seconds + seconds, self.samples + item.work
+            self.seconds += seconds
             self.sizer.learn(item.work, seconds)
             with alone():
                 sums = pickle.loads(content)

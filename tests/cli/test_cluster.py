@@ -237,7 +237,7 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
 
     said = []
     image = there(client, lamp, tell, said.append, integrator=NOISE)
-    assert len(said) == 1 and "a worker was lost, 1 left; others" in said[0]
+    assert len(said) == 1 and re.match("a worker was lost, (1|none) left; others", said[0])
     assert not acts and len(told) > 4 and np.array_equal(image, here(lamp, integrator=NOISE))
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
         gone = next(iter(client.cluster.workers.values()))

@@ -14,6 +14,7 @@ import prosim_scene
 from prosim_scene import Document, misfit
 
 from .. import registry
+from ..compat import RESERVED
 from . import overrides, session
 from .confinement import Confinement
 from .digest import digest, named_files, strings
@@ -200,7 +201,7 @@ def check_crop(crop: tuple[int, int, int, int] | None, width: int, height: int) 
 
 def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
     """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
-    if taken := {"config", "filename"} & set(parameters):
+    if taken := set(RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba's Python parser keeps this name for itself; choose another")
     return mi.parser.parse_file(_config(), str(path), **parameters)
 

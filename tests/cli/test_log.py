@@ -1,14 +1,15 @@
 """Mitsuba's log while a command runs."""
 
-import io
 import re
 import subprocess
 import sys
+from functools import partialmethod
 
 import mitsuba as mi
 import pytest
+from mitsuba_prosim.cli import progress
 from mitsuba_prosim.cli.log import log
-from mitsuba_prosim.cli.progress import Lines, Steps
+from mitsuba_prosim.cli.progress import Lines
 from tqdm.auto import tqdm
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
@@ -84,19 +85,20 @@ def test_what_a_log_says_is_done_is_never_less(capsys):
 
 def test_the_bar_of_a_step_that_had_begun_before(monkeypatch):
     """A reference, half of which was kept: the time left is by what is made of it now, and the bar never goes back."""
-    now, shown = 1000.0, io.StringIO()
+    now = 1000.0
     monkeypatch.setattr("tqdm.std.time", lambda: now)
-    with tqdm(total=100, file=shown, bar_format=Steps.FORM, smoothing=0, mininterval=0, ncols=80) as bar:
-        steps = Steps(bar)
+    monkeypatch.setattr(tqdm, "__init__", partialmethod(tqdm.__init__, ncols=80))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with progress.Progress("comparing", clock=lambda: now) as steps:
 
         def told(second, doing, done):
             nonlocal now
             now = 1000.0 + second
-            steps(doing, done)
-            return str(bar)
+            steps.show(done, doing)
+            return str(steps.bar)
 
-        assert "reference:  50%" in told(0, "reference", 0.5) and "left" not in str(bar)
-        assert "reference:  60%" in told(10, "reference", 0.6) and "| 00:10, 00:40 left" in str(bar)
-        assert "reference:  60%" in told(20, "reference", 0.55) and "| 00:20, 01:20 left" in str(bar)
-        assert "turns:   0%" in told(20, "turns", 0.0) and "| 00:00" in str(bar)
-        assert "turns:  25%" in told(50, "turns", 0.25) and "| 00:30, 01:30 left" in str(bar)
+        assert "reference:  50%" in told(0, "reference", 0.5) and "left" not in str(steps.bar)
+        assert "reference:  62%" in told(10, "reference", 0.625) and "| 00:10, 00:30 left" in str(steps.bar)
+        assert "reference:  62%" in told(20, "reference", 0.5625) and "| 00:20, 02:20 left" in str(steps.bar)
+        assert "turns:   0%" in told(20, "turns", 0.0) and "| 00:00" in str(steps.bar)
+        assert "turns:  25%" in told(50, "turns", 0.25) and "| 00:30, 01:30 left" in str(steps.bar)

@@ -206,3 +206,17 @@ def test_derivatives_hold_the_choice_fixed(variant_rgb, key):
         derivatives.append(dr.grad(factor)[0])
     error = np.hypot(differences.std(ddof=1), np.std(derivatives, ddof=1)) / np.sqrt(6)
     assert abs(differences.mean() - np.mean(derivatives)) < 4 * error and np.mean(derivatives) > 4 * error
+
+
+@pytest.mark.slow
+def test_photons_at_nearly_smooth_surfaces_share_the_light_of_several_lamps(variant_rgb):
+    """There photons must know the probability of the lamp, too. Significance: 0.01."""
+    copper = {"type": "roughconductor", "material": "Cu"}
+    scene = penumbra(copper | {"alpha": 0.05})
+    scene["floor"]["bsdf"] = copper | {"alpha": 0.3}
+    scene |= {name: lamp for name, lamp in lamps().items() if name in ("panel", "behind")}
+    scene["second"] = sphere([3, 3, 2], 0.5, (5, 20, 5))
+    settings = {"type": "prosim", "adaptive": "none", "max_level": 3, "diffuse_bounces": -1}
+    rays = renderings(scene, 10, spp=64, **settings)
+    photons = renderings(scene, 10, spp=64, caustics=True, caustic_photons=20000, **settings)
+    assert same_expectation(rays, photons)

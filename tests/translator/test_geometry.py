@@ -8,13 +8,14 @@ import numpy as np
 import prosim_scene
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
-from prosim_scene import SceneWarning, view
+from prosim_scene import SceneWarning
+from prosim_scene.camera import camera_of
+from prosim_scene.geometry import csg, media, surfaces
+from prosim_scene.geometry.coincidence import Planes
+from prosim_scene.geometry.primitives import PRIMITIVES as SHAPES
+from prosim_scene.geometry.solids import matrix
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf, Operator
-from prosim_scene.solids import csg, media, parts
-from prosim_scene.solids.coincidence import Planes
-from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
-from prosim_scene.solids.transforms import matrix
 
 PRIMITIVES = {
     "CUBE": (1.0, 6.0),
@@ -114,7 +115,7 @@ def test_normals_are_those_of_the_quadric_after_cuts():
 
 def test_chord_error_is_below_the_tolerance():
     text = scene("SPHERE 0", ["SCALE (3 1 1)"])
-    camera = view.camera(document_of(text))
+    camera = camera_of(document_of(text))
     for tolerance in (0.5, 0.05):
         p = solids(text, tolerance)[0].positions / [3, 1, 1]
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
@@ -339,10 +340,14 @@ def test_depth_of_nesting_needs_no_recursion(tree):
     nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
     mesh = SHAPES["cube"].mesh(4, np.eye(4))
     planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
-    run = parts.Run(mesh.vertices, mesh.triangles, mesh.facets, parts.reserve_ids(1))
-    cube = parts.solid(run, np.array([[0.0] * 3, [1.0] * 3]), planes)
-    (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
-    assert part.manifold.volume() == pytest.approx(1)
+    box = np.array([[[0.0] * 3, [1.0] * 3]])
+    groups = [0] * sum(isinstance(node, Leaf) for node in nodes)
+    (body,) = csg.evaluate(
+        nodes,
+        groups,
+        lambda number: {media.OPAQUE: csg.Body(surfaces.manifold(mesh, 0, number), box, frozenset(), planes, 0)},
+    )[0].values()
+    assert body.manifold.volume() == pytest.approx(1)
 
 
 def test_a_solid_that_vanishes_by_an_operator_between_its_operands_is_told_of_the_order(tmp_path):

@@ -8,7 +8,6 @@ from typing import Any
 import click
 import mitsuba as mi
 from prosim_scene import extras
-from tqdm.auto import tqdm
 
 from ..scene import atomic, session
 from . import output as files
@@ -17,7 +16,7 @@ from .input_files import SceneFile
 from .job import Job, refuse_for_xml, takes_job
 from .log import log
 from .options import Command, Finite, InputError, Pattern, Whole, option, whole_numbers, wrong_input
-from .progress import Steps, warn
+from .progress import Progress, warn
 
 SUFFIXES = (".html", ".json", ".csv")
 
@@ -113,8 +112,9 @@ def compare(
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
         cache = place_of_references(cache, folder, 2**4 * 3 * width * height)
-        with tqdm(total=100, unit="%", bar_format=Steps.FORM, smoothing=0, disable=None, leave=False) as bar:
-            effort = Effort(levels, rounds, reference_seconds, cache, job.denoise, Steps(bar))
+        with Progress("comparing") as bar:
+            tell = lambda doing, done: bar.show(done, doing)  # noqa: E731
+            effort = Effort(levels, rounds, reference_seconds, cache, job.denoise, tell)
             facts, images = study(opened, scene.name, *specs, effort, exposure)
     texts = page.html(facts, images), page.json_text(facts), page.csv_text(facts)
     written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))

@@ -27,7 +27,7 @@ from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .options import InputError, refuse_waves, wrong_input
-from .progress import Bar, ImageBar, warn
+from .progress import Bar, Progress, warn
 from .tev import Viewer, viewer
 
 if TYPE_CHECKING:
@@ -369,7 +369,8 @@ def write_image(job: Job, stem: Path, begin: Record | None = None, sources: Coll
         with (
             Workers(job) as workers,
             viewer(job, task.sensor.film()) as shown,
-            ImageBar(rendering.keeps(task.integrator)) as bar,
+            # The first step comes when the kernels are compiled and a part is rendered.
+            Progress("compiling kernels") if rendering.keeps(task.integrator) else Progress("rendering", False) as bar,
         ):
             result = render(task, bar, workers.executor(parcel), shown)
         if result.black:

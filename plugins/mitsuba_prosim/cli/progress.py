@@ -67,31 +67,6 @@ class Lines:
         )
 
 
-class Steps:
-    """Shows steps one after the other, each with a time of its own, on a bar whose speed is not smoothed; in lines
-    where nobody watches it.
-    """
-
-    FORM = "{l_bar}{bar}| {elapsed}"
-
-    def __init__(self, bar: tqdm) -> None:
-        self.bar, self.lines, self.doing = bar, Lines(), ""
-
-    def __call__(self, doing: str, done: float) -> None:
-        """``doing``: the step; ``done``: the part of it, 0 to 1."""
-        bar = self.bar
-        if bar.disable:
-            self.lines(doing, done)
-        if doing != self.doing:
-            self.doing = doing
-            bar.reset()
-            bar.initial = bar.n = 100 * done  # what was done before has taken none of this time
-        begun = 100 * done > bar.initial + 1  # before, nobody knows
-        bar.bar_format = self.FORM + (", {remaining} left" if begun else "")
-        bar.set_description_str(doing)
-        bar.update(max(100 * done - bar.n, 0))  # an estimate that has become worse is not shown
-
-
 class Bar(Protocol):
     """Shows how far an image is."""
 
@@ -99,29 +74,35 @@ class Bar(Protocol):
         """``done``: the part of it, 0 to 1."""
 
 
-class ImageBar:
-    """The progress of an image, with the time left; ``progressive``: whether its integrator says how far it is."""
+class Progress:
+    """The progress of one work after the other, each with a time of its own; ``doing``: what is shown until the first
+    step; ``timed``: whether there are steps before the end.
+    """
 
-    def __init__(self, progressive: bool) -> None:
-        self.form = "{l_bar}{bar}| {elapsed}" if progressive else "{desc}"
-        # The first step comes when the kernels are compiled and a part is rendered.
-        doing = "compiling kernels" if progressive else "rendering"
-        self.bar = tqdm(
-            desc=doing, total=100, unit="%", bar_format=self.form, disable=None, file=sys.stderr, leave=False
-        )
-        self.lines, self.left = Lines(), Left()
+    FORM = "{l_bar}{bar}| {elapsed}"
 
-    def __enter__(self) -> ImageBar:
+    def __init__(self, doing: str, timed: bool = True, clock: Callable[[], float] = time.perf_counter) -> None:
+        self.form, self.clock = self.FORM if timed else "{desc}", clock
+        self.bar = tqdm(desc=doing, total=100, bar_format=self.form, disable=None, file=sys.stderr, leave=False)
+        self.lines, self.left = Lines(clock), Left(clock)
+        self.doing: str | None = None
+
+    def __enter__(self) -> Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.bar.close()
 
-    def show(self, done: float) -> None:
-        """``done``: the part of it, 0 to 1."""
+    def show(self, done: float, doing: str = "rendering") -> None:
+        """``done``: the part of what is being done, 0 to 1."""
         if self.bar.disable:
-            self.lines("rendering", done)
-        self.bar.set_description_str("rendering", refresh=False)
+            self.lines(doing, done)
+        if doing != self.doing:
+            if self.doing is not None:
+                self.bar.reset()
+                self.left = Left(self.clock)
+            self.doing = doing
+        self.bar.set_description_str(doing, refresh=False)
         self.bar.bar_format = self.form + self.left(done)
         self.bar.update(max(100 * done - self.bar.n, 0))  # an estimate that has become worse is not shown
 

@@ -1,8 +1,0 @@
-"""From the CSG tree to triangles: primitives, their transforms, the tree evaluated, the surfaces of the result."""
-
-from .detail import TOLERANCE
-from .faces import Faces, Skin, Triangles
-from .results import Results
-from .triangles import tessellate
-
-__all__ = ["TOLERANCE", "Faces", "Results", "Skin", "Triangles", "tessellate"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import drjit as dr
@@ -42,12 +43,11 @@ class Derivatives:
         offsets = range(-plan.reach, plan.reach + 1)
         x, y, *_ = pixels(plan.region)
         with uncropped(self.sensor):
-            for plan, start in self.plan.passes():
+            for start in itertools.count(0, plan.n):
                 start = dr.opaque(mi.UInt32, start)
                 taken = dr.compress(self.counts > start)
                 if dr.width(taken) == 0:
                     break
-                self.estimator.plan = plan
                 lane = dr.arange(mi.UInt32, dr.width(taken) * plan.n)
                 pixel = dr.gather(mi.UInt32, taken, lane // plan.n)
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)

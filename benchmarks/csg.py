@@ -1,15 +1,14 @@
 """Time and memory of translating CSG trees, by their number of primitives.
 
-    python benchmarks/csg.py [--trees TREE ...] [--pairwise] [COUNT ...]
+    python benchmarks/csg.py [--trees TREE ...] [COUNT ...]
 
 The trees: `field` is a union of random primitives, left-deep as in the thesis's listing; `carved` is a block from which
 half of the primitives are taken away, then half are added and taken away in turn; `grid` is a union of primitives that
 do not touch; `plate` one with a hole at each place of a grid, `pegs` one with a peg through it there; in `comb` each
-box overlaps the next, and in `point` all overlap at one point, added and taken away in turn. `--pairwise` also times
-what is usual elsewhere, one union after the other in the order of the tree. `again` is the translation of a scene of
-which one SURFACE has changed, with what the first one has left, and `moved cpu` are processor seconds of that of one in
-which a primitive in the middle of the tree has moved; reading is not counted in these. Each measurement runs in its own
-process.
+box overlaps the next, and in `point` all overlap at one point, added and taken away in turn. `again` is the translation
+of a scene of which one SURFACE has changed, with what the first one has left, and `moved cpu` are processor seconds of
+that of one in which a primitive in the middle of the tree has moved; reading is not counted in these. Each measurement
+runs in its own process.
 """
 
 import argparse
@@ -72,7 +71,7 @@ def scene(kind, count, seed=1):
     return "\n".join([*lines, "END", ""])
 
 
-def measure(kind, count, pairwise):
+def measure(kind, count):
     """Prints seconds of reading, of the whole and of other times, processor seconds of the whole, and mebibytes.
 
     The latter at the peak, above those of the imports, and of the meshes.
@@ -80,18 +79,8 @@ def measure(kind, count, pairwise):
     import warnings
 
     import prosim_scene
-    from prosim_scene.solids import chains, parts, values
 
     warnings.simplefilter("ignore")
-    if pairwise:
-
-        def union(operands):
-            result = []
-            for part in (p for operand in operands for p in operand):
-                result = parts.as_parts(part.manifold + result[0].manifold, part.planes) if result else [part]
-            return result
-
-        chains.union = values.union = union
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.scn"
         path.write_text(scene(kind, count))
@@ -127,16 +116,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("counts", nargs="*", type=int, default=[100, 1000, 10000], metavar="COUNT")
     parser.add_argument("--trees", nargs="+", choices=TREES, default=TREES[:2], metavar="TREE")
-    parser.add_argument("--pairwise", action="store_true")
     parser.add_argument("--one", choices=TREES, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        return measure(options.one, options.counts[0], options.pairwise)
+        return measure(options.one, options.counts[0])
     names = ["read s", "all s", "cpu s", "again s", "moved cpu", "MiB", "PLY MiB"]
     print(f"{'tree':>7} {'leaves':>7}", *(f"{name:>9}" for name in names))
     for kind in options.trees:
         for count in options.counts:
-            command = [sys.executable, __file__, "--one", kind, str(count), *["--pairwise"] * options.pairwise]
+            command = [sys.executable, __file__, "--one", kind, str(count)]
             subprocess.run(command, check=True)
     return None
 

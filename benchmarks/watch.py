@@ -25,7 +25,7 @@ import mitsuba as mi
 import numpy as np
 
 PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
-STATES = ("opened", "first picture", "first wave", "final", "longest still")
+STATES = ("opened", "first picture", "first pass", "final", "longest still")
 
 #: What changes -> what the text has of it, and what stands there by turns.
 CHANGES = {
@@ -56,11 +56,11 @@ def now():
 
 
 class Watched:
-    """A studio that notes when what is seen of it after a save."""
+    """A viewer that notes when what is seen of it after a save."""
 
     def __init__(self, scene, folder):
+        from mitsuba_prosim.live import viewer
         from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
-        from mitsuba_prosim.watch import studio
         from prosim_scene import Kept
 
         kept = Kept()
@@ -70,27 +70,27 @@ class Watched:
             loaded = file.load()
             return file, loaded, pick_sensor(loaded, 0)
 
-        self.studio = studio.Studio(scene, opened)
-        self.times, self.shown, self._say = {}, [], self.studio.board.say
-        self.studio.board.say = self.noted
+        self.viewer = viewer.Viewer(scene, opened)
+        self.times, self.shown, self._publish = {}, [], self.viewer.publisher.publish
+        self.viewer.publisher.publish = self.noted
 
     def noted(self, pictures=None, **changes):
-        """In the place of the board's own."""
+        """In the place of the publisher's own."""
         if changes.get("doing") == "opening":
             self.times, self.shown = {"saved": now()}, []
         elif pictures:
             self.shown.append(now())
             whole = "error" in pictures["own"].layers
-            self.times.setdefault("first wave" if whole else "first picture", self.shown[-1])
+            self.times.setdefault("first pass" if whole else "first picture", self.shown[-1])
         elif changes.get("doing") in ("rendering", "done"):
             self.times.setdefault("opened" if changes["doing"] == "rendering" else "final", now())
-        self._say(pictures, **changes)
+        self._publish(pictures, **changes)
 
     def save(self):
         """``{state: seconds}`` after a save."""
-        before, board = self.studio.board.state.saves, self.studio.board
-        self.studio.desk.saved()
-        while board.state.saves == before or board.state.doing != "done":
+        before, publisher = self.viewer.publisher.state.saves, self.viewer.publisher
+        self.viewer.requests.saved()
+        while publisher.state.saves == before or publisher.state.doing != "done":
             time.sleep(0.02)
         found = {state: time - self.times["saved"] for state, time in self.times.items()}
         return found | {"longest still": np.diff(self.shown, axis=0).max(axis=0), "pictures": len(self.shown)}
@@ -99,16 +99,16 @@ class Watched:
         """The seconds of the command's render."""
         from mitsuba_prosim.scene import rendering
 
-        def rendered(subject):
+        def rendered(scene):
             begun = now()
-            for _ in rendering.progressive(subject.scene, subject.sensor):
+            for _ in rendering.progressive(scene.scene, scene.sensor):
                 pass
-            image = np.array(subject.sensor.film().develop())
+            image = np.array(scene.sensor.film().develop())
             took = now() - begun
-            assert np.array_equal(image, self.studio.board.pictures["own"].layers["final"])
+            assert np.array_equal(image, self.viewer.publisher.pictures["own"].layers["final"])
             return {"final": took}
 
-        return self.studio.desk.errand(rendered).result()
+        return self.viewer.requests.call(rendered).result()
 
 
 def turns(watched, address, rounds, typical):
@@ -117,7 +117,7 @@ def turns(watched, address, rounds, typical):
     for turn in range(-1, rounds):
         alone = watched.save()
         with subprocess.Popen([sys.executable, __file__, "--page", address]) as looking:
-            while not watched.studio.board.followed:
+            while not watched.viewer.publisher.followed:
                 time.sleep(0.1)
             time.sleep(0.5)  # until it has what there is
             seen = watched.save()
@@ -172,11 +172,11 @@ def main():
         page(arguments.page)
         return
     mi.set_variant(arguments.variant)
+    from mitsuba_prosim.live import server, throttle
     from mitsuba_prosim.scene import session
-    from mitsuba_prosim.watch import due, portions, server
 
     if arguments.busy:
-        portions.clock = due.clock = lambda: time.process_time() / arguments.threads
+        throttle.clock = lambda: time.process_time() / arguments.threads
     with tempfile.TemporaryDirectory() as folder, session.threads(arguments.threads):
         scene = Path(folder) / arguments.scene.name
         if arguments.tree:
@@ -193,12 +193,12 @@ def main():
                 else:
                     turns(watched, address, arguments.rounds, typical)
             finally:
-                watched.studio.desk.leave()
+                watched.viewer.requests.close()
 
-        with server.served(watched.studio, lambda exposure: {}, server.bound(0)) as address:
+        with server.served(watched.viewer, lambda exposure: {}, server.bound(0)) as address:
             other = threading.Thread(target=work, args=(address,))
             other.start()
-            watched.studio.run()
+            watched.viewer.run()
             other.join()
 
 

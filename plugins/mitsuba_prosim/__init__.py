@@ -28,7 +28,7 @@ def __getattr__(name: str) -> Any:
 
         return denoise
     if name == "show":
-        from .watch.notebook import show
+        from .live.notebook import show
 
         return show
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

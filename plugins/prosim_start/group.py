@@ -30,7 +30,7 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module, _, name = COMMANDS[cmd_name][0].partition(":")
-        module = module if "." in module else f"mitsuba_prosim.command.{module}"
+        module = module if "." in module else f"mitsuba_prosim.cli.{module}"
         command: click.Command = getattr(importlib.import_module(module), name)
         return command
 

@@ -52,7 +52,7 @@ def assemble(
     earlier translation has left, and this one leaves.
     """
     scene, target = document.scene, TARGETS[options.target]
-    results, kept = kept.results if kept else None, kept or Kept()
+    kept = kept or Kept()
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
@@ -68,7 +68,6 @@ def assemble(
         lambda leaf: look(scene, leaf),
         lambda leaf: fresnel(scene, leaf),
         kept.faces,
-        results,
     )
 
     result: Node = {"type": "scene"} | single.check(document, target.settings(context))

@@ -19,6 +19,7 @@ MEANINGS = {
     ("BACKGROUND", "background"): "Radiance of a ray that leaves the scene, 65535 being 1.0; or a latitude-longitude "
     "image. It lights nothing. Default: 0 0 0.",
     ("VIEW", "view"): "The camera: RESOLUTION, WINDOW, OBS, VPN, VRP and VUP.",
+    ("SOLID", "solids"): "A tree with a name, which stands in other trees like a primitive, with an index.",
     ("CSG_TREE", "csg"): "The solids, operators before their operands: - CUBE 1 SPHERE 2. Parentheses are remarks.",
     ("SURFACE", "surfaces"): "Optics of the primitives with this index.",
     ("TRANSFORM", "transforms"): "Where the primitives with this index are: steps, applied in the order written.",
@@ -26,6 +27,7 @@ MEANINGS = {
     ("END", ""): "The end of the scene; required. What follows is ignored.",
     ("LIGHT", "area"): "A source that is a sphere, of radius raio. It needs a position.",
     ("LIGHT", "point"): "A source that is a point. It needs a position.",
+    ("LIGHT", "sky"): "Light from all around: an image, latitude by longitude, 1.0 being 65535.",
     ("LIGHT_PARAMETER", "position"): "Where the source is.",
     ("LIGHT_PARAMETER", "intensity"): "How bright the source is; 65535 is 1.0, what that means says --light-units. "
     "Default: 65535 65535 65535.",

@@ -15,7 +15,7 @@ EXTRAS = {
     "editors": {"pygls": "pygls"},
     "notebooks": {"ipywidgets": "ipywidgets"},
     "tev": {"tevclient": "tevclient"},
-    "watch": {"starlette": "starlette", "uvicorn": "uvicorn", "watchfiles": "watchfiles"},
+    "watch": {"starlette": "starlette", "uvicorn": "uvicorn"},
 }
 
 
@@ -26,5 +26,5 @@ def missing(extra: str) -> list[str]:
 
 def needs(what: str, extra: str) -> str:
     """Says that ``what`` needs an extra, which packages of it are missing, and how to install it."""
-    packages = " and ".join(missing(extra)) or "a package that can be imported"
+    packages = ", ".join(missing(extra)) or "a package that can be imported"
     return f"{what} needs {packages}; to get it: pip install 'mitsuba-prosim[{extra}]'"

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable
 from weakref import WeakKeyDictionary
 
-from .solids import Faces, Results, Triangles
+from .solids import Faces, Triangles
 from .write.ply import ply
 
 
@@ -11,8 +11,7 @@ class Kept:
     """The faces of the last tree that was evaluated, by the content of its solids, and their PLY files.
 
     What they look like is no part of the content. They take as much memory as they take while they are made. ``made``
-    counts the trees that were evaluated. Of a tree that has changed, what the change does not touch is found in
-    ``results``.
+    counts the trees that were evaluated.
     """
 
     def __init__(self) -> None:
@@ -20,7 +19,6 @@ class Kept:
         self.found: Faces | None = None
         self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
         self.made = 0
-        self.results = Results()
 
     def faces(self, key: Hashable, make: Callable[[], Faces]) -> Faces:
         """What ``make`` gives, or has given the last time for an equal ``key``."""

@@ -13,7 +13,7 @@ GREY: Vector = (0.5, 0.5, 0.5)
 class Light:
     """A source (5.2): a sphere, or a point whose ``radius`` is virtual."""
 
-    kind: str  # "area" or "point"
+    kind: str  # "area" or "point"; or "sky": an image all around, which has nothing of what follows but that
     position: Vector = (0.0, 0.0, 0.0)
     intensity: Vector = (65535.0, 65535.0, 65535.0)  # 65535 is 1.0
     radius: float = 1.0
@@ -21,6 +21,7 @@ class Light:
     direction: Vector = (0.0, -1.0, 0.0)
     angle: float | None = None  # degrees: half-opening of a cone, cut-off of a spot
     exponent: float = 1.0  # of a spot
+    image: str | None = None  # of a sky, latitude by longitude
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,15 @@ class Texture:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A primitive in the tree: its shape, its index, and its textures (surface, solid)."""
+    """A primitive in the tree: its shape, its index, and its textures (surface, solid).
+
+    ``within``: while the text is read, the indices of the named solids that it is a part of, the innermost first.
+    """
 
     shape: str  # "cube", "sphere", "cylinder" or "cone"
     index: int
     textures: tuple[Texture | None, Texture | None] = (None, None)
+    within: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,8 @@ class Scene:
     """A whole scene.
 
     ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion; ``surfaces`` and ``transforms`` go
-    by the indices of the leaves, ``patterns`` by the names of their textures. ``text`` is what the scene was read from.
+    by the indices of the leaves, ``patterns`` by the names of their textures. A part of a named solid has an index of
+    its own for each use of that. ``text`` is what the scene was read from.
     """
 
     name: str

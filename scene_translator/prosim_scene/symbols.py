@@ -29,7 +29,7 @@ from .language.words import (
 )
 
 #: The keywords that an index follows.
-INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE")
+INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
 VARIABLE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
 #: The word before the cursor, and the arithmetic that the cursor is in.
 WORD = re.compile(r'[^\s()#":=]*\Z')
@@ -224,8 +224,8 @@ class Symbols:
         for symbol, found in self.table.items():
             for one in found if symbol.kind == "index" else ():
                 given[one.after].add(int(symbol.key))
-        defined = given["SURFACE"] | given["TRANSFORM"]
-        fitting = defined if role == "PRIMITIVE" else (given["PRIMITIVE"] | defined) - given[role]
+        used, defined = given["PRIMITIVE"] | given["USE"], given["SURFACE"] | given["TRANSFORM"]
+        fitting = defined if role in ("PRIMITIVE", "USE") else (used | defined) - given[role]
         fitting = fitting or {max(set().union(*given.values()), default=-1) + 1}
         return [Completion(str(i), "index", start) for i in sorted(fitting)]
 

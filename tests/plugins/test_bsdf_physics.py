@@ -380,4 +380,5 @@ def test_beckmann_equals_mitsubas_but_for_g(variant_rgb, alpha):
         some = (g > 1e-3) & (g_smith > 1e-3) & (theirs.x > 1e-6)
         ratio = np.array(ours.x / g / (theirs.x / g_smith))[np.array(some)]
         assert len(ratio) > 1000
-        np.testing.assert_allclose(ratio, 1, atol=1e-4)
+        # D has an exponent of up to 20, which makes some 1,000 roundings of one of the facet's slope.
+        np.testing.assert_allclose(ratio, 1, atol=3e-4)

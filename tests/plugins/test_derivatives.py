@@ -98,6 +98,36 @@ def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb):
     assert backward == pytest.approx(image[..., :3].mean(), rel=1e-4)
 
 
+def test_time_is_refused(variant_rgb):
+    scene = mi.load_dict(penumbra(None, 8, type="prosim", max_level=0, time=0.1))
+    params = mi.traverse(scene)
+    dr.enable_grad(params["light.emitter.radiance.value"])
+    params.update()
+    image = mi.render(scene, params)
+    with pytest.raises(RuntimeError, match="set samples, max_samples or noise in the place of time"):
+        dr.backward(dr.mean(image, axis=None))
+
+
+def test_iterations_share_their_kernels(variant_rgb):
+    """However long the paths are, and whatever the parameters: a step after the first compiles nothing."""
+    bsdf = {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}
+    scene = mi.load_dict(penumbra(bsdf, 16, type="prosim", diffuse_bounces=-1, max_level=-1, adaptive="none"))
+    params, key = mi.traverse(scene), "ball.bsdf.alpha.value"
+    kernels = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        for seed in range(3):
+            params[key] = dr.opaque(mi.Float, 0.3 + 0.01 * seed)
+            dr.enable_grad(params[key])
+            params.update()
+            image = mi.render(scene, params, seed=seed, spp=4)
+            dr.kernel_history_clear()
+            dr.backward(dr.mean(dr.square(image), axis=None))
+            history = [kernel for kernel in dr.kernel_history() if kernel.get("operation_count", 0) > 500]
+            kernels.append({kernel["hash"] for kernel in history})
+            assert len(kernels[-1]) <= 8 < len(history)  # the first two iterations and the last have their own
+    assert kernels[0] == kernels[1] == kernels[2]
+
+
 # ------------------------------------------------------------------ of sources, and what they light
 
 FLOORS = {

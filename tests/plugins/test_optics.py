@@ -111,14 +111,14 @@ def test_attenuation_is_torrance_and_sparrows(variant_rgb):
 def test_fresnel_matches_the_amplitudes(variant_rgb):
     """Reflectances from complex amplitudes in double precision, to 1e-6."""
     angles = np.linspace(0, 89.9, 500)
-    cos = np.cos(np.radians(angles))
+    cos = np.cos(np.radians(angles)).astype(np.float32).astype(float)  # what is rounded counts at the critical angle
 
     def exact(index):
         t = np.sqrt(1 - (1 - cos**2) / index**2 + 0j)
         s, p = (cos - index * t) / (cos + index * t), (index * cos - t) / (index * cos + t)
         return 0.5 * (abs(s) ** 2 + abs(p) ** 2)
 
-    for eta in (1.1, 1.5, 2.419):
+    for eta in np.float32([1.1, 1.5, 2.419]).astype(float):
         np.testing.assert_allclose(fresnel.dielectric(mi.Float(cos), mi.Float(eta)), exact(eta), atol=1e-6)
         np.testing.assert_allclose(fresnel.dielectric(mi.Float(-cos), mi.Float(eta)), exact(1 / eta), atol=1e-5)
     eta, k = (0.2, 0.92, 1.1), (3.9, 2.45, 2.14)

@@ -4,8 +4,8 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from mitsuba_prosim.live.files import Files
 from mitsuba_prosim.scene.scene_file import SceneFile
-from mitsuba_prosim.watch.named import Files
 
 SCENE = """AMBIENT 9000 9000 9000
 BACKGROUND 0 0 0 {}
@@ -36,6 +36,6 @@ def test_an_image_that_is_cut_short(variant_rgb, tmp_path, background, texture, 
     assert "save it again" in words and str(out) not in words
     files = Files(scene)  # as prosim watch that begins with it
     files.failed(words)
-    assert image in files.known()
+    assert image in files.known
     image.write_bytes(whole)
     assert SceneFile(scene, out).load().shapes()

@@ -201,6 +201,12 @@ WRONG = [
     (3, "VIEW RESOLUTION 320x240", 17, ["found '320x240'", "nothing but spaces between them: 320 240"]),
     (3, "VIEW RESOLUTION 320 x 240", 21, ["unknown word 'x' after RESOLUTION", "2 numbers (width height)"]),
     (6, "TRANSFORM 0 SCALE (2x.5X-1)", 20, ["found '2x.5X-1'", "between them: 2 .5 -1"]),
+    # shares, and colours on the scale of 255
+    (5, "SURFACE 0 kd = 60% 0 0", 16, ["found '60%', which is not a number; write 0.6"]),
+    (5, "SURFACE 0 kd = 153 .2 .2", 16, ["1 at most: a share from 0 to 1, not from 0 to 255; 153 of 255 is 0.6"]),
+    # digits of other scripts
+    (4, "CSG-TREE CUBE ٣", 15, ["unknown word '٣' after CUBE; expected 1 number (its index)"]),
+    (5, "SURFACE ٣ kd = .5", 9, ["unknown word '٣' after SURFACE"]),
     # materials by other words
     (5, "SURFACE 0 material metal", 20, ["found 'metal'", "composto; for a metal: material condutor and its name"]),
     (5, "SURFACE 0 material ouro", 20, ["unknown word 'ouro'", "did you mean 'condutor ouro'"]),
@@ -259,6 +265,34 @@ def test_wrong_input(number, line, column, words, tmp_path):
     assert caret.strip("~ ") == "^" and caret.index("^") == 4 + before + min(column - 1, 60)
     assert source[4:].strip("…") in text
     assert [p.name for p in tmp_path.iterdir()] == ["wrong.scn"]
+
+
+@pytest.mark.parametrize(
+    "number, line, code",
+    [
+        (1, "NOMEE: x", "unknown-word"),
+        (1, "NAME: x NAME: y", "twice"),
+        (1, "NAME: x (unclosed", "unclosed"),
+        (1, "NSAMPLES: 5O", "not-a-number"),
+        (1, "NSAMPLES: 2.5", "range"),
+        (1, "NSAMPLES: {1/0}", "expression"),
+        (1, "NSAMPLES: $n", "undefined"),
+        (3, "VIEW OBS 0 9", "count"),
+        (4, "CSG-TREE CUBE 1", "no-index"),
+        (4, "CSG-TREE CUBE 0 - SPHERE 0", "infix"),
+        (4, "CSG-TREE + CUBE 0", "tree"),
+        (5, "SURFACE 0 material condutor ouroo", "unknown-name"),
+        (5, "SURFACE 0 material dieletrico", "optics"),
+        (5, "SURFACE 0 SCALE (1 1 1)", "unexpected"),
+        (7, "", "no-end"),
+    ],
+)
+def test_each_kind_of_error_has_a_code(number, line, code):
+    readers = [prosim_scene.parse, prosim_scene.format]
+    for read in readers[: 1 + (code != "undefined")]:  # the layout needs no values
+        with pytest.raises(SceneError) as error:
+            read(with_line(number, line))
+        assert error.value.code == code
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning, view
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf, Operator
-from prosim_scene.solids import csg, media, parts
+from prosim_scene.solids import csg, media, triangles
 from prosim_scene.solids.coincidence import Planes
 from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
 from prosim_scene.solids.transforms import matrix
@@ -339,7 +339,29 @@ def test_depth_of_nesting_needs_no_recursion(tree):
     nodes = [Leaf("cube", 0) if node == "0" else Operator(node) for node in tree.replace("CUBE 0", "0").split()]
     mesh = SHAPES["cube"].mesh(4, np.eye(4))
     planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
-    run = parts.Run(mesh.vertices, mesh.triangles, mesh.facets, parts.reserve_ids(1))
-    cube = parts.solid(run, np.array([[0.0] * 3, [1.0] * 3]), planes)
-    (part,) = csg.evaluate(nodes, lambda number, leaf: {media.OPAQUE: cube})[media.OPAQUE]
-    assert part.manifold.volume() == pytest.approx(1)
+    box = np.array([[[0.0] * 3, [1.0] * 3]])
+    groups = [0] * sum(isinstance(node, Leaf) for node in nodes)
+    (body,) = csg.evaluate(
+        nodes,
+        groups,
+        lambda number: {media.OPAQUE: csg.Body(triangles.manifold(mesh, 0, number), box, frozenset(), planes, 0)},
+    )[0].values()
+    assert body.manifold.volume() == pytest.approx(1)
+
+
+def test_a_solid_that_vanishes_by_an_operator_between_its_operands_is_told_of_the_order(tmp_path):
+    """The tree is valid, but means something else than + + + A (B * C)."""
+    path = tmp_path / "s.scn"
+    path.write_text(
+        "LIGHTS POINT position 0 9 9\nCSG-TREE + + +\nCYLINDER 1\n- CYLINDER 2 *\nCONE 3\nCYLINDER 4\n"
+        "SPHERE 5 SPHERE 6\n"
+        + "".join(f"SURFACE {i}\nTRANSFORM {i} TRANSLATE ({5 * i} 0 0)\n" for i in range(1, 7))
+        + "END\n"
+    )
+    expected = (
+        r"nothing is seen of CONE 3 \(line 5\), CYLINDER 4 \(line 6\): .*operators come before their operands: "
+        r"\* \(line 4\) has the operands CONE 3 \(line 5\) and CYLINDER 4 \(line 6\)"
+    )
+    with pytest.warns(SceneWarning, match=expected) as warned:
+        prosim_scene.check(path)
+    assert len(warned) == 1

@@ -4,7 +4,6 @@ import exact_csg
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene.solids import results
 
 SCENE = """DEFAULT $turn = 0
 DEFAULT $red = 0.1
@@ -135,7 +134,7 @@ class Edited:
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("seed", [pytest.param(0), pytest.param(1, marks=pytest.mark.slow)])
-def test_what_is_found_of_an_edited_tree_is_what_is_made_of_it(tmp_path, seed):
+def test_an_edited_tree_is_translated_as_if_nothing_had_been_kept(tmp_path, seed):
     path, kept, edited = tmp_path / "s.scn", prosim_scene.Kept(), Edited(seed)
     for kind in ["change", "append", "change", "insert", "remove", "change"]:
         path.write_text(edited.text())
@@ -143,64 +142,3 @@ def test_what_is_found_of_an_edited_tree_is_what_is_made_of_it(tmp_path, seed):
         prosim_scene.translate(path, tmp_path / "anew")
         assert files(tmp_path / "kept") == files(tmp_path / "anew")
         edited.edit(kind)
-
-
-def counted(monkeypatch):
-    """The kinds of all that is made where results are kept."""
-    made = []
-
-    def kept(content, kind, make, triangles, whole=results.kept):
-        return whole(content, kind, lambda: [made.append(kind), make()][1], triangles)
-
-    for module in prosim_scene.solids.parts, prosim_scene.solids.media:
-        monkeypatch.setattr(module, "kept", kept)
-    return made
-
-
-def row(moved):
-    """Eight balls that do not touch, each with a bite taken out of it, number ``moved`` of which is moved."""
-    lines = [
-        "VIEW OBS 0 5 40 WINDOW -20 -20 20 20 RESOLUTION 40 40",
-        "LIGHTS POINT position 5 5 9",
-        "CSG-TREE",
-        "+ " * 7,
-    ]
-    lines += [f"- SPHERE {i} CUBE {8 + i}" for i in range(8)]
-    for i in range(16):
-        lines += [
-            f"SURFACE {i} kd = 0.{1 + i % 8} 0.5 0.5",
-            f"TRANSFORM {i} TRANSLATE ({4 * (i % 8)} {0.1 * (i == moved)} 0)",
-        ]
-    return "\n".join([*lines, "END", ""])
-
-
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-def test_only_what_an_edit_touches_is_made_anew(tmp_path, monkeypatch):
-    path, kept, made = tmp_path / "s.scn", prosim_scene.Kept(), counted(monkeypatch)
-    first, others = "- SPHERE 0 CUBE 8", row(0)
-    for text, count in (
-        (row(None), 8),
-        (row(7), 1),
-        (row(3), 2),
-        (row(11), 1),
-        (others, 2),
-        (others.replace("- SPHERE 3", "* SPHERE 3"), 1),
-        (others.replace("- SPHERE 3 CUBE 11", "- CUBE 11 SPHERE 3"), 1),
-        (row(0), 1),
-        (others.replace(first, f"+ {first} {first}"), 8),  # the others' numbers change
-    ):
-        made.clear()
-        path.write_text(text)
-        prosim_scene.translate(path, tmp_path / "kept", kept=kept)
-        assert made.count("shell") == count
-        prosim_scene.translate(path, tmp_path / "anew")
-        assert files(tmp_path / "kept") == files(tmp_path / "anew")
-
-
-def test_no_more_is_kept_than_there_is_room_for(tmp_path, monkeypatch):
-    path, kept, made = tmp_path / "s.scn", prosim_scene.Kept(), counted(monkeypatch)
-    monkeypatch.setattr(results, "TRIANGLES", 0)
-    for moved in (None, 7):
-        path.write_text(row(moved))
-        prosim_scene.translate(path, kept=kept)
-    assert len(made) == 2 * 16

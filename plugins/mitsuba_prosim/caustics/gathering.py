@@ -10,9 +10,11 @@ import mitsuba as mi
 from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.indivisible import any_indivisible, is_whole
+from ..transport.scene_facts import scene_flags
 from . import photons as grid
 from .footprint import Footprint
 from .photons import Photons
+from .walk import WIDE
 
 #: How far a photon may lie off the plane of the surface, over the reach: beyond the edge of a wall is another wall.
 OFF = 0.25
@@ -30,6 +32,8 @@ class Gathering:
         self.footprint = footprint
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         self.indivisible = any_indivisible(scene)
+        #: Whether photons may come by way of glossy lobes.
+        self.glossy = bool(lobes.has_any(scene_flags(scene), *lobes.GLOSSY))
         #: Whether the diffuse lobes of all of them are Lambert's.
         self.lambertian = (
             not any(s.class_name() == "Instance" for s in scene.shapes())
@@ -62,11 +66,14 @@ class Gathering:
                 f = dr.select(whole, bsdf.eval(lobes.everything(), si, si.to_local(wo), near & whole), f)
             return dr.select(near, f * flux * (kernel / dr.select(near, dr.abs(cos), 1)), 0)
 
-        L, per_area = within_reach(photons, number, self.footprint, si, light, active)
+        L = mi.Spectrum(0)
+        for times in (1, WIDE) if self.glossy else (1,):
+            total, per_area = within_reach(photons, number, self.footprint, si, light, active, times)
+            L += total * per_area
         if self.lambertian:
             lit = active & (dr.max(L) > 0)
             L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
-        return L * per_area
+        return L
 
 
 def within_reach(
@@ -76,15 +83,17 @@ def within_reach(
     si: mi.SurfaceInteraction3f,
     light: Callable[[mi.UInt32, mi.Float, mi.Bool], mi.Spectrum],
     active: mi.Bool,
+    times: int = 1,
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """``(sum, per_area)``: that of ``light(i, kernel, near)`` over the photons i of the map ``number`` within a pixel's
-    width of ``si``, and what makes it a density, the kernel being 1 in the middle. ``near``: where there is one.
+    """``(sum, per_area)``: that of ``light(i, kernel, near)`` over the photons i of the map ``number`` within reach of
+    ``si``, and what makes it a density, the kernel being 1 in the middle. ``near``: where there is one. ``times``: the
+    reach, in pixel widths; only photons of this reach count.
     """
     distance = footprint.distance(si.p)
-    reach = footprint.at(distance)
+    reach = times * footprint.at(distance)
     # What lies within reach is seen at about the same distance: mostly from one grid, seldom from two.
-    first = grid.level_of(footprint.at(dr.maximum(distance - reach, 0)))
-    last = grid.level_of(footprint.at(distance + reach))
+    first = grid.level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
+    last = grid.level_of(times * footprint.at(distance + reach))
     inv_reach2 = dr.rcp(dr.square(reach))
     # They lie between two planes beside the surface: along its normal mostly in one cell, not in two.
     n2 = dr.square(si.n)

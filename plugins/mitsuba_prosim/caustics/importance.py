@@ -14,7 +14,7 @@ from . import photons as grid
 from . import random
 from .footprint import Footprint
 from .sources import Start
-from .walk import Landed, Walk
+from .walk import WIDE, Landed, Walk
 
 #: Camera rays, and entries of the hash table that they are counted in.
 RAYS, ENTRIES = 1 << 16, 1 << 18
@@ -49,7 +49,7 @@ class Importance:
         width = self.footprint.at(self.footprint.distance(landed.p))
         added = dr.max(landed.flux) / dr.square(width)
         seen = dr.gather(mi.Float, self.seen, self._entry(landed.p), landed.lies)
-        return dr.select(landed.lies, seen * dr.square(added), 0)
+        return dr.select(landed.lies, seen * dr.square(added / dr.select(landed.wide, WIDE, 1)), 0)
 
     def _entry(self, p: mi.Point3f) -> mi.UInt32:
         """The entry of the hash table that the cell of ``p`` has."""

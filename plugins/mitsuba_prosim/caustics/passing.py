@@ -22,7 +22,7 @@ class Passing:
     """
 
     def __init__(self, scene: mi.Scene, footprint: Footprint, tree: bool) -> None:
-        self.footprint, self.lights = footprint, Lights(scene)
+        self.footprint, self.lights = footprint, Lights(scene, choose=not tree)
         self.drawn = (lobes.reflected(), lobes.refracted()) if tree else (lobes.specular(),)
         self.careful = any_careful(scene)
         self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))

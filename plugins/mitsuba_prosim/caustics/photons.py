@@ -13,7 +13,7 @@ import numpy as np
 from ..compat import dr_array
 from ..sampling.hash import combine
 from .footprint import Footprint
-from .walk import Landed
+from .walk import WIDE, Landed
 
 #: Sizes of cells to an octave. There is a grid for each size, and a photon lies in that which fits the size of a pixel
 #: where it is, so that a search comes upon about as many photons near the eye as far away.
@@ -48,11 +48,11 @@ class Photons:
         there = dr.compress(landed.lies)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # one that lies far away
-        of_each = [landed.p, landed.d, landed.flux]
+        of_each = [landed.p, landed.d, landed.flux, dr.select(landed.wide, mi.Float(WIDE), 1)]
         if landed.density is not None:
             of_each += [landed.density, landed.level]
-        p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
-        level = level_of(footprint.at(footprint.distance(p)))
+        p, d, flux, wide, *others = (dr.gather(type(v), v, there) for v in of_each)
+        level = level_of(footprint.at(footprint.distance(p)) * wide)
         x, y, z = cell(p, level)
         rows = key(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)

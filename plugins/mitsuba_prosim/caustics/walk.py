@@ -34,6 +34,11 @@ FAINT = 0.5
 MOST = 8
 
 
+#: Reach of a photon of a wide glossy lobe, in pixel widths. A lobe is wide if this part of its width is more, where its
+#: width is the distance times the root of the solid angle 1 / pdf.
+WIDE, PART = 4, 0.2
+
+
 @dataclass
 class Landed:
     """Photons where they have come to lie."""
@@ -45,6 +50,8 @@ class Landed:
     flux: mi.Spectrum
     #: Whether it lies on a surface, after one specular surface or more: a diffuse one, or one that is taken whole.
     lies: mi.Bool
+    #: Whether it counts within :data:`WIDE` pixel widths, as the light of its glossy lobe varies slowly.
+    wide: mi.Bool
     #: On glossy surfaces: how close together photons are there (:attr:`.Start.density`) ...
     density: mi.Float | None = None
     #: ... and by way of how many surfaces they came.
@@ -53,7 +60,7 @@ class Landed:
     @classmethod
     def nowhere(cls) -> Landed:
         """Photons that have not landed."""
-        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False))
+        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False), mi.Bool(False))
 
 
 @dataclass
@@ -67,6 +74,8 @@ class State:
     level: mi.UInt32
     active: mi.Bool
     landed: Landed
+    #: Width of the glossy lobe that it comes from, over the distance; 0 of an ideal one.
+    lobe: mi.Float
     #: Where something is taken whole: whether a lobe of several directions of that has sent it on.
     sent: mi.Bool | None
     #: Where light is shared with the eye's rays: how close together photons are, 0 beyond a glossy surface unless that
@@ -93,6 +102,7 @@ class Walk:
         self.careful = any_careful(scene)
         self.wholes, self.indivisible = wholes, any_indivisible(scene)
         self.narrow = Narrow.of(scene)
+        self.footprint = footprint
         self.merges = possible(scene, self.narrow)
         self.passing = None if self.narrow.table is None else Passing(scene, footprint, wholes)
 
@@ -108,9 +118,8 @@ class Walk:
         density, glossy = None, None
         if self.merges:
             density, glossy = start.density, replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
-        state = State(
-            start.ray, medium, start.flux, mi.UInt32(0), dr.max(start.flux) > 0, Landed.nowhere(), sent, density, glossy
-        )
+        active, nowhere = dr.max(start.flux) > 0, Landed.nowhere()
+        state = State(start.ray, medium, start.flux, mi.UInt32(0), active, nowhere, mi.Float(0), sent, density, glossy)
         if self.passing is not None:
             state.times = mi.Float(1)
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
@@ -148,7 +157,7 @@ class Walk:
                 times = dr.select(later, times / LIES, times)
                 meets = but_not(meets, later & (random.number(key, LOT + state.level) >= LIES))
                 share = as_shaded * times
-            here = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True), density, state.level)
+            here = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True), mi.Bool(False), density, state.level)
             glossy = dr.select(meets, here, glossy)
         ray, weight, bs, passed, goes, sent = self._scatter(si, bsdf, key, first, arrived, goes, whole)
         if density is not None:
@@ -168,7 +177,10 @@ class Walk:
         goes &= random.number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
         lands &= true > 0
-        landed = Landed(si.p, state.ray.d, arrived * (as_shaded / dr.maximum(1 - p, 1e-6)), mi.Bool(True))
+        wide = PART * state.lobe * si.t > WIDE * self.footprint.at(self.footprint.distance(si.p))
+        landed = Landed(si.p, state.ray.d, arrived * (as_shaded / dr.maximum(1 - p, 1e-6)), mi.Bool(True), wide)
+        # Where a choice between reflection and refraction is part of the density, that does not tell the width.
+        by_gloss = but_not(lobes.has_any(bs.sampled_type, *lobes.GLOSSY), lobes.has_any(flags, *lobes.REFRACTED))
         return State(
             ray,
             beyond(si, medium, ray.d, goes) if self.absorbs else None,
@@ -176,6 +188,7 @@ class Walk:
             state.level + 1,
             goes,
             dr.select(lands, landed, state.landed),
+            dr.select(by_gloss, dr.rsqrt(dr.maximum(bs.pdf, 1e-6)), 0),
             state.sent | sent if self.indivisible else None,
             density,
             glossy,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 
 import drjit as dr
@@ -12,6 +11,9 @@ from .accumulate import Image
 from .camera import uncropped
 from .estimate import Estimator
 from .plan import Plan, index_within, pixels
+
+#: Samples that are followed at a time: many, as each time all is traced anew; but each keeps some 100 numbers a node.
+LANES = 1 << 18
 
 
 class Derivatives:
@@ -34,35 +36,39 @@ class Derivatives:
         return self.film.develop()
 
     def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
-        """Yields ``(values, weights)`` for each pass: the film's values of one sample a lane, with derivatives; and for
-        each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's index
-        in the window.
+        """Yields ``(values, weights)``: the film's values of up to ``LANES`` samples, one a lane, with derivatives; and
+        for each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's
+        index in the window.
         """
-        plan = self.plan
-        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in plan.window)
-        offsets = range(-plan.reach, plan.reach + 1)
-        x, y, *_ = pixels(plan.region)
+        window, reach = self.plan.window, self.plan.reach
+        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
+        offsets = range(-reach, reach + 1)
+        x, y, *_ = pixels(self.plan.region)
         with uncropped(self.sensor):
-            for start in itertools.count(0, plan.n):
-                start = dr.opaque(mi.UInt32, start)
-                taken = dr.compress(self.counts > start)
-                if dr.width(taken) == 0:
-                    break
-                lane = dr.arange(mi.UInt32, dr.width(taken) * plan.n)
-                pixel = dr.gather(mi.UInt32, taken, lane // plan.n)
+            for pixel, t in self.lanes():
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                t = start + lane % plan.n
                 values, _, position = self.estimator.sample(px, py, t)
-                count = dr.gather(mi.UInt32, self.counts, pixel)
-                share = dr.select(t < count, dr.rcp(mi.Float(count)), 0)  # the last pass may be cut short
+                share = dr.rcp(mi.Float(dr.gather(mi.UInt32, self.counts, pixel)))
                 spread = []
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
                 for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
                     there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
-                    spread.append(
-                        (dr.select(there, weight * share, 0), dr.select(there, index_within(plan.window, tx, ty), 0))
-                    )
+                    weight = dr.select(there, weight * share, 0)
+                    spread.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
                 yield values, spread
+
+    def lanes(self) -> Iterator[tuple[mi.UInt32, mi.UInt32]]:
+        """All samples, up to ``LANES`` at a time: ``(pixel, t)``, the pixels of the region and which of their samples
+        are taken.
+        """
+        behind = dr.cumsum(mi.UInt64(self.counts))
+        pixels_there, total = dr.width(behind), int(behind[dr.width(behind) - 1])
+        for first in range(0, total, LANES):
+            lane = dr.opaque(mi.UInt64, first) + dr.arange(mi.UInt64, min(LANES, total - first))
+            pixel = dr.binary_search(0, pixels_there, lambda i: dr.gather(mi.UInt64, behind, i) <= lane)  # noqa: B023
+            t = mi.UInt32(lane + dr.gather(mi.UInt32, self.counts, pixel) - dr.gather(mi.UInt64, behind, pixel))
+            dr.eval(pixel, t)
+            yield pixel, t
 
     def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""
@@ -73,10 +79,10 @@ class Derivatives:
             for c, value in enumerate(values):
                 if dr.grad_enabled(value):
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
-            # The passes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
+            # All lanes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
             # but the sum itself would be a kernel of its own.
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
-            dr.eval()  # what was scattered to the parameters, so that no pass adds to the kernel of another
+            dr.eval()  # what was scattered to the parameters, so that each time has the same kernels
 
     def forward(self) -> mi.TensorXf:
         """The derivative of the film's values, by those that the scene's parameters have."""
@@ -88,11 +94,11 @@ class Derivatives:
             for values, spread in self.samples():
                 values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
                 if values:
-                    # What the passes share, behind the scene's parameters, is gone through once: it keeps its
+                    # What all lanes share, behind the scene's parameters, is gone through once: it keeps its
                     # derivatives.
                     dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
                 for c, value in values:
                     for w, p in spread:
                         dr.scatter_add(total, w * dr.grad(value), p * channels + c)
-                dr.eval(total)  # so that the size of a kernel does not grow with the number of passes
+                dr.eval(total)  # so that the size of a kernel does not grow with the number of samples
         return mi.TensorXf(total, self.storage.shape)

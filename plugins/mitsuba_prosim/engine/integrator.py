@@ -248,6 +248,11 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
         from .derivatives import Derivatives
 
+        if self.time:
+            raise RuntimeError(
+                f"{self.name()}: derivatives are those of an image's own samples, and how many fit into a time is "
+                "different each time; set samples, max_samples or noise in the place of time."
+            )
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():

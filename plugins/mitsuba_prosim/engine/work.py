@@ -98,7 +98,7 @@ class Local:
     GROWTH, LAST = 4, 1.25
 
     def __init__(self, seconds: float = 1.0) -> None:
-        self.seconds, self.size = seconds, samples_of_a_second()
+        self.seconds, self.size = seconds, int(seconds * samples_of_a_second())
         self.first = True  # whose time is that of the compiler
 
     def limit(self, most: int | None, left: int) -> int | None:

@@ -81,7 +81,8 @@ class Prosim(ProgressiveIntegrator):
 
      * - diffuse_bounces
        - |int|
-       - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing
+       - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing. With
+         any but 0, each vertex samples one lamp, chosen by an estimate of its light there
          (Default: 0)
 
      * - caustics
@@ -165,6 +166,10 @@ class Prosim(ProgressiveIntegrator):
     film's reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's
     sampler is not used. A nonzero :monosp:`spp` given to ``render()`` stands for :math:`N^2`, in the place of
     :monosp:`max_samples` and :monosp:`samples`; :monosp:`graded` may take up to four times as many in a pixel.
+
+    Derivatives, forward and backward, are those of the image that the same seed gives, by its own samples; so
+    :monosp:`time` and :monosp:`caustics` are refused there. To optimise parameters, Mitsuba's :monosp:`prb` is cheaper:
+    it knows our materials and sources, and takes about half the time for as many samples.
 
     The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no
     separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within

@@ -27,8 +27,6 @@ class Balls:
     whole_sphere = False
     #: Whether it can tell beforehand that a ray meets none of its sources.
     can_foresee = True
-    #: Whether :meth:`carried` needs to know the point of the surface.
-    follows_shape = False
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         self.balls = [ball(emitter) for emitter in emitters]
@@ -96,6 +94,10 @@ class Balls:
         ds = direction_sample(si, d)
         ds.n = -d
         return ds, jacobian
+
+    def follows_shape(self, number: int | mi.UInt32) -> bool:
+        """Whether :meth:`carried` needs to know the point of the surface."""
+        return False
 
     def may_meet(self, number: int | mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets the source ``number``, as far as nothing is in the way."""

@@ -18,8 +18,6 @@ class Others:
     whole_sphere = True
     #: Whether it can tell beforehand that a ray meets none of its sources.
     can_foresee = False
-    #: Whether :meth:`carried` needs to know the point of the surface.
-    follows_shape = True
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         pass
@@ -52,6 +50,10 @@ class Others:
     ) -> mi.Float:
         """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
         return ds.emitter.pdf_direction(si, ds, active)
+
+    def follows_shape(self, number: int | mi.UInt32) -> bool:
+        """Whether :meth:`carried` needs to know the point of the surface."""
+        return True
 
     def may_meet(self, number: int | mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets the source ``number``: it can't be told."""

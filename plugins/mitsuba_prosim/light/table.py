@@ -1,8 +1,10 @@
-"""The light sources of a scene, as surfaces sample them: every source at every point (sections 4.1, 5.2)."""
+"""The light sources of a scene, as surfaces sample them: each at every point (sections 4.1, 5.2), or one that is
+chosen (:mod:`.light_sampler`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +13,79 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from .balls import Balls
+from .light_sampler import LightSampler
 from .others import Others
 from .sample import LightSample
 from .sky import Sky
 
 #: Strategies for lamps, which are all sources but a constant sky: an emitter belongs to the first one that takes it.
 STRATEGIES = (Balls, Others)
+
+
+#: A strategy, and the numbers of its first lamp and of the one after its last.
+Group = tuple[Balls | Others, int, int]
+
+
+class Mixed(Others):
+    """The strategies of several ``groups`` as one, for a lamp whose number only the kernel knows."""
+
+    def __init__(self, groups: Sequence[Group]) -> None:
+        self.groups = groups
+        self.whole_sphere = all(strategy.whole_sphere for strategy, *_ in groups)
+
+    def sample(
+        self,
+        number: int | mi.UInt32,
+        emitter: mi.Emitter | mi.EmitterPtr,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> LightSample:
+        """A point of the lamp ``number``, which is ``emitter``; see :meth:`.balls.Balls.sample`."""
+        return self._select(number, active, lambda one, k, mine: one.sample(k, emitter, si, n, sample, mine))
+
+    def pdf(
+        self,
+        number: int | mi.UInt32,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        ds: mi.DirectionSample3f,
+        active: mi.Bool,
+    ) -> mi.Float:
+        """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
+        return self._select(number, active, lambda one, k, mine: one.pdf(k, si, n, ds, mine))
+
+    def carried(
+        self,
+        number: int | mi.UInt32,
+        si: mi.SurfaceInteraction3f,
+        n: mi.Normal3f,
+        d: mi.Vector3f,
+        met: mi.SurfaceInteraction3f,
+        active: mi.Bool,
+    ) -> tuple[mi.DirectionSample3f, mi.Float]:
+        """The direction ``d`` from ``si`` to a point of the lamp ``number``; see :meth:`.balls.Balls.carried`."""
+        return self._select(number, active, lambda one, k, mine: one.carried(k, si, n, d, met, mine))
+
+    def follows_shape(self, number: int | mi.UInt32) -> mi.Bool | bool:
+        """Whether :meth:`carried` needs to know the point of the lamp ``number``."""
+        return self._select(number, mi.Bool(True), lambda one, k, mine: mi.Bool(one.follows_shape(k)))
+
+    def _select(
+        self, number: int | mi.UInt32, active: mi.Bool, evaluate: Callable[[Balls | Others, Any, mi.Bool], Any]
+    ) -> Any:
+        """What ``evaluate`` returns for the strategy of the lamp ``number``, that lamp's number within it, and a mask.
+
+        In scalar variants the number must be that of a lamp, and ``active`` true.
+        """
+        result: Any = None
+        for strategy, first, end in self.groups:
+            mine = active & (first <= number) & (number < end)
+            if not idle(mine):
+                value = evaluate(strategy, dr.clip(number - first, 0, end - 1 - first), mine)
+                result = value if result is None else dr.select(mine, value, result)
+        return result
 
 
 @dataclass
@@ -50,9 +119,6 @@ class Lamp:
         return dr.select(both_sides, whole, above)
 
 
-#: A strategy, and the numbers of its first lamp and of the one after its last.
-Group = tuple[Balls | Others, int, int]
-
 #: What samples any source from a surface that light reaches from both sides.
 WHOLE = Others(())
 
@@ -63,13 +129,15 @@ class Lights:
 
     The sky is sampled for lobes that no ray is drawn from: a ray that is drawn finds it at least as well, alone.
 
+    ``choose``: whether a surface samples one of the lamps, which the ``sampler`` chooses, and not each of them.
+
     Up to ``UNROLLED`` lamps are written out in the kernel; more are visited by loops, whose kernel does not depend on
     their number.
     """
 
     UNROLLED = 4
 
-    def __init__(self, scene: mi.Scene) -> None:
+    def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
         emitters = list(scene.emitters())
         skies = [e for e in emitters if Sky.takes(e)]
         groups = [
@@ -86,6 +154,8 @@ class Lights:
                 self.emitters += members
                 self.groups.append((strategy(members), first, len(self.emitters)))
         self.lamps = len(self.emitters)
+        #: What samples any lamp, by its number in the table.
+        self.mixed: Balls | Others = self.groups[0][0] if len(self.groups) == 1 else Mixed(self.groups)
         self.sky = Sky(2 * scene.bbox().bounding_sphere().radius) if skies else None
         self.emitters += skies
         self.count = len(self.emitters)
@@ -98,6 +168,8 @@ class Lights:
         )
         if self.jit and self.emitters:
             self._tabulate(scene)
+        #: What chooses among several lamps; None where each of them is sampled.
+        self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
 
     def _tabulate(self, scene: mi.Scene) -> None:
         """Pointers by the number of the source, and for many sources the way back from Dr.Jit's identity of an emitter.
@@ -109,20 +181,27 @@ class Lights:
         self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
         if self.lamps > self.UNROLLED:
             identity = dr.reinterpret_array(mi.UInt32, self.pointers)
-            self.numbers = dr.zeros(mi.UInt32, dr.max(identity)[0] + 1)
+            self.numbers = dr.full(mi.UInt32, self.lamps, dr.max(identity)[0] + 1)
             dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), identity)
             dr.make_opaque(self.numbers)
 
     def number_of(self, emitter: mi.Emitter | mi.EmitterPtr, active: mi.Bool) -> int | mi.UInt32:
-        """The number of the source ``emitter``, a ``mi.EmitterPtr``, or an emitter in scalar variants."""
+        """The number of the lamp ``emitter``, a ``mi.EmitterPtr``, or an emitter in scalar variants; the number of
+        lamps for the sky and for None, which are no lamps.
+        """
         if not self.jit:
-            return self.emitters.index(emitter) if active else 0
+            return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         if self.lamps > self.UNROLLED:
             return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
-        number = mi.UInt32(0)
-        for k in range(1, self.lamps):
+        number = mi.UInt32(self.lamps)
+        for k in range(self.lamps):
             number = dr.select(emitter == dr.gather(mi.EmitterPtr, self.pointers, k), k, number)
         return number
+
+    def lamp(self, k: int | mi.UInt32) -> Lamp:
+        """The lamp of the number ``k``, an integer or a Dr.Jit array."""
+        emitter = dr.gather(mi.EmitterPtr, self.pointers, k) if self.jit else self.emitters[k]
+        return Lamp(k, emitter, self.mixed, k)
 
     def for_each(
         self,
@@ -192,24 +271,29 @@ class Lights:
         both_sides: mi.Bool | bool,
         ds: mi.DirectionSample3f,
         active: mi.Bool,
+        estimates: mi.Float | None = None,
     ) -> mi.Float:
         """Density per solid angle with which a lamp is sampled in the direction ``ds`` (``mi.DirectionSample3f``) at
-        ``si``, the lamp being the one that is met there; parameters as in :meth:`Lamp.sample`.
+        ``si``, the lamp being the one that is met there; 0 for the sky. Parameters as in :meth:`Lamp.sample`.
+
+        It includes the probability that the ``sampler``, if there is one, chooses this lamp. ``estimates``: its
+        :meth:`.LightSampler.total` at ``si``, if that is known.
         """
         k = self.number_of(ds.emitter, active)
-        pdf = mi.Float(0)
-        for strategy, first, end in self.groups:
-            mine = active & (first <= k) & (k < end)
-            if both_sides is not False and not strategy.whole_sphere:
-                mine = but_not(mine, both_sides)
-            if not idle(mine):
-                number = dr.clip(k - first, 0, end - 1 - first)
-                pdf = dr.select(mine, strategy.pdf(number, si, n, ds, mine), pdf)
-        if both_sides is not False and not all(strategy.whole_sphere for strategy, *_ in self.groups):
-            rest = active & both_sides
-            if not idle(rest):
-                pdf = dr.select(rest, WHOLE.pdf(k, si, n, ds, rest), pdf)
-        return pdf
+        active = active & (k < self.lamps)
+        if idle(active) or not self.lamps:
+            return mi.Float(0)
+        if both_sides is False or self.mixed.whole_sphere:
+            pdf = self.mixed.pdf(k, si, n, ds, active)
+        else:
+            pdf, above, whole = mi.Float(0), but_not(active, both_sides), active & both_sides
+            if not idle(above):
+                pdf = self.mixed.pdf(k, si, n, ds, above)
+            if not idle(whole):
+                pdf = dr.select(whole, WHOLE.pdf(k, si, n, ds, whole), pdf)
+        if self.sampler is not None:
+            pdf *= self.sampler.probability(k, si.p, n, both_sides, estimates, active)
+        return dr.select(active, pdf, 0)
 
     def carried(
         self, si: mi.SurfaceInteraction3f, n: mi.Normal3f, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
@@ -218,12 +302,11 @@ class Lights:
         Jacobian of the map, both with derivatives; see :mod:`.motion`.
         """
         k = self.number_of(met.shape.emitter(), active)
-        moved, jacobian = mi.Vector3f(d), mi.Float(1)
-        for strategy, first, end in self.groups:
-            mine = active & (first <= k) & (k < end)
-            ds, stretch = strategy.carried(dr.clip(k - first, 0, end - 1 - first), si, n, d, met, mine)
-            moved, jacobian = dr.select(mine, ds.d, moved), dr.select(mine, stretch, jacobian)
-        return moved, jacobian
+        active = active & (k < self.lamps)
+        if not self.lamps:
+            return d, mi.Float(1)
+        ds, stretch = self.mixed.carried(k, si, n, d, met, active)
+        return dr.select(active, ds.d, d), dr.select(active, stretch, 1)
 
     def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
         """Whether the ray (o, d) meets a source, as far as nothing is in the way; where the table ``can_foresee``."""

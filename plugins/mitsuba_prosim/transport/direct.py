@@ -1,6 +1,8 @@
-"""Light from every source at a node (sections 4.1, 5.2)."""
+"""Light from the sources at a node (sections 4.1, 5.2)."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
@@ -25,8 +27,10 @@ def direct_light(
     points: NRook | SamplerPoints,
     active: mi.Bool,
     scattered: mi.Bool | bool = False,
-) -> mi.Spectrum:
-    """Light from every source through the whole BRDF: one point in each, one shadow ray to it (section 4.1).
+) -> tuple[mi.Spectrum, mi.Float | None]:
+    """Light from the sources through the whole BRDF, and the sum of the lamps' estimates (:attr:`.Ray.estimates`).
+
+    Every source is sampled by one point and one shadow ray (section 4.1); where paths choose, one lamp alone.
 
     ``scattered``: the lanes that are lit through the diffuse lobes alone.
     """
@@ -40,10 +44,14 @@ def direct_light(
 
     other = beside(stage, ray, si, bsdf, but_not(active, scattered))
 
-    def light(lamp: Lamp, L: mi.Spectrum) -> mi.Spectrum:
-        sample = lamp.sample(si, n, both_sides, points(first_space + lamp.k, active), active)
+    estimates = None if lights.sampler is None else lights.sampler.total(si.p, n, both_sides, active)
+
+    def light(lamp: Lamp, point: mi.Point2f, probability: mi.Float | float = 1) -> mi.Spectrum:
+        sample = lamp.sample(si, n, both_sides, point, active)
+        if estimates is not None:
+            sample = replace(sample, pdf=sample.pdf * probability, weight=sample.weight / probability)
         if stage.attached:
-            sample = carried_sample(stage.scene, lights, lamp, si, n, both_sides, sample, active)
+            sample = carried_sample(stage.scene, lights, lamp, si, n, both_sides, sample, active, estimates)
         lit = active & (sample.pdf > 0)
         wo = si.to_local(sample.d)
         f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
@@ -57,9 +65,19 @@ def direct_light(
             f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_others))
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-        return L + unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
+        return unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
 
-    L = lights.for_each(light, mi.Spectrum(0), active, attached=stage.attached)
+    if lights.sampler is None or estimates is None:
+        L = lights.for_each(
+            lambda lamp, L: L + light(lamp, points(first_space + lamp.k, active)),
+            mi.Spectrum(0),
+            active,
+            attached=stage.attached,
+        )
+    else:
+        point = points(first_space, active)
+        k, probability, rest = lights.sampler.choose(si.p, n, both_sides, estimates, point.x, active)
+        L = light(lights.lamp(k), mi.Point2f(rest, point.y), probability)
     if lights.sky is not None and alone is not None:
         # The rays that are drawn from the other lobes meet the sky by themselves.
         active = active & (lobes.has_any(flags, *lobes.DIFFUSE) | whole)
@@ -71,7 +89,7 @@ def direct_light(
         if stage.facts.indivisible:
             f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
         L += unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
-    return L
+    return L, estimates
 
 
 def unless_in_shadow(

@@ -81,6 +81,7 @@ def follow(
         shares=but_not(mi.Bool(True), ideal),
         counts=counts,
         n=viewer_side(si),
+        estimates=node.estimates,
     )
     if stage.merging is not None:
         following = with_reach(stage, ray, node, following, bs, weight, whole)

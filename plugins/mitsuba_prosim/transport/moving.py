@@ -33,17 +33,19 @@ def carried_sample(
     both_sides: mi.Bool | bool,
     sample: LightSample,
     active: mi.Bool,
+    estimates: mi.Float | None = None,
 ) -> LightSample:
     """The light ``sample`` of ``lamp``, carried along with it, if that is a surface; parameters as in
-    :meth:`.table.Lamp.sample`.
+    :meth:`.table.Lamp.sample` and :meth:`.table.Lights.pdf`.
     """
     emitter = mi.EmitterPtr(lamp.emitter)
     active = active & (sample.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
     met = None
-    if lamp.strategy.follows_shape:
+    follows = lamp.strategy.follows_shape(lamp.number)
+    if follows is not False:
         to_point = si.spawn_ray_to(sample.p)  # ends just before the point
-        met = meet_and_stay(scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active)
-        active = active & met.is_valid() & (met.shape.emitter() == emitter)
+        met = meet_and_stay(scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active & follows)
+        active = dr.select(follows, active & met.is_valid() & (met.shape.emitter() == emitter), active)
     ds, jacobian = lamp.strategy.carried(lamp.number, si, n, dr.detach(sample.d), met, active)
     ds.emitter = emitter
     radiance = emitter.eval_direction(si, ds, active)
@@ -52,7 +54,7 @@ def carried_sample(
         sample,
         d=attached(sample.d, ds.d, active),
         weight=attached(sample.weight, weight, active),
-        pdf=attached(sample.pdf, lights.pdf(si, n, both_sides, ds, active), active),
+        pdf=attached(sample.pdf, lights.pdf(si, n, both_sides, ds, active, estimates), active),
     )
 
 

@@ -51,14 +51,15 @@ def shade(
     bsdf = si.bsdf()
     if settings.ambient is not None and stage.facts.surfaces:
         L += ambient_term(stage, si, bsdf, surface_inside)
-    L += direct_light(stage, ray, si, bsdf, points, surface_inside, scattered)
+    direct, estimates = direct_light(stage, ray, si, bsdf, points, surface_inside, scattered)
+    L += direct
     if stage.caustics is not None:
         assert isinstance(points, NRook)
         L += stage.caustics(si, bsdf, points.t, surface_inside)
         if stage.merging is not None:
             glossy = but_not(surface_inside, scattered)
             L += stage.merging(ray, si, bsdf, stage.facts.glossy, points.t, glossy)
-    return ray.throughput * L, Node(ray, si, bsdf, surface)
+    return ray.throughput * L, Node(ray, si, bsdf, surface, estimates)
 
 
 def meet(stage: Stage, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
@@ -140,7 +141,8 @@ def emission(stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Boo
     ds = mi.DirectionSample3f(stage.scene, si, origin)
     if stage.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
         ds.d = dr.replace_grad(ds.d, ray.d)
-    pdf = lights.pdf(origin, ray.n, ray.both_sides if stage.facts.both_sides else False, ds, shares)
+    both_sides = ray.both_sides if stage.facts.both_sides else False
+    pdf = lights.pdf(origin, ray.n, both_sides, ds, shares, ray.estimates)
     weight = dr.select(shares, mis(ray.pdf, pdf), 1)
     if stage.merging is not None and ray.reach is not None:
         # What comes straight from a sky is found by rays alone.

@@ -45,6 +45,9 @@ class Ray:
     #: Where photons lie on what is taken whole: whether the ray comes from there, so that what it would find by way of
     #: specular surfaces was gathered.
     gathered: mi.Bool | None = None
+    #: Where one of several lamps is sampled at the ray's origin: the sum of their estimates there, see
+    #: :mod:`..light.light_sampler`.
+    estimates: mi.Float | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:
@@ -71,6 +74,8 @@ class Node:
     bsdf: mi.BSDFPtr
     #: The lanes that met a surface.
     surface: mi.Bool
+    #: Sum of the lamps' estimates; see :attr:`Ray.estimates`.
+    estimates: mi.Float | None = None
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:

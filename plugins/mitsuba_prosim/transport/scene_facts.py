@@ -49,7 +49,7 @@ class SceneFacts:
     def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
         """The facts of ``scene`` that matter under ``settings``; ``around``: the medium that the camera is in."""
         left_dim(scene)
-        lights, flags = Lights(scene), scene_flags(scene)
+        lights, flags = Lights(scene, choose=not settings.follows_tree), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)
         alone: mi.BSDFContext | None = lobes.everything()

@@ -76,6 +76,8 @@ class Stage:
             ray.begun = ray.reach = mi.Float(0)
         if self.caustics is not None and self.facts.indivisible:
             ray.gathered = mi.Bool(False)
+        if self.facts.lights.sampler is not None:
+            ray.estimates = mi.Float(0)
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:

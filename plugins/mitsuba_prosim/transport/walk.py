@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -26,14 +27,65 @@ def walk(
     if ends and max_level == 0:
         state = step(state)
     else:
-        # A symbolic loop cannot be differentiated backwards, unless it is told how far it may go; Dr.Jit 1.5 then
-        # generates wrong code for masks. Mitsuba's own integrators unroll theirs for the same reason.
-        (state,) = dr.while_loop(
-            (state,),
-            lambda state: state.active & (state.ray.level <= max_level) if ends else state.active,
-            lambda state: (step(state),),
-            mode="evaluated" if stage.attached else None,
-        )
+
+        def going(state: Any) -> mi.Bool:
+            return state.active & (state.ray.level <= max_level) if ends else state.active
+
+        if stage.attached:
+            state = differentiable_loop(state, going, step)
+        else:
+            (state,) = dr.while_loop((state,), going, lambda state: (step(state),))
     if ends and not lights.only_points:
         return state.L + end(stage, state.ray, camera, state.active), state.hit
     return state.L, state.hit
+
+
+def differentiable_loop(state: Any, going: Callable[[Any], mi.Bool], step: Callable[[Any], Any]) -> Any:
+    """The last of the states that ``step`` makes of ``state``, in each lane while it is ``going``, with derivatives.
+
+    An iteration is one kernel, and its derivative another: the same for all iterations. Dr.Jit 1.5 cannot do that: of a
+    symbolic loop that has derivatives it generates wrong code for masks; and its evaluated loop goes backwards in the
+    order of a hash table, so that each iteration is compiled anew.
+    """
+    dr.make_opaque(state)
+    while dr.any(active := going(state)):
+        state = dr.select(active, step(state), state)
+        dr.eval(state)
+        if tracked(state):
+            state = with_tracked(state, iter(dr.custom(Boundary, tracked(state))))
+    return state
+
+
+class Boundary(dr.CustomOp):
+    """The same arrays. Their derivatives are evaluated here, in the order of the arrays."""
+
+    def eval(self, arrays: list[Any]) -> list[Any]:  # noqa: D102
+        return arrays
+
+    def forward(self) -> None:  # noqa: D102
+        gradients = self.grad_in("arrays")
+        dr.eval(gradients)
+        self.set_grad_out(gradients)
+
+    def backward(self) -> None:  # noqa: D102
+        gradients = self.grad_out()
+        dr.eval(gradients)
+        self.set_grad_in("arrays", gradients)
+
+
+def tracked(state: Any) -> list[Any]:
+    """The arrays in dataclasses and lists that have derivatives."""
+    if is_dataclass(state):
+        state = [getattr(state, field.name) for field in fields(state)]
+    if isinstance(state, list):
+        return [array for part in state for array in tracked(part)]
+    return [state] if isinstance(state, dr.ArrayBase) and dr.grad_enabled(state) else []
+
+
+def with_tracked(state: Any, arrays: Iterator[Any]) -> Any:
+    """``state`` with ``arrays`` in the place of those that are :func:`tracked`."""
+    if is_dataclass(state) and not isinstance(state, type):
+        return replace(state, **{f.name: with_tracked(getattr(state, f.name), arrays) for f in fields(state)})
+    if isinstance(state, list):
+        return [with_tracked(part, arrays) for part in state]
+    return next(arrays) if tracked(state) else state

@@ -3,12 +3,13 @@
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import islice
+from dataclasses import replace
+from itertools import count, islice
 from os import PathLike
 from pathlib import PurePath
 
 from ..collector import still
-from ..model import Leaf, Operator, Pattern, Scene, Vector
+from ..model import Leaf, Operator, Pattern, Scene, Transform, Vector
 from .diagnostics import MOST, Diagnostic, SceneError, SceneWarning, Span, listing, quote, together
 from .document import Document
 from .reader import Reader, Skipped
@@ -78,9 +79,10 @@ def _analyse(reader: Reader) -> tuple[list[Diagnostic], Document | None]:
             result += [one for one in _lacking_behind_errors(reader) if one.start not in starts]
             result += _end(reader)
     else:
+        used, within = _resolve(reader)
         document = _document(reader)
         end = _end(reader)
-        of_all = [*_of_scene(document), *_unused_names(reader)]
+        of_all = [*within, *_of_scene(document, used), *_unused_names(reader)]
         # Without END, more may be missing than that.
         result += [*end, *(one for one in of_all if one.error or not end)]
     result.sort(key=lambda one: one.start)
@@ -109,7 +111,7 @@ def errors(reader: Reader, found: Sequence[Diagnostic]) -> list[SceneError]:
 
 def _document(reader: Reader) -> Document:
     """The document of a text without errors within its statements."""
-    fields = {name: value for name, value in reader.fields.items() if name != "defaults"}
+    fields = {name: value for name, value in reader.fields.items() if name not in ("defaults", "solids")}
     for node in fields.get("csg", ()):
         for slot in node.textures if isinstance(node, Leaf) else ():
             if slot and slot.name in BUILT_IN:
@@ -129,11 +131,46 @@ def too_large(path: str | PathLike[str]) -> SceneError:
 # ---- A scene as a whole
 
 
-def _of_scene(document: Document) -> Iterator[Diagnostic]:
+def _resolve(reader: Reader) -> tuple[set[int], list[Diagnostic]]:
+    """Gives each use of a part of a named solid an index of its own, with its SURFACE and its TRANSFORM.
+
+    The surface is that of the part, or else of the solid around it; the steps of the part come first. Returns all
+    indices that the text uses, and the errors about those that lack something.
+    """
+    fields, spans = reader.fields, reader.spans
+    surfaces, transforms, csg = fields["surfaces"], fields["transforms"], list(fields.get("csg", ()))
+    leaves = [(number, leaf) for number, leaf in enumerate(csg) if isinstance(leaf, Leaf)]
+    used = {index for _, leaf in leaves for index in (leaf.index, *leaf.within)}
+    found: list[Diagnostic] = []
+    own: dict[tuple[int, ...], int] = {}
+    free = count(max((*used, *surfaces, *transforms), default=0) + 1)
+    for number, leaf in leaves:
+        indices = leaf.index, *leaf.within
+        if not leaf.within:
+            continue
+        if indices not in own:
+            own[indices] = index = next(free)
+            looks = [i for i in indices if i in surfaces]
+            lack = [f"TRANSFORM {i}" for i in indices if i not in transforms]
+            lack += [] if looks else [listing(f"SURFACE {i}" for i in indices)]
+            if lack:
+                reason = f"{leaf.shape.upper()} {leaf.index} in this solid has no {' and no '.join(lack)}"
+                found.append(reader.source.diagnostic(spans["csg", number], reason, "no-index", error=True))
+                continue
+            surfaces[index] = surfaces[looks[0]]
+            transforms[index] = Transform(tuple(step for i in indices for step in transforms[i].steps))
+            spans["surfaces", index] = spans["surfaces", looks[0]]
+            spans["transforms", index] = spans["transforms", indices[-1]]
+        csg[number] = replace(leaf, index=own[indices], within=())
+    fields["csg"] = tuple(csg)
+    return used, found
+
+
+def _of_scene(document: Document, used: set[int]) -> Iterator[Diagnostic]:
     """What is wrong and what is doubtful in a scene as a whole."""
     yield from islice(_indices(document), MOST + 1)
     yield from islice(_textures(document), MOST + 1)
-    yield from _unused(document)
+    yield from _unused(document, used)
     yield from _dark(document)
 
 
@@ -143,7 +180,7 @@ def lacking(
     """The leaves without SURFACE or TRANSFORM, one for each index: their numbers in the tree, and what they lack."""
     told = set()
     for number, leaf in enumerate(csg):
-        if not isinstance(leaf, Leaf) or leaf.index in told:
+        if not isinstance(leaf, Leaf) or leaf.within or leaf.index in told:
             continue
         tables = (surfaces, f"SURFACE {leaf.index}"), (transforms, f"TRANSFORM {leaf.index}")
         missing = [name for table, name in tables if leaf.index not in table]
@@ -201,10 +238,10 @@ def _dark(document: Document) -> Iterator[Diagnostic]:
             yield document.diagnostic(f"this {word} is all but dark: 65535 is 1.0", "dark", *path)
 
 
-def _unused(document: Document) -> Iterator[Diagnostic]:
+def _unused(document: Document, used: set[int]) -> Iterator[Diagnostic]:
     """What is given and never used, and what is missing."""
     scene = document.scene
-    used = {node.index for node in scene.csg if isinstance(node, Leaf)}
+    used = used | {node.index for node in scene.csg if isinstance(node, Leaf)}
     for name, table in (("surfaces", scene.surfaces), ("transforms", scene.transforms)):
         for index in table:
             if index not in used:
@@ -231,6 +268,8 @@ def _lacking_behind_errors(reader: Reader) -> list[Diagnostic]:
     given = [*reader.spans, *(skipped.path for skipped in reader.skipped if skipped.path)]
     surfaces, transforms = ({int(p[1]) for p in given if p[0] == table} for table in ("surfaces", "transforms"))
     for skipped in reader.skipped:
+        if skipped.role in ("SURFACE", "TRANSFORM") and not skipped.path:
+            return []  # any index may have been meant
         if _may_hide_statements(reader, skipped):
             indices = {int(n) for n in INDEX.findall(reader.source.text, skipped.start, skipped.end)}
             surfaces |= indices

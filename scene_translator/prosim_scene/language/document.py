@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..model import Scene
+from ..model import Leaf, Scene
 from .diagnostics import Diagnostic, SceneError, Source, Span
 
 #: The path to a value of the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
@@ -50,3 +50,19 @@ class Document:
     def diagnostic(self, reason: str, code: str, *path: str | int, error: bool = False) -> Diagnostic:
         """The diagnostic of a value."""
         return self.source.diagnostic(self.span(*path), reason, code, error)
+
+    def operation(self, number: int) -> str:
+        """Which operands the operator - or * nearest above a node of the tree has, in words; nothing if there is none.
+
+        For messages about solids that vanish, often because operators were written between their operands.
+        """
+        csg = self.scene.csg
+        ends = [0] * len(csg)  # behind each subtree
+        for i in reversed(range(len(csg))):
+            ends[i] = i + 1 if isinstance(csg[i], Leaf) else ends[ends[i + 1]]
+        above = [i for i in range(number) if ends[i] > number and self.word("csg", i) in ("-", "*")]
+        if not above:
+            return ""
+        first, second = above[-1] + 1, ends[above[-1] + 1]
+        words = [self.word("csg", i) + f" (line {self.line('csg', i)})" for i in (above[-1], first, second)]
+        return f"; operators come before their operands: {words[0]} has the operands {words[1]} and {words[2]}"

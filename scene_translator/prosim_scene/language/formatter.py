@@ -12,7 +12,7 @@ from .words import OPERATORS, STATEMENTS, row
 INDENT = "    "
 DEEPEST = 12  # steps to which the tree is indented
 #: Statements with parameters on lines of their own.
-HEADINGS = {"LIGHTS", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
+HEADINGS = {"LIGHTS", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
 #: Tokens that stand on the line of the keyword before them; any other begins a line.
 VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
 #: The codes of errors of a text that parses, but depend on no value.
@@ -95,8 +95,8 @@ class _Layout:
             pass  # the stray dash of the listing
         elif kind in OPERATORS.values():
             self.operator(token)
-        elif kind == "PRIMITIVE":
-            self.begin_node(row(kind, token.text).canonical)
+        elif kind in ("PRIMITIVE", "USE"):
+            self.begin_node(token.text if kind == "USE" else row(kind, token.text).canonical)
             self.operand()
         else:
             # A light's parameters stand below its kind.

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from .words import (
     ORDER,
     PIXELS,
     ROLES,
+    ROWS,
     STATEMENT_OF,
     STATEMENTS,
     Flags,
@@ -41,6 +43,8 @@ from .words import (
     texture_name,
 )
 
+#: The most nodes of a tree that is made of named solids.
+LARGEST = 10**5
 #: A line that begins with the keyword of a statement.
 STATEMENT_LINE = re.compile(
     rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, spellings(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
@@ -56,7 +60,7 @@ IMAGE = NEXT | {"FILE", "STRING", "NULL"}
 LIGHTS = NEXT | {"LIGHT"}
 LIGHT = LIGHTS | {"LIGHT_PARAMETER", "DISTRIBUTION"}
 VIEW = NEXT | {"VIEW_PARAMETER", "VRP"}
-TREE = NEXT | {"PLUS", "MINUS", "TIMES", "PRIMITIVE"}
+TREE = NEXT | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # the name of a solid
 SLOTS = TREE | {"TEXTURE_NAME", "FILE", "STRING", "NULL"}
 SURFACE = NEXT | {"MATERIAL", "METAL", "OPTIC"}
 MATERIAL = frozenset(("MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC"))
@@ -106,9 +110,10 @@ class Skipped(NamedTuple):
 class Reader:
     """A text, read.
 
-    ``fields``: what it says, by the fields of a Scene, and ``defaults``; ``spans``: where, by the paths of the values;
-    ``diagnostics``: what is wrong within its statements; ``tokens``: all tokens up to END; ``skipped``: the statements
-    that could not be read. Where there are more than MOST errors, the text is ``cut``: what follows has not been read.
+    ``fields``: what it says, by the fields of a Scene, ``defaults`` and ``solids``; ``spans``: where, by the paths of
+    the values; ``diagnostics``: what is wrong within its statements; ``tokens``: all tokens up to END; ``skipped``: the
+    statements that could not be read. Where there are more than MOST errors, the text is ``cut``: what follows has not
+    been read.
 
     ``tolerant``: names without values are read as whatever fits; ``define``: values of names from outside.
     """
@@ -119,7 +124,7 @@ class Reader:
         self.source = Source(text, filename)
         self.definitions = Definitions(self.source, define)
         self.scanner = Scanner(self.source, self.definitions, tolerant)
-        self.fields: dict[str, Any] = {"defaults": {}, "surfaces": {}, "transforms": {}, "patterns": {}}
+        self.fields: dict[str, Any] = {"defaults": {}, "solids": {}, "surfaces": {}, "transforms": {}, "patterns": {}}
         self.spans: dict[Path, Span] = {}
         self.diagnostics: list[Diagnostic] = []
         self.skipped: list[Skipped] = []
@@ -220,8 +225,10 @@ class Reader:
         self.expected = expected
         self.token = token = self.scanner.next(expected, self.keyword.role)
         if token.role not in expected:
-            raise self.unexpected(token)
-        return token.role
+            if "USE" not in expected or normalise(token.text) not in self.fields["solids"]:
+                raise self.unexpected(token)
+            self.token = self.tokens[-1] = token._replace(role="USE")
+        return self.token.role
 
     def numbers(self, follow: frozenset[str]) -> list[Token]:
         """The numbers from the next token on; the first other token is of a role that follows."""
@@ -249,11 +256,16 @@ class Reader:
         else:
             self.own[path] = token.span
 
+    def note(self, span: Span, *path: str | int) -> None:
+        """Notes where a part of the statement's value stands."""
+        whole = (*self.path, *path)
+        self.own[whole] = span
+
     # ---- Values
 
     def value(self, keyword: Token, tokens: Sequence[Token]) -> Any:
         """The value of the tokens after a keyword, by its row: a number or a tuple; None if it is wrong."""
-        takes = row(keyword.role, keyword.text).takes
+        takes = INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
         if isinstance(takes, Flags):
             return self.flags(keyword, tokens, takes)
         assert takes is not None
@@ -393,7 +405,12 @@ class Reader:
         keyword, owner = self.token, ("lights", number)
         self.own[owner] = keyword.span
         values: dict[str, Any] = {}
-        role = self.next(LIGHT)
+        sky = row("LIGHT", keyword.text).name == "sky"
+        if sky:
+            self.next(frozenset(("FILE", "STRING")))
+            self.once(self.token, "the image", *owner, "image")
+            values["image"] = self.token.text
+        role = self.next(LIGHTS if sky else LIGHT)
         while role in ("LIGHT_PARAMETER", "DISTRIBUTION"):
             if role == "DISTRIBUTION":
                 self.once(self.token, "the distribution of a light", *owner, "distribution")
@@ -402,7 +419,7 @@ class Reader:
             else:
                 self.parameter(values, LIGHT, *owner)
                 role = self.token.role
-        if (*owner, "position") not in self.own:
+        if (*owner, "position") not in self.own and not sky:
             reason = f"this {keyword.text} light has no position; expected where it is after {keyword.text}, such as "
             self.report(keyword, reason + "position 0 20 10", "incomplete")
         if values.get("distribution") == "cone":
@@ -522,6 +539,23 @@ class Reader:
     def csg_tree(self) -> tuple[model.Operator | model.Leaf, ...]:
         """CSG-TREE."""
         self.begin("csg")
+        return self.tree()
+
+    def solid(self) -> tuple[model.Operator | model.Leaf, ...]:
+        """SOLID: a tree with a name."""
+        self.next(frozenset(("WORD",)))
+        token = self.token
+        name = normalise(token.text)
+        self.begin("solids", name, at=token)
+        if name in ROWS:
+            self.report(token, f"found {quote(token.text)}, a word of the language; expected a name of its own", "name")
+        wrong, nodes = self.wrong, self.tree()
+        if not nodes and self.wrong == wrong:
+            self.report(token, f"this solid is empty; expected its tree after {token.text}", "incomplete")
+        return nodes
+
+    def tree(self) -> tuple[model.Operator | model.Leaf, ...]:
+        """Operators and primitives in prefix order; the nodes of a named solid stand in the place of its name."""
         wrong, first = self.wrong, len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
         missing, extra = 1, 0
@@ -529,19 +563,32 @@ class Reader:
         while role not in NEXT:
             if not missing and not extra:
                 extra = len(nodes)
-            if role == "PRIMITIVE":
+            if role in ("PRIMITIVE", "USE"):
                 missing -= 1
-                nodes.append(self.leaf(len(nodes)))
+                nodes += [self.leaf(len(nodes))] if role == "PRIMITIVE" else self.use(len(nodes))
                 role = self.token.role
             else:
                 missing += 1
-                self.own["csg", len(nodes)] = self.token.span
+                self.note(self.token.span, len(nodes))
                 nodes.append(OPERATOR[self.token.text])
                 role = self.next(TREE)
         self.comments_in_tree(self.tokens[first:], not nodes)
         if (extra or (missing and nodes)) and self.wrong == wrong:
             self.wrong_tree(nodes, extra)
         return tuple(nodes) if self.wrong == wrong else ()
+
+    def use(self, number: int) -> list[model.Operator | model.Leaf]:
+        """The nodes of a solid whose name stands in a tree, with its index."""
+        keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
+        tokens = self.numbers(TREE)
+        index = self.value(keyword, tokens)
+        if number + len(solid) > LARGEST:
+            raise self.source.error(keyword.span, f"this makes more than {LARGEST} nodes; expected fewer", "range")
+        span = _span([keyword, *tokens])
+        for i in range(len(solid)):
+            self.note(span, number + i)
+        within = () if index is None else (index,)
+        return [replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid]
 
     def leaf(self, number: int) -> model.Leaf:
         """A primitive, its index and its texture slots."""
@@ -551,20 +598,20 @@ class Reader:
         end = (tokens or [keyword])[-1].end
         while self.token.role not in TREE:
             if len(slots) < 2:
-                self.own["csg", number, "textures", len(slots)] = self.token.span
+                self.note(self.token.span, number, "textures", len(slots))
             elif len(slots) == 2:
                 reason = f"found {quote(self.token.text)}, a third texture; expected two at most"
                 self.report(self.token, reason, "count")
             slots.append(_texture(self.token))
             end = self.token.end
             self.next(SLOTS)
-        self.own["csg", number] = Span(keyword.start, end)
+        self.note(Span(keyword.start, end), number)
         textures = (slots[0], slots[1] if len(slots) > 1 else None) if slots else (None, None)
         return model.Leaf(row("PRIMITIVE", keyword.text).name, -1 if index is None else index, textures)
 
     def wrong_tree(self, nodes: Sequence[model.Operator | model.Leaf], extra: int) -> None:
         """Reports the first node that is too many, or the operator that lacks an operand."""
-        spans = [self.own["csg", number] for number in range(len(nodes))]
+        spans = [self.own[path] for path in [(*self.path, number) for number in range(len(nodes))]]
         if infix := _infix(self.source, nodes, spans):
             found = f"found {quote(self.source.text[slice(*spans[1])])} between its operands; expected it before them: "
             self.report(spans[1], found + (infix if len(infix) <= CLIP else EXPLAINED), "infix")
@@ -619,6 +666,8 @@ class Reader:
         """The error about a token whose role is none of the expected ones."""
         inner = [role for role in ORDER if role in self.expected and role not in STATEMENTS]
         names = [name for role in inner for name in meanings(role)]
+        if "USE" in self.expected:
+            names += self.fields["solids"]
         if self.expected & STATEMENTS:
             names.append("the next statement" if inner else "a statement")
         if token.role == "":
@@ -647,7 +696,9 @@ class Reader:
         within = row(self.keyword.role, self.keyword.text).name if self.keyword.role else ""
         if token.role == "WORD":
             fitting = self.expected & {"BOOL"} if lacking else self.expected
-            near = BRACES if lacking and ARITHMETIC.search(word) else meant(word, set(fitting), within)
+            solids = list(self.fields["solids"]) if "USE" in fitting else []
+            near = nearest(word, solids) or meant(word, set(fitting), within)
+            near = BRACES if lacking and ARITHMETIC.search(word) else near
             return f"unknown word {quote(word)}{lacking or f'; expected {names}'}{near}", "unknown-word"
         if lacking:
             return found + lacking, "count"

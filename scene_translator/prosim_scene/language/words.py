@@ -134,6 +134,7 @@ WORDS = (
     _word("LIGHTS", "LIGHTS LUZES FONTES", "lights"),
     _word("BACKGROUND", "BACKGROUND FUNDO", "background", INTENSITY),
     _word("VIEW", "VIEW VISTA", "view"),
+    _word("SOLID", "SOLID SOLIDO", "solids"),
     _word("CSG_TREE", "CSG-TREE ARVORE-CSG CSG", "csg"),
     _word("SURFACE", "SURFACE SUPERFICIE", "surfaces", INDEX),
     _word("TRANSFORM", "TRANSFORM TRANSFORMACAO", "transforms", INDEX),
@@ -142,6 +143,7 @@ WORDS = (
     # lights
     _word("LIGHT", "AREA EXTENSA", "area"),
     _word("LIGHT", "POINT PONTO PONTUAL", "point"),
+    _word("LIGHT", "SKY CEU", "sky"),
     _word("LIGHT_PARAMETER", "position posicao", "position", POINT),
     _word("LIGHT_PARAMETER", "Intensity intensidade", "intensity", INTENSITY),
     _word("LIGHT_PARAMETER", "raio radius", "radius", Numbers(1, "the radius", 1 / LARGE, LARGE)),
@@ -251,7 +253,8 @@ OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
 #: The words that belong to a statement, by their roles; ``""`` is the end of the text, where a statement ends, too.
 STATEMENTS = frozenset(
-    ("DEFAULT", "NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END")
+    {"DEFAULT", "NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW"}
+    | {"SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END"}
 )
 PARTS = {
     "LIGHTS": "LIGHT LIGHT_PARAMETER DISTRIBUTION",

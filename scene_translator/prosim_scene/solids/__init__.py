@@ -2,7 +2,6 @@
 
 from .detail import TOLERANCE
 from .faces import Faces, Skin, Triangles
-from .results import Results
 from .triangles import tessellate
 
-__all__ = ["TOLERANCE", "Faces", "Results", "Skin", "Triangles", "tessellate"]
+__all__ = ["TOLERANCE", "Faces", "Skin", "Triangles", "tessellate"]

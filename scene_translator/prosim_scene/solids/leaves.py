@@ -10,7 +10,6 @@ from ..language.document import Document
 from . import tree
 from .coincidence import STEP, Planes
 from .detail import choose_segments, warn_if_far
-from .hidden import Extent, within_boxes
 from .inscribed import shrink_inscribed
 from .placing import corners, facet_planes, placed
 from .primitives import PRIMITIVES
@@ -59,6 +58,8 @@ class Leaves:
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
+        size = float(np.abs(np.stack([low, high]) - self.origin).max())
+        self._step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
         self._share(cutters)
         bounds = remains(document.scene.csg, self.solids, self.of_leaf.tolist())
         warn_if_far(document, camera, clipped(corners(self.solids), bounds))
@@ -67,19 +68,18 @@ class Leaves:
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:
             s.to_world = s.to_world - offset
-        size = float(np.abs(np.stack([low, high]) - self.origin).max())
-        self._step = STEP * 2.0 ** (math.frexp(size)[1] - 1)  # stays the same when a solid at the edge is moved
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
         self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
 
     def _share(self, cutters: np.ndarray | None) -> None:
-        """Finds the surfaces that several leaves have in common, and the solids that are the same."""
+        """Finds the surfaces that leaves which may touch have in common, and the solids that are the same."""
         bearing = np.bincount(self.of_leaf) + (0 if cutters is None else np.bincount(self.of_leaf, cutters))
         at = np.array([(i, f) for i, s in enumerate(self.solids) for f in range(len(s.primitive.quadrics))])
         surface = same_surfaces(
             np.concatenate([s.primitive.quadrics for s in self.solids]),
             np.array([s.to_world for s in self.solids])[at[:, 0]],
         )
+        surface = self._connected(surface, *at.T)
         bearers = np.bincount(surface, bearing[at[:, 0]])
         shared = np.where(bearers[surface] > 1, surface, -1)
         for s, surfaces in zip(self.solids, np.split(shared, np.flatnonzero(np.diff(at[:, 0])) + 1)):
@@ -92,6 +92,23 @@ class Leaves:
         self.solids = [self.solids[i] for i in kept]
         self.of_leaf = renumbered[self.of_leaf]
 
+    def _connected(self, surface: np.ndarray, solid: np.ndarray, face: np.ndarray) -> np.ndarray:
+        """Surfaces (n,) of faces of solids (n,), those of one number split where they do not matter to each other: flat
+        ones of solids whose boxes do not touch. Each is numbered by its largest bearer.
+        """
+        boxes = corners(self.solids)[solid]
+        low, high = boxes.min(axis=1) - self._step, boxes.max(axis=1) + self._step
+        curved = face == [-1 if (c := self.solids[i].primitive.curved) is None else c for i in solid.tolist()]
+        low[curved], high[curved] = low.min(axis=0), high.max(axis=0)
+        # Boxes of different surfaces are moved apart, so that all are looked at together.
+        apart = np.unique(surface, return_inverse=True)[1] * 2 * (high.max(axis=0) - low.min(axis=0))[0]
+        low[:, 0] += apart
+        high[:, 0] += apart
+        group = components(low, high)
+        order = np.lexsort([-np.linalg.norm([s.to_world[:3, :3] for s in self.solids], axis=(1, 2))[solid], group])
+        groups, largest = np.unique(group[order], return_index=True)
+        return order[largest][np.searchsorted(groups, group)]
+
     def content(self) -> Hashable:
         """Equal for tables that are the same."""
         solids = tuple(
@@ -103,14 +120,10 @@ class Leaves:
         """Makes the meshes, and brings them onto the planes that they share."""
         meshes = placed(self.solids)
         counts = np.array([len(m.faces) for m in meshes])
-        room = 2 ** np.ceil(np.log2(counts)).astype(int)  # so that others keep their numbers when one becomes finer
-        self.first = np.concatenate([[0], np.cumsum(room)])
-        self.faces = np.zeros(self.first[-1], int)
-        facets = np.arange(counts.sum()) + np.repeat(self.first[:-1] - (np.cumsum(counts) - counts), counts)
-        self.faces[facets] = np.concatenate([m.faces for m in meshes])
+        self.first = np.concatenate([[0], np.cumsum(counts)])
+        self.faces = np.concatenate([m.faces for m in meshes])
         # A surface's planes are those of the facets of the first solid that bears it, which is the largest one.
-        near = self._near_others().tolist()
-        sharing = [i for i, s in enumerate(self.solids) if near[i] and (s.surfaces >= 0).any()]
+        sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
         sharing.sort(key=lambda i: -np.linalg.norm(self.solids[i].to_world[:3, :3]))
         facets = np.concatenate([np.arange(0), *(self.first[i] + np.arange(counts[i]) for i in sharing)])
         own = facet_planes([meshes[i] for i in sharing])
@@ -144,28 +157,6 @@ class Leaves:
         begins = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
         vertices = np.concatenate([m.vertices for m in meshes])
         self.boxes = np.stack([np.minimum.reduceat(vertices, begins), np.maximum.reduceat(vertices, begins)], axis=1)
-
-    def _near_others(self) -> np.ndarray:
-        """Which solids may touch another leaf's. Where they do not, it does not matter that they share a plane."""
-        boxes = corners(self.solids)
-        group = components(boxes.min(axis=1) - self._step, boxes.max(axis=1) + self._step)
-        return np.asarray(np.bincount(group[self.of_leaf], minlength=len(group))[group] > 1)
-
-    def mesh_content(self, i: int) -> list[bytes]:
-        """What the mesh of solid i, and all that is done to it, follows from; after :meth:`make_meshes`."""
-        solid, mesh, facets = self.solids[i], self.meshes[i], slice(self.first[i], self.first[i + 1])
-        name = f"{solid.primitive.name} {solid.segments} {self.first[i]} {self._step.hex()}"
-        on = self.planes.of_facet[facets]
-        planes = self.planes.planes[on[on >= 0]]  # the numbers of these are in the order of their surfaces
-        arrays = (solid.to_world, solid.frame, mesh.vertices, solid.surfaces, self.planes.side[facets], on >= 0, planes)
-        return [name.encode(), *(a.tobytes() for a in arrays)]
-
-    def extent(self, i: int) -> Extent:
-        """Where solid i lies; after :meth:`make_meshes`."""
-        core = self.solids[i].core
-        if core is None:
-            return within_boxes(*self.boxes[i])
-        return Extent(self.to_local[i], self.solids[i].primitive.box, core)
 
     def surface(self, positions: np.ndarray, leaf: np.ndarray, facet: np.ndarray, sign: np.ndarray) -> Surface:
         """Normals and surface parameters of triangles (n, 3, 3) of the leaves with these numbers; ``sign`` (n,) is -1

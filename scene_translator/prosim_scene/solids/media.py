@@ -13,10 +13,9 @@ from manifold3d import Manifold, Mesh64
 from ..model import Leaf
 from . import tree
 from .coincidence import Planes
+from .csg import Body, Value, beneath, checked, combined
 from .faces import heights
-from .parts import Part, as_parts, beneath, reserve_ids, union
-from .results import kept
-from .values import Value
+from .primitives import Mesh
 
 OPAQUE = 0  # the medium of everything that is not a dielectric
 AIR = -1  # what is outside of all
@@ -58,6 +57,13 @@ class Shell:
         )
 
 
+def whole(mesh: Mesh, original_id: int, first: int, medium: int) -> Shell:
+    """The surface of a primitive that nothing touches; its facets are numbered from ``first``."""
+    count = len(mesh.triangles)
+    ids, inside, outside = (np.full(count, number) for number in (original_id, medium, AIR))
+    return Shell(mesh.vertices, mesh.triangles, ids, first + mesh.facets, np.ones(count), inside, outside)
+
+
 def cutters(nodes: tree.Nodes, media_of: list[int]) -> np.ndarray:
     """Which leaves may leave their faces on several media, which then coincide there: those that cut them at once."""
     result = np.zeros(len(media_of), bool)
@@ -85,7 +91,7 @@ class _Layer:
     medium: int
     ids: np.ndarray
     originals: np.ndarray
-    total: list[Part]
+    total: Body
     interfaces: list[Shell]
 
 
@@ -99,23 +105,26 @@ def shells(value: Value, fresnel: Collection[int] = ()) -> list[Shell]:
     opaque primitives that reflect by Fresnel's equations: where a dielectric touches one, what it touches of the opaque
     solid is an interface too.
     """
-    (first, parts), *others = sorted((medium, parts) for medium, parts in value.items() if parts) or [(OPAQUE, [])]
+    if not value:
+        return []
+    (first, body), *others = sorted(value.items(), key=lambda item: item[0])
     none = np.empty(0, np.int64)
-    layers = [_Layer(first, none, none, parts, [])]
+    layers = [_Layer(first, none, none, body, [])]
     if others:
-        layers[0].ids = layers[0].originals = np.unique([i for part in parts for i in _ids(part)])
-    for medium, parts in others:
-        own, ids, originals = _renamed(parts)
+        layers[0].ids = layers[0].originals = np.unique(_ids(body))
+    for medium, body in others:
+        own, ids, originals = _renamed(body)
         total = layers[-1].total
         known = [layer for layer in layers if layer.medium != OPAQUE or fresnel]
-        for shell in map(_shell, beneath(own, total) if known else []):
+        if known:
+            shell = _shell(beneath(total, own))
             for layer in known:
                 face = shell.between(medium, layer.medium).bearing(layer.ids, layer.originals).turned()
                 layer.interfaces += [face] if len(face.ids) else []
-        layers.append(_Layer(medium, ids, originals, union([total, own]), []))
+        layers.append(_Layer(medium, ids, originals, combined("+", total, own), []))
     result: list[Shell] = []
     for layer in layers:
-        width = 2 * layer.total[0].planes.step if layer.total else 0.0
+        width = 2 * layer.total.planes.step
         touched = any(  # and not in seams alone
             (
                 (heights(face.vertices, face.triangles) > width)
@@ -123,14 +132,14 @@ def shells(value: Value, fresnel: Collection[int] = ()) -> list[Shell]:
             ).any()
             for face in layer.interfaces
         )
-        found = [_shell(part).between(layer.medium, AIR) for part in (layers[-1] if touched else layer).total]
+        found = [_shell((layers[-1] if touched else layer).total).between(layer.medium, AIR)]
         if touched or layer is not layers[0]:
             found = [shell.bearing(layer.ids, layer.originals) for shell in found]
         result += [shell for shell in found + layer.interfaces * touched if len(shell.ids)]
     return result
 
 
-def _ids(part: Part) -> list[int]:
+def _ids(part: Body) -> list[int]:
     return [int(i) for i in part.manifold.to_mesh64().run_original_id]
 
 
@@ -165,13 +174,8 @@ def _joined(shells: list[Shell], planes: Planes) -> Shell:
     )
 
 
-def _shell(part: Part) -> Shell:
-    return kept(part.content, "shell", lambda: _extracted(part), lambda shell: len(shell.triangles))
-
-
-def _extracted(part: Part) -> Shell:
-    # Plain primitives are brought onto their planes many at a time, see batches; elsewhere that is not idempotent.
-    mesh = (part.manifold if part.leaf is not None else part.planes.together(part.manifold, part.surfaces)).to_mesh64()
+def _shell(part: Body) -> Shell:
+    mesh = checked(part.planes.together(checked(part.manifold), part.surfaces)).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
@@ -184,31 +188,24 @@ def _extracted(part: Part) -> Shell:
         np.where(part.planes.backs(mesh), -1.0, 1.0),
         nowhere,
         nowhere,
-        part.leaf is None,
     )
 
 
-def _renamed(parts: list[Part]) -> tuple[list[Part], np.ndarray, np.ndarray]:
+def _renamed(part: Body) -> tuple[Body, np.ndarray, np.ndarray]:
     """The parts with fresh ids, these in ascending order, and the old ones: tells one medium's triangles from another's
     even where one primitive has cut both.
     """
-    renamed: list[Part] = []
-    ids: list[int] = []
-    originals: list[int] = []
-    for part in parts:
-        mesh = part.manifold.to_mesh64()
-        runs = len(mesh.run_original_id)
-        base = reserve_ids(runs)
-        ids += range(base, base + runs)
-        originals += np.asarray(mesh.run_original_id).tolist()
-        flags = np.asarray(mesh.run_flags).tolist()  # of which manifold3d knows nothing in a mesh that is given to it
-        part.planes.turned.update(i for i, flag in zip(range(base, base + runs), flags) if flag & 1)
-        fresh = Mesh64(
-            np.array(mesh.vert_properties, float),
-            np.array(mesh.tri_verts, np.uint64),
-            run_index=np.array(mesh.run_index, np.uint64),
-            run_original_id=np.arange(base, base + runs, dtype=np.uint32),
-            face_id=np.array(mesh.face_id, np.uint64),
-        )
-        renamed += as_parts(Manifold(fresh), part.planes, part.surfaces)
-    return renamed, np.array(ids), np.array(originals)
+    mesh = part.manifold.to_mesh64()
+    runs = len(mesh.run_original_id)
+    base = Manifold.reserve_ids(runs)
+    originals = np.array(mesh.run_original_id)
+    flags = np.asarray(mesh.run_flags).tolist()  # of which manifold3d knows nothing in a mesh that is given to it
+    part.planes.turned.update(i for i, flag in zip(range(base, base + runs), flags) if flag & 1)
+    fresh = Mesh64(
+        np.array(mesh.vert_properties, float),
+        np.array(mesh.tri_verts, np.uint64),
+        run_index=np.array(mesh.run_index, np.uint64),
+        run_original_id=np.arange(base, base + runs, dtype=np.uint32),
+        face_id=np.array(mesh.face_id, np.uint64),
+    )
+    return replace(part, manifold=Manifold(fresh)), np.arange(base, base + runs), originals

@@ -51,16 +51,6 @@ class Solid:
         return math.cos(math.pi * self.primitive.segment_factor / self.segments)
 
     @property
-    def core(self) -> np.ndarray | None:
-        """A box (2, 3) in its mesh, in its own space; None where no such one is known."""
-        if self.primitive.curved is None:
-            return self.primitive.core
-        if self.framed:
-            return None
-        scale = np.where(np.arange(3) < self.primitive.axes, self.inradius * self.shrink, 1.0)
-        return np.asarray(scale * self.primitive.core)
-
-    @property
     def curved_surface(self) -> int:
         """The number of the surface of its curved face, -1 where it has none or is alone on it."""
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])

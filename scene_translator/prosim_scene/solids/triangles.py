@@ -4,19 +4,20 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
+from manifold3d import Manifold, Mesh64
 
 from ..collector import still
 from ..language.document import Document
 from ..model import Leaf, Operator
-from . import csg, media, parts, tree, whole
+from . import csg, media, tree
 from .faces import NOTHING, Faces, Piece, Skin, Triangles, corner_keys, heights, joined
 from .leaves import Leaves
-from .results import Content, Results
+from .primitives import Mesh
 from .sight import Sight
-from .values import Value
+from .sweep import components
 
 Number = TypeVar("Number", int, np.ndarray)
-CHUNK = 1 << 18  # triangles at a time
+CHUNK = 1 << 16  # triangles at a time
 
 
 def anew(_: Hashable, make: Callable[[], Faces]) -> Faces:
@@ -33,16 +34,14 @@ def tessellate(
     material: Callable[[Leaf], Hashable],
     fresnel: Callable[[Leaf], bool],
     kept: Callable[[Hashable, Callable[[], Faces]], Faces] = anew,
-    results: Results | None = None,
 ) -> dict[Skin, Triangles]:
     """The surfaces of a document's scene.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
     None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
     ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, to which its outside matters.
-    ``kept(key, make)`` may give what ``make`` has made for an equal key before; ``results`` are those of another tree's
-    operations. Raises :class:`SceneError` for a transform that cannot be inverted and for more triangles than memory is
-    provided for.
+    ``kept(key, make)`` may give what ``make`` has made for an equal key before. Raises :class:`SceneError` for a
+    transform that cannot be inverted and for more triangles than memory is provided for.
     """
     nodes = document.scene.csg
     leaves = tree.leaves(nodes)
@@ -54,7 +53,7 @@ def tessellate(
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
     reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = kept(
-        (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects, results)
+        (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects)
     )
     seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     alike: dict[Skin, list[int]] = {}
@@ -80,44 +79,48 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _faces(
-    nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool], results: Results | None
-) -> Faces:
+def _faces(nodes: tree.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool]) -> Faces:
     """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric; ``reflects[i]``:
     it is opaque, and reflects by Fresnel's equations.
     """
     table.make_meshes()
-    base = parts.reserve_ids(len(media_of)) if results is None else results.begin(len(media_of))
+    base = int(Manifold.reserve_ids(len(media_of)))
+    boxes = table.boxes[table.of_leaf] + table.planes.step * np.array([[-1.0], [1.0]])
+    groups = components(boxes[:, 0], boxes[:, 1])
+    single = np.bincount(groups, minlength=len(groups)) == 1
 
-    def leaf_value(number: int, leaf: Leaf) -> Value:
-        i = table.of_leaf[number]
-        solid, mesh, surfaces = table.solids[i], table.meshes[i], table.solids[i].surfaces.tolist()
-        return {
-            media_of[number]: parts.solid(
-                parts.Run(mesh.vertices, mesh.triangles, table.first[i] + mesh.facets, base + number),
-                table.boxes[i],
-                table.planes,
-                frozenset(surface for surface in surfaces if surface >= 0),
-                solid.key,
-                number if solid.curved_surface < 0 else None,
-                lambda: table.extent(i),
-                Content(lambda: [number.to_bytes(8, "little"), *table.mesh_content(i)], results) if results else None,
-            )
-        }
+    def value(number: int) -> csg.Value:
+        if single[groups[number]]:
+            return {}
+        i = int(table.of_leaf[number])
+        surfaces = table.solids[i].surfaces
+        mesh = manifold(table.meshes[i], table.first[i], base + number)
+        shared = frozenset(surfaces[surfaces >= 0].tolist())
+        return {media_of[number]: csg.Body(mesh, boxes[number : number + 1], shared, table.planes, i)}
 
-    value = csg.evaluate(nodes, leaf_value)
-    count = max(media_of) + 2
     fresnel = {base + number for number, reflecting in enumerate(reflects) if reflecting}
-    leaves, value = whole.told_apart(value)
-    kinds = [_kind(leaf, media_of[leaf], media.AIR, count) for leaf in leaves]
-    pieces = [NOTHING, *whole.pieces(table, leaves, kinds)]
-    pieces += [
-        _piece(table, shell, shell.ids - base, count)
-        for shell in media.batches(media.shells(value, fresnel), CHUNK, table.planes)
-    ]
-    if results:
-        results.end()
-    return joined(pieces, count)
+    shells: list[media.Shell] = []
+    for group, result in csg.evaluate(nodes, groups.tolist(), value).items():
+        if single[group]:
+            i = table.of_leaf[group]
+            shells.append(media.whole(table.meshes[i], base + group, table.first[i], media_of[group]))
+        else:
+            shells += media.shells(result, fresnel)
+    count = max(media_of) + 2
+    pieces = [_piece(table, shell, shell.ids - base, count) for shell in media.batches(shells, CHUNK, table.planes)]
+    return joined([NOTHING, *pieces], count)
+
+
+def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
+    """A primitive's mesh whose triangles bear an id and the numbers of their facets, which begin with ``first``."""
+    bearing = Mesh64(
+        mesh.vertices.astype(np.float64, copy=False),
+        mesh.triangles.astype(np.uint64),
+        run_index=np.array([0, 3 * len(mesh.triangles)], np.uint64),
+        run_original_id=np.array([original_id], np.uint32),
+        face_id=(first + mesh.facets).astype(np.uint64),
+    )
+    return csg.checked(Manifold(bearing))
 
 
 def _piece(table: Leaves, shell: media.Shell, leaf: np.ndarray, count: int) -> Piece:
@@ -185,6 +188,5 @@ def _report_vanished(document: Document, seen: np.ndarray) -> None:
     elif gone:
         names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in gone[:10]]
         more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
-        document.warn(
-            f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result", "csg", gone[0][0]
-        )
+        reason = f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result"
+        document.warn(reason + document.operation(gone[0][0]), "csg", gone[0][0])

@@ -19,6 +19,8 @@ def planes(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light])
     """
     near, far = NEAR * camera.depth, FAR * camera.depth
     for light in lights:
+        if light.kind == "sky":
+            continue
         far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
     extent = 0.0
     for body in bodies:

@@ -87,6 +87,11 @@ def emitter(context: Context, number: int, light: Light, units: str) -> Node:
     return sphere(light, node) if light.kind == "area" else node
 
 
+def sky(context: Context, number: int, light: Light) -> Node:
+    """An environment light."""
+    return {"type": "envmap", "filename": context.image(light.image or "", "lights", number, "image")}
+
+
 def sphere(light: Light, emitter: Node) -> Node:
     """The body of an area light: it emits, and reflects nothing."""
     return {

@@ -40,6 +40,9 @@ def images(document: Document) -> Iterator[tuple[str, Way]]:
     scene = document.scene
     if scene.background.image is not None:
         yield scene.background.image, ("background", "image")
+    for number, light in enumerate(scene.lights):
+        if light.image is not None:
+            yield light.image, ("lights", number, "image")
     for number, node in enumerate(scene.csg):
         for slot, texture in enumerate(node.textures if isinstance(node, Leaf) else ()):
             if texture is not None and texture.image is not None:

@@ -40,6 +40,8 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 def light(context: Context, number: int, light: Light) -> Node:
     """An emitter, or the sphere that bears it."""
+    if light.kind == "sky":
+        return lights.sky(context, number, light)
     return lights.emitter(context, number, light, context.light_units)
 
 

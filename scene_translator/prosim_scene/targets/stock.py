@@ -49,7 +49,10 @@ def settings(context: Context) -> Node:
         result["background"] = {"type": "envmap", "filename": image}
     elif any(scene.background.color):
         result["background"] = {"type": "constant", "radiance": rgb(lights.radiometric(scene.background.color))}
-    if "background" in result:
+    if any(light.kind == "sky" for light in scene.lights):
+        if result.pop("background", None):
+            context.approximate("stock target: the SKY is seen in place of BACKGROUND", "background", "image")
+    elif "background" in result:
         context.approximate("stock target: BACKGROUND lights the scene", "background", "image")
     return result
 
@@ -76,6 +79,8 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 def light(context: Context, number: int, light: Light) -> Node:
     """A sphere that emits, or a point; CONE and SPOT are Mitsuba's spot."""
+    if light.kind == "sky":
+        return lights.sky(context, number, light)
     path, units = ("lights", number), context.light_units
     if units == "unattenuated":
         context.approximate("stock target: lights are attenuated with distance; they are calibrated at VRP", *path)

@@ -1,7 +1,5 @@
 """CONE: x^2 + y^2 <= z^2, 0 <= z <= 1, with its apex at the origin."""
 
-import math
-
 import numpy as np
 
 from .primitive import MIN_SEGMENTS, ON_AXIS, Corners, Mesh, Primitive, around_an_axis, circle, longest_axis, plane
@@ -13,9 +11,6 @@ class Cone(Primitive):
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
     box = np.array([[-1.0, -1, 0], [1, 1, 1]])
-    core = (
-        np.array([[-math.sqrt(0.5), -math.sqrt(0.5), 1], [math.sqrt(0.5), math.sqrt(0.5), 1.5]]) * 2 / 3
-    )  # the largest
     curved = 0
     two_sheets = True
     lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)

@@ -12,7 +12,7 @@ class Cube(Primitive):
 
     name = "cube"
     quadrics = np.array([plane(*n, d) for d in (0, -1) for n in np.eye(3)])
-    core = box = np.array([[0.0, 0, 0], [1, 1, 1]])
+    box = np.array([[0.0, 0, 0], [1, 1, 1]])
     #: Each face's corners, counter-clockwise from outside; corner 4 x + 2 y + z is (x, y, z).
     squares: ClassVar[list[tuple[int, int, int, int]]] = [
         (0, 1, 3, 2),

@@ -1,7 +1,5 @@
 """CYLINDER: x^2 + y^2 <= 1, 0 <= z <= 1."""
 
-import math
-
 import numpy as np
 
 from .primitive import MIN_SEGMENTS, Corners, Mesh, Primitive, around_an_axis, circle, longest_axis, plane
@@ -13,7 +11,6 @@ class Cylinder(Primitive):
     name = "cylinder"
     quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
     box = np.array([[-1.0, -1, 0], [1, 1, 1]])
-    core = box * [math.sqrt(0.5), math.sqrt(0.5), 1]
     curved = 0
     lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 

@@ -54,8 +54,6 @@ class Primitive(ABC):
     quadrics: ClassVar[np.ndarray]
     #: Its bounding box, min and max corner.
     box: ClassVar[np.ndarray]
-    #: A box in it, min and max corner.
-    core: ClassVar[np.ndarray]
     #: The curved face, if it has one.
     curved: ClassVar[int | None] = None
     #: It is round in so many of the axes: 2 about z, 3 about the origin.

@@ -21,7 +21,6 @@ class Sphere(Primitive):
     name = "sphere"
     quadrics = np.diag([1.0, 1, 1, -1])[None]
     box = np.array([[-1.0, -1, -1], [1, 1, 1]])
-    core = box / math.sqrt(3)
     curved = 0
     axes = 3
     lines = np.repeat(_octahedral(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart

@@ -1,0 +1,257 @@
+"""The choice of one light: which lamp a vertex of a path samples (a light sampler of pbrt; Estevez and Kulla 2018).
+
+A lamp is chosen in proportion to an estimate of the light that it sends to the vertex, if nothing is in the way. Every
+estimate is positive, so that no lamp is lost. The estimate of the lamp that a ray meets is known, too: multiple
+importance sampling needs its probability.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..sampling.hash import combine, hash32
+from ..sampling.nrook import to_unit
+
+#: Rays that are drawn from each lamp to measure its power, place and directions.
+RAYS = 256
+
+#: Bounds of the errors of an estimate: the least cosine at the receiver, the least share of a lamp's power that goes
+#: evenly in all directions, and the least power of a lamp, over the mean of all.
+LEAST_COSINE, LEAST_EVEN, LEAST_POWER = 0.02, 0.1, 0.01
+
+#: Radius of a lamp that is equally bright everywhere (the sky, the sun), over that of the scene.
+FAR = 1e3
+
+
+class LightSampler:
+    """Chooses among the lamps ``emitters`` of ``scene``, numbered from 0 in this order.
+
+    The model of a lamp is a sphere. Part of its intensity is the same in all directions, the rest is the lobe cos^n
+    around an axis. Up to ``UNROLLED`` lamps are written out in the kernel; more are visited by loops.
+    """
+
+    UNROLLED = 16
+
+    def __init__(self, scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> None:
+        self.count = len(emitters)
+        self.unrolled = self.count <= self.UNROLLED or not dr.is_jit_v(mi.Float)
+        rows = models(scene, emitters)
+        #: Whether any lamp has a lobe, and any a beam, a lobe narrower than a cosine.
+        self.lobes, self.beams = bool(rows[:, 5].max() > 0), bool(rows[:, 6].max() > 1)
+        self.rows: list[list[float]] = rows.tolist()
+        if dr.is_jit_v(mi.Float):
+            # Rows of three packets of four numbers, which load faster than columns. A list: memory of NumPy's would be
+            # used as it is.
+            self.table = mi.Float(np.pad(rows, ((0, 0), (0, 2))).ravel().tolist())
+            dr.make_opaque(self.table)
+
+    def total(self, p: mi.Point3f, n: mi.Normal3f, both_sides: mi.Bool | bool, active: mi.Bool) -> mi.Float:
+        """Sum of all estimates at ``p``; parameters as for :meth:`estimate`."""
+
+        def add(k: int | mi.UInt32, total: mi.Float) -> mi.Float:
+            return total + self.estimate(k, p, n, both_sides, active)
+
+        return self._fold(add, mi.Float(0), active)
+
+    def probability(
+        self,
+        k: int | mi.UInt32,
+        p: mi.Point3f,
+        n: mi.Normal3f,
+        both_sides: mi.Bool | bool,
+        total: mi.Float | None,
+        active: mi.Bool,
+    ) -> mi.Float:
+        """Probability with which :meth:`choose` takes the lamp ``k``. ``total``: :meth:`total`, if that is known; other
+        parameters as for :meth:`estimate`.
+        """
+        if total is None:
+            total = self.total(p, n, both_sides, active)
+        return self.estimate(k, p, n, both_sides, active) / dr.select(total > 0, total, 1)
+
+    def choose(
+        self,
+        p: mi.Point3f,
+        n: mi.Normal3f,
+        both_sides: mi.Bool | bool,
+        total: mi.Float,
+        sample: mi.Float,
+        active: mi.Bool,
+    ) -> tuple[mi.UInt32, mi.Float, mi.Float]:
+        """``(k, probability, rest)``: the number of the lamp that ``sample`` in [0, 1) chooses, the probability of
+        that lamp, and what ``sample`` leaves over, again in [0, 1). ``total``: :meth:`total`; other parameters as for
+        :meth:`estimate`.
+        """
+        sample = sample * total
+        State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
+
+        def look(k: int | mi.UInt32, state: State) -> State:
+            chosen, estimate, begin, end = state
+            own = self.estimate(k, p, n, both_sides, active)
+            # The last lamp that begins below the number: sums are rounded.
+            takes = sample >= end
+            chosen, estimate = dr.select(takes, mi.UInt32(k), chosen), dr.select(takes, own, estimate)
+            return chosen, estimate, dr.select(takes, end, begin), end + own
+
+        state = (mi.UInt32(0), mi.Float(1), mi.Float(0), mi.Float(0))
+        k, estimate, begin, _ = self._fold(look, state, active)
+        rest = dr.clip((sample - begin) / estimate, 0, 1 - 2.0**-24)
+        return k, dr.select(total > 0, estimate / total, 1), rest
+
+    def estimate(
+        self, k: int | mi.UInt32, p: mi.Point3f, n: mi.Normal3f, both_sides: mi.Bool | bool, active: mi.Bool
+    ) -> mi.Float:
+        """Light of the lamp ``k``, an integer or a Dr.Jit array, at the point ``p`` of a surface; without unit.
+
+        ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
+        reaches too, or False.
+        """
+        p, n = dr.detach(p), dr.detach(n)  # choices have no derivatives
+        center, radius, even, lobe, exponent, axis = self._lamp(k, active)
+        to_lamp = center - p
+        inverse = dr.rsqrt(dr.maximum(dr.squared_norm(to_lamp), dr.square(radius)))
+        # Bounds of both cosines, for the whole of the lamp.
+        receiver = dr.dot(n, to_lamp)
+        if both_sides is not False:
+            receiver = dr.select(both_sides, dr.abs(receiver), receiver)
+        receiver = dr.clip((receiver + radius) * inverse, LEAST_COSINE, 1)
+        intensity = even
+        if self.lobes:
+            sender = dr.clip((radius - dr.dot(axis, to_lamp)) * inverse, 0, 1)
+            if self.beams:
+                sender = dr.select(sender > 0, dr.power(dr.maximum(sender, 1e-6), exponent), 0)
+            intensity += lobe * sender
+        return intensity * receiver * dr.square(inverse)
+
+    def _lamp(self, k: int | mi.UInt32, active: mi.Bool) -> tuple[Any, ...]:
+        """Center, radius, intensity of the even part and that of the lobe, its exponent and its axis."""
+        if dr.is_jit_v(mi.Float):
+            k = mi.UInt32(k)
+            a = dr.gather(mi.Vector4f, self.table, k * 3, active)
+            if not self.lobes:
+                return mi.Point3f(a.x, a.y, a.z), a.w, dr.gather(mi.Float, self.table, k * 12 + 4, active), 0, 1, None
+            b, c = (dr.gather(mi.Vector4f, self.table, k * 3 + j, active) for j in (1, 2))
+            return mi.Point3f(a.x, a.y, a.z), a.w, b.x, b.y, b.z, mi.Vector3f(b.w, c.x, c.y)
+        x, y, z, radius, even, lobe, exponent, *axis = self.rows[k]
+        return mi.Point3f(x, y, z), radius, even, lobe, exponent, mi.Vector3f(axis)
+
+    def _fold(self, body: Callable[[Any, Any], Any], state: Any, active: mi.Bool) -> Any:
+        """Applies ``state = body(k, state)`` to all lamps."""
+        if self.unrolled:
+            for k in range(self.count):
+                state = body(k, state)
+            return state
+        count = dr.opaque(mi.UInt32, self.count)
+        return dr.while_loop(
+            (mi.UInt32(0), state),
+            lambda k, state: active & (k < count),
+            lambda k, state: (k + 1, body(k, state)),
+            labels=("k", "state"),
+        )[1]
+
+
+def models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
+    """Center (3 numbers), radius, intensity of the even part and of the lobe, exponent and axis (3) of each lamp."""
+    sphere = scene.bbox().bounding_sphere()
+    size = max(float(sphere.radius), 1e-3)
+    rows = np.tile(np.array([*np.ravel(sphere.center), FAR * size, 0, 0, 1, 0, 0, 0], dtype=float), (len(emitters), 1))
+    near = [k for k, emitter in enumerate(emitters) if is_near(emitter)]
+    rays = {}
+    try:
+        rays = dict(zip(near, zip(*draw(scene, [emitters[k] for k in near], emitted_ray))))
+    except RuntimeError:
+        # Dr.Jit asks all emitters of the process together, and one of them emits no rays.
+        for k in near:
+            with contextlib.suppress(RuntimeError):
+                rays[k] = tuple(array[0] for array in draw(scene, [emitters[k]], emitted_ray, together=False))
+    for k, (power, origins, directions) in rays.items():
+        rows[k] = near_model(power, origins, directions, size)
+    far = [k for k in range(len(emitters)) if k not in rays]
+    rows[far, 4] = np.square(FAR * size) * draw(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
+    # Powers are compared as the light in the scene, at its radius from what is near.
+    scale = np.where(np.isin(np.arange(len(emitters)), list(rays)), size, FAR * size) ** 2
+    least = LEAST_POWER * (rows[:, 4:6].sum(1) / scale).mean()
+    rows[:, 4] += (least or 1.0) * scale
+    # So few digits that it does not matter how the rays were rounded.
+    mantissa, exponent = np.frexp(rows)
+    return np.ldexp(np.round(mantissa * 1024) / 1024, exponent)
+
+
+def is_near(emitter: mi.Emitter) -> bool:
+    """Whether the light of ``emitter`` falls with the square of the distance."""
+    flags, kinds = emitter.flags(), mi.EmitterFlags
+    endless = mi.has_flag(flags, kinds.Infinite) or emitter.class_name() == "DirectionalEmitter"
+    bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
+    return bounded and not endless and not getattr(emitter, "unattenuated", False)
+
+
+def near_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
+    """The row of a lamp by the rays that it emits: their power, (rays,), origins and directions, (rays, 3)."""
+    low, high = origins.min(0), origins.max(0)
+    center = (low + high) / 2
+    radius = max(np.linalg.norm(origins - center, axis=1).max(), 1e-4 * size)
+    mean = power @ directions / (power.sum() or 1)
+    # The mean cosine of cos^n is (n + 1) / (n + 2); a cosine's is 2/3, and what is less has an even part.
+    # Those of spheres and surfaces are known but for the noise of the rays.
+    cosine = min(float(np.linalg.norm(mean)), 0.9999)
+    exponent = (2 * cosine - 1) / (1 - cosine) if cosine > 0.7 else 1.0
+    even = max(1 - 1.5 * cosine, LEAST_EVEN) if cosine > 0.1 else 1.0
+    flux = power.mean() / (2 * np.pi)
+    axis = mean / max(np.linalg.norm(mean), 1e-9)
+    return np.array([*center, radius, flux * even / 2, flux * (1 - even) * (exponent + 1), exponent, *axis])
+
+
+def draw(
+    scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any], together: bool = True
+) -> list[np.ndarray]:
+    """Power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, the same each time: arrays
+    (emitters, rays), (emitters, rays, 3) twice. ``together``: whether one call of Dr.Jit asks all emitters.
+    """
+    count = len(emitters) * RAYS
+    if not emitters:
+        columns = [np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))]
+    elif dr.is_jit_v(mi.Float):
+        i, emitter = dr.arange(mi.UInt32, count), emitters[0]
+        if together:
+            in_scene = scene.emitters()
+            order = dr.gather(mi.UInt32, mi.UInt32([in_scene.index(e) for e in emitters]), i // RAYS)
+            emitter = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
+        drawn = sample(scene, emitter, combine(hash32(dr.opaque(mi.UInt32, 0)), i % RAYS))
+        columns = [np.array(array, dtype=float).T for array in drawn]
+    else:
+        drawn = [sample(scene, e, combine(hash32(0), i)) for e in emitters for i in range(RAYS)]
+        columns = [np.array(column, dtype=float) for column in zip(*drawn)]
+    # Arrays of size 1 are broadcast.
+    power, *vectors = (np.broadcast_to(column, (count, *column.shape[1:])) for column in columns)
+    power = np.where(np.isfinite(power), np.maximum(power, 0), 0)
+    return [column.reshape(len(emitters), RAYS, *column.shape[1:]) for column in (power, *vectors)]
+
+
+def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
+    """Power, origin and direction of a ray of ``emitter``; ``key``: a hash."""
+    u = [to_unit(combine(key, j)) for j in range(5)]
+    ray, weight = emitter.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:]), mi.Bool(True))
+    return brightness(weight), ray.o, ray.d
+
+
+def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
+    """Irradiance by ``emitter`` of a point in the scene that faces it, the point, and the direction to the emitter."""
+    u = [to_unit(combine(key, j)) for j in range(6)]
+    box = scene.bbox()
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.p = mi.Point3f(box.min) + mi.Vector3f(*u[:3]) * mi.Vector3f(box.extents())
+    if mi.is_spectral:
+        si.wavelengths = 400 + 300 * mi.sample_shifted(u[3])
+    ds, weight = emitter.sample_direction(si, mi.Point2f(*u[4:]), mi.Bool(True))
+    return brightness(weight), si.p, ds.d
+
+
+def brightness(weight: mi.Spectrum) -> mi.Float:
+    """Mean of the channels or wavelengths of ``weight``."""
+    return dr.mean(mi.unpolarized_spectrum(weight), axis=0)

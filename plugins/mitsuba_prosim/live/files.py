@@ -1,0 +1,111 @@
+"""The files that a scene is made of, and when they change."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter as clock
+
+from ..scene import errors
+
+#: Seconds between two looks at the files; they take at most this share of the time.
+EVERY, SHARE = 0.02, 0.02
+
+#: What is quoted, as its second group; the apostrophe of "the scene's" is no quote.
+QUOTED = re.compile(r"""(?<!\w)(["'])([^\n\0]+?)\1(?!\w)""")
+
+#: No name of a file has so many characters.
+LONGEST = 256
+
+#: Differs after a file was written; None where there is no file.
+Stamp = tuple[int, ...] | None
+
+
+def stamp(path: Path) -> Stamp:
+    """The stamp of a file."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+class Files:
+    """The files that the scene at ``path`` is made of, as far as they are known. Any thread may use it."""
+
+    def __init__(self, path: Path) -> None:
+        self._scene, self._lock = path, threading.Lock()
+        self._stamps = {place: stamp(place) for place in places(path)}
+
+    @property
+    def known(self) -> frozenset[Path]:
+        """All of them, those too that are named by the error of a scene which can't be opened."""
+        return frozenset(self._stamps)
+
+    @property
+    def missing(self) -> frozenset[Path]:
+        """Those that were not there at the last look."""
+        return frozenset(path for path, stamped in self._stamps.items() if stamped is None)
+
+    def opened(self, files: Iterable[Path]) -> None:
+        """The scene was opened, and is made of ``files``, wherever they lie."""
+        self._set({place for path in [self._scene, *files] for place in places(path)})
+
+    def failed(self, words: str) -> None:
+        """The scene can't be opened; ``words`` say why."""
+        self._set({*self._stamps, *named(words, self._scene)})
+
+    def _set(self, files: set[Path]) -> None:
+        with self._lock:
+            self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
+
+    def changed(self) -> bool:
+        """Whether any was written, made, removed or renamed since the last look."""
+        with self._lock:
+            before, self._stamps = self._stamps, {path: stamp(path) for path in self._stamps}
+            return before != self._stamps
+
+    @contextmanager
+    def watched(self, tell: Callable[[], None]) -> Iterator[None]:
+        """Calls ``tell``, in a thread, after each change, when nothing changes any more. By looking: a notification of
+        the system's would have to be for folders, which come and go, and some disks have none.
+        """
+        end = threading.Event()
+
+        def look() -> None:
+            every = waiting = 0.0
+            while not end.wait(max(EVERY, every)):
+                begun = clock()
+                changed = self.changed()
+                every = (clock() - begun) / SHARE
+                if waiting and not changed:
+                    tell()
+                waiting = changed
+
+        thread = threading.Thread(target=look, name="files", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            end.set()
+            thread.join(2)
+
+
+def places(path: Path) -> set[Path]:
+    """Where a file lies, and where that lies which it may be a link to."""
+    return {path.absolute(), Path(os.path.realpath(path))}
+
+
+def named(words: str, scene: Path) -> set[Path]:
+    """Places of the files that the ``words`` of an error name in quotes, or as the place of an error, as the text of
+    ``scene`` names them.
+    """
+    names = [found[2] for found in QUOTED.finditer(words)] + errors.files(words)
+    names = [name for name in names if len(name) < LONGEST and "\0" not in name]
+    if scene.suffix.lower() != ".xml":  # an absolute path is that of a translation
+        names = [name for name in names if not Path(name).is_absolute()]
+    return {place for name in names for place in places(scene.parent / name)}

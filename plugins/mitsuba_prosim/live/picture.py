@@ -1,0 +1,121 @@
+"""An image as the page gets it: linear, in layers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..engine.render import Render
+
+#: The layers that every picture of a whole size has.
+LAYERS = ("final", "error", "samples")
+
+#: The largest number that 16 bits of floating point hold.
+LARGEST = 65504.0
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Layers by name, arrays of 32 bits: colours (height, width, 3), maps (height, width). ``number``: no other picture
+    of the viewer has it.
+    """
+
+    number: int
+    layers: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        height, width = self.layers["final"].shape[:2]
+        return width, height
+
+    def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
+        """A layer row by row: colours in 16 bits a channel, maps in 32, little-endian; and what is said of it as
+        headers: ``X-White`` is what one pixel in a hundred exceeds, the luminance of colours, and ``X-Unit`` what
+        they count, a power of two: so few bits hold no picture that is a thousand times as dark, or bright, as white.
+        """
+        values = self.layers[layer]
+        height, width = values.shape[:2]
+        light, unit = values, 1.0
+        if values.ndim == 3:
+            light = np.maximum(values @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32), 0)
+        white = float(np.percentile(light, 99))
+        white = white if math.isfinite(white) else 1.0
+        if values.ndim == 3:
+            unit = power_of_two(white or finite(light.max()) or 1.0)
+            numbers = values if np.isfinite(light).all() else np.nan_to_num(values)
+            content = np.clip(numbers / np.float32(unit), -LARGEST, LARGEST).astype("<f2").tobytes()
+        else:
+            content = values.astype("<f4").tobytes()
+        facts = {"Picture": self.number, "Width": width, "Height": height, "White": white, "Unit": unit}
+        return content, {f"X-{name}": str(value) for name, value in facts.items()}
+
+    def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
+        """The values by layer, at a pixel of a picture of ``size``; this one may be coarser. Nothing for what is not
+        finite.
+        """
+        found: dict[str, list[float | None] | float | None] = {}
+        x, y = x * self.size[0] // size[0], y * self.size[1] // size[1]
+        for name, values in self.layers.items():
+            value = values[y, x]
+            found[name] = [finite(v) for v in value] if np.ndim(value) else finite(value)
+        return found
+
+
+def of_render(render: Render) -> dict[str, np.ndarray]:
+    """The :data:`LAYERS` of an image, 0 in all of them where it is not known yet."""
+    known = render.known()
+    layers = {
+        "final": colours(np.array(render.image())),
+        "error": render.error(),
+        "samples": render.counts().astype(np.float32),
+    }
+    return layers if known.all() else {name: over(known, values) for name, values in layers.items()}
+
+
+def over(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+    """A layer's ``values`` where they are ``known``, shape (height, width); elsewhere what was seen ``before``, maybe
+    coarser, or 0.
+    """
+    mask = known[..., None] if values.ndim == 3 else known
+    if before is None:
+        return np.where(mask, values, np.float32(0))
+    rows, columns = (np.arange(size) * old // size for size, old in zip(known.shape, before.shape))
+    return np.where(mask, values, before[np.ix_(rows, columns)])
+
+
+#: From nothing to much: dark blue, violet, red, orange, pale yellow, each lighter than the one before.
+HUES = np.array([(8, 8, 48), (92, 20, 122), (205, 55, 70), (248, 156, 40), (252, 250, 190)], dtype=np.float32) / 255
+
+
+def palest(values: np.ndarray) -> float:
+    """What the palest colour of a map means, and more: what one pixel in a hundred exceeds."""
+    most = float(np.percentile(values, 99))
+    return most if math.isfinite(most) and most > 0 else 1.0
+
+
+def coloured(values: np.ndarray) -> np.ndarray:
+    """A map, shape (height, width), in colours as a screen shows them, shape (height, width, 3): by its square root, as
+    far as what one pixel in a hundred exceeds.
+    """
+    place = np.sqrt(np.clip(np.nan_to_num(values) / palest(values), 0, 1))
+    return np.stack([np.interp(place, np.linspace(0, 1, len(HUES)), hue) for hue in HUES.T], axis=2)
+
+
+def colours(image: np.ndarray) -> np.ndarray:
+    """Red, green and blue of a developed image, shape (height, width, channels), of which grey ones have one."""
+    image = image.astype(np.float32, copy=False)
+    return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+
+
+def power_of_two(value: float) -> float:
+    """The nearest that is not above a positive number, and one that 32 bits of floating point hold."""
+    return 2.0 ** min(max(math.frexp(value)[1] - 1, -100), 100)
+
+
+def finite(value: float) -> float | None:
+    """The number, or None for what JSON can't say."""
+    return float(value) if math.isfinite(value) else None

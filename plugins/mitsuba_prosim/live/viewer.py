@@ -1,0 +1,248 @@
+"""The thread that renders what is requested."""
+
+from __future__ import annotations
+
+import gc
+import time
+import warnings
+from contextlib import suppress
+from dataclasses import replace
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import prosim_scene
+from prosim_scene import Document
+
+from ..denoising import layers
+from ..scene import black, session
+from ..scene.errors import pointed, with_nearest
+from .camera import Camera
+from .files import Files
+from .image import DenoisedImage, ProgressiveImage, by_path, name, not_compared, progressive
+from .loaded_scene import LoadedScene, Opener, preview
+from .picture import Picture
+from .publisher import Publisher, State
+from .requests import Request, Requests
+from .throttle import Throttle
+
+#: How to make a black picture brighter on the page.
+ON_THE_PAGE = "Exposure {} makes it bright here"
+
+#: Seconds between two reports of progress.
+REPORT = 0.1
+
+
+class Viewer:
+    """Renders what :attr:`requests` ask of the scene at ``path``, which ``opener`` opens, and publishes it. ``spp``:
+    samples per pixel, 0 for those of the scene; ``denoise``: whether the image is denoised in the end.
+    """
+
+    def __init__(self, path: Path, opener: Opener, spp: int = 0, seed: int = 0, denoise: bool = False) -> None:
+        self.requests, self.publisher, self.files = Requests(), Publisher(State(path.name)), Files(path)
+        self._path, self._opener = path, opener
+        self._spp, self._seed, self._kind = spp, seed, DenoisedImage if denoise else ProgressiveImage
+        self._scene: LoadedScene | None = None
+        self._home: Camera | None = None  # the view of the scene that was opened last
+        #: What is shown, or being rendered.
+        self._shown = Request(saves=-1)
+        #: By name: ``own``, that of the scene's integrator, and maybe ``path``; and their pictures so far.
+        self._images: dict[str, ProgressiveImage] = {}
+        self._pictures: dict[str, Picture] = {}
+        self._integrator: Any = None
+        self._reached: Any = None
+        self._throttle = Throttle()
+        self._number, self._seconds, self._reported = 0, 0.0, 0.0
+
+    def result(self) -> tuple[State, mi.Bitmap, Any, Any]:
+        """The state, the image of the scene's integrator as it is shown, that integrator, and how far it came; for
+        :meth:`.Requests.call`.
+        """
+        picture = self.publisher.pictures["own"]
+        planes = {name: picture.layers["final"][..., k] for k, name in enumerate("RGB")}
+        planes |= {f"{name}.Y": values for name, values in picture.layers.items() if values.ndim == 2}
+        return self.publisher.state, layers.of_channels(planes), self._integrator, self._reached
+
+    def run(self) -> None:
+        """Renders until :meth:`.Requests.close`."""
+        gc.collect()
+        gc.freeze()  # after each change of the scene only younger objects are looked through
+        try:
+            while True:
+                request = self.requests.wait(self._idle)
+                if self.requests.closed:
+                    return
+                self.requests.run_calls(self._scene)
+                try:
+                    self._serve(request)
+                except (RuntimeError, TypeError, ValueError, OSError, MemoryError) as error:
+                    self._fail(request, error)
+                except Exception as error:  # noqa: BLE001 (whatever a scene and its plugins do, the next save is awaited)
+                    self._fail(request, RuntimeError(f"{type(error).__name__}: {error}"))
+        finally:
+            self._images, self._scene, self._integrator = {}, None, None
+            gc.unfreeze()
+            self.publisher.close()
+
+    def _idle(self, request: Request) -> bool:
+        if request != self._shown:
+            return self._scene is None and request.saves == self._shown.saves
+        return request.stopped or self._done()
+
+    def _done(self) -> bool:
+        return all(image.done for image in self._images.values())
+
+    def _serve(self, request: Request) -> None:
+        """Does the next thing for a request."""
+        if request.saves != self._shown.saves:
+            self._open(request)
+        elif self._scene is None or request == self._shown:
+            self._step()
+        elif request.camera is not self._shown.camera:
+            self._scene.look(request.camera)
+            self._begin(request, self._scene)
+        else:
+            self._pause_or_compare(request)
+
+    # ---------------------------------------------------------------- another scene, or another view
+
+    def _open(self, request: Request) -> None:
+        """Opens the scene again."""
+        # The kernels of an image hold the materials of all scenes that there are, so the last one has to go.
+        last, self._scene, self._images, self.requests.home = self._scene, None, {}, None
+        self._shown, self._seconds = replace(self._shown, saves=request.saves), 0.0
+        self.publisher.publish(doing="opening", saves=request.saves)
+        before = self.publisher.state, self.publisher.pictures
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", prosim_scene.SceneWarning)
+            try:
+                document = self._preview(last, request.camera) if last and last.file.document else None
+                del last
+                scene = LoadedScene(self._path, self._opener, document)
+            except BaseException:
+                self.publisher.restore(*before)
+                raise
+        gc.collect()
+        said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
+        self.files.opened(scene.files)
+        self._scene, home, self._home, self.requests.home = scene, self._home, scene.home, scene.home
+        if home is None or scene.home is None or (home.to_world != scene.home.to_world).any():
+            self.requests.change(lambda request: replace(request, camera=None))  # the text says another view
+            request = replace(request, camera=None)
+        elif request.camera is not None:
+            scene.look(request.camera)
+        self.publisher.publish(warnings=said, size=scene.size, movable=scene.home is not None)
+        self._begin(request, scene)
+
+    def _preview(self, last: LoadedScene, moved: Camera | None) -> Document | None:
+        """Returns the text as it is read now. Where only its VIEW differs, the last scene is shown by it."""
+        document = last.file.read()
+        with suppress(Exception):  # what is wrong is said when the scene is opened
+            if (seen := preview(last, document, moved)) is not None:
+                image, size = seen
+                self._show_coarse(image, size=size, view=None, black=None, part=0.0, samples=None, noise=None)
+        return document
+
+    def _begin(self, request: Request, scene: LoadedScene) -> None:
+        """Begins the image of the scene."""
+        self._images, self._pictures, self._seconds = {}, {}, 0.0
+        self._integrator, spp = progressive(scene.scene.integrator(), scene.sensor, self._spp)
+        image = self._kind(self._integrator, scene.scene, scene.sensor, spp, self._seed)
+        alone = not_compared(self._integrator)
+        self.publisher.publish(
+            doing="rendering",
+            error=None,
+            black=None,
+            view=scene.view(),
+            integrator=name(self._integrator),
+            alone=alone,
+            compared=request.compared and alone is None,
+            part=0.0,
+            samples=None,
+            noise=None,
+        )
+        if scene.whole:
+            with scene.coarse():
+                self._show_coarse(image)
+        self._images = {"own": image}
+        self._shown = replace(request, compared=False, stopped=False)
+
+    def _pause_or_compare(self, request: Request) -> None:
+        if self._images and request.compared != self._shown.compared:
+            own = self._images["own"]
+            self._images = {"own": own}
+            self._pictures = {name: picture for name, picture in self._pictures.items() if name == "own"}
+            if request.compared and not_compared(own.integrator) is None:
+                self._images = {"path": by_path(own), "own": own}
+            self.publisher.publish(self._pictures or None, compared="path" in self._images, part=self._part)
+        if self._images and self._done():
+            self.publisher.publish(doing="done", part=1.0)
+        elif self._images:
+            if request.stopped:
+                for which in self._images:
+                    self._show(which)
+            self.publisher.publish(doing="stopped" if request.stopped else "rendering")
+        self._shown = request
+
+    # ---------------------------------------------------------------- work item after work item
+
+    def _step(self) -> None:
+        """Another work item of the image that has waited longest."""
+        if self._shown.stopped or self._done() or self._scene is None:
+            return
+        begun = time.perf_counter()
+        which = next(name for name, image in self._images.items() if not image.done)
+        image = self._images[which]
+        complete = image.step()
+        self._images[which] = self._images.pop(which)  # the last from now on
+        if image.new and (complete or (self._throttle and self.publisher.followed)):
+            self._show(which)
+        if complete and which == "own":
+            final = self._pictures["own"].layers["final"]
+            why = black.why(self._scene.scene, self._scene.sensor, final, ON_THE_PAGE)
+            self.publisher.publish(black=why)
+        self._seconds += time.perf_counter() - begun
+        if self._done():
+            self.publisher.publish(doing="done", part=1.0, seconds=self._seconds)
+        elif begun - self._reported > REPORT:
+            self._reported = begun
+            self.publisher.publish(part=self._part, seconds=self._seconds)
+
+    @property
+    def _part(self) -> float:
+        return sum(image.part for image in self._images.values()) / len(self._images)
+
+    def _show(self, which: str) -> None:
+        """Publishes an image as it is now."""
+        with self._throttle.drawing():
+            image = self._images[which]
+            if image.render is None or (found := image.layers()) is None:
+                return
+            self._pictures[which] = self._picture(found)
+            said: dict[str, Any] = {}
+            if which == "own":
+                self._reached = reached = image.reached()
+                said = {"samples": reached.samples, "noise": None if isnan(reached.noise) else reached.noise}
+            if "own" in self._pictures:
+                shown = tuple(self._pictures["own"].layers)
+                self.publisher.publish(self._pictures, layers=shown, seconds=self._seconds, **said)
+
+    def _show_coarse(self, image: ProgressiveImage, **said: Any) -> None:
+        """Publishes the coarse picture that comes before the first pass."""
+        with self._throttle.drawing():
+            self._pictures = {"own": self._picture({"final": image.coarse()})}
+            self.publisher.publish(self._pictures, layers=("final",), seconds=self._seconds, **said)
+
+    def _picture(self, found: Any) -> Picture:
+        self._number += 1
+        return Picture(self._number, found)
+
+    def _fail(self, request: Request, error: BaseException) -> None:
+        self._images, self._shown = {}, request
+        missing, words = not self._path.exists(), with_nearest(session.message(error))
+        if self._scene is None:
+            self.files.failed(words)
+        self.publisher.publish(
+            doing="missing" if missing else "failed", error=None if missing else pointed(words, self._path)
+        )

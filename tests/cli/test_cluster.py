@@ -1,0 +1,452 @@
+"""``prosim render --cluster`` and ``--workers``: the same bytes, whoever takes the samples, and whoever is lost."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+
+import dask
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+import psutil
+import pytest
+from mitsuba_prosim import cluster
+from mitsuba_prosim.cli import output as files
+from mitsuba_prosim.cluster import local, worker
+from mitsuba_prosim.cluster.errand import Whole
+from mitsuba_prosim.cluster.parcel import Parcel
+from mitsuba_prosim.cluster.remote import LOOK, Remote
+from mitsuba_prosim.saved import origin
+from mitsuba_prosim.saved.keeper import Keeper
+from mitsuba_prosim.scene import scene_file, session
+from running import names, prosim
+from test_frames import FILM
+from test_resume_and_merge import LAMP, alike
+
+LAMP = LAMP.replace('"32"', '"64"').replace('"24"', '"48"')
+NOISE = {"noise": 0.007, "max_samples": 400}
+
+
+@pytest.fixture(scope="module")
+def client():
+    """Two workers; while they begin, somebody presses Ctrl-C, which all processes of a terminal get."""
+    pressed, heard, begun = set(), [], threading.Event()
+
+    def press():
+        here = psutil.Process()
+        while not begun.wait(0.01):
+            for process in {here, *here.children(recursive=True)} - pressed:
+                pressed.add(process)
+                process.send_signal(signal.SIGINT)
+
+    before = signal.signal(signal.SIGINT, lambda *_: heard.append("here"))
+    thread = threading.Thread(target=press)
+    thread.start()
+    with ExitStack() as until:
+        try:
+            client = until.enter_context(local.workers(2))
+        finally:
+            begun.set()
+            thread.join()
+            signal.signal(signal.SIGINT, before)
+        client.pressed = {process.pid for process in pressed}, heard
+        yield client
+
+
+@pytest.fixture
+def lamp(scene, variant_rgb):
+    scene.write_text(LAMP)
+    return scene
+
+
+def here(path, **changes):
+    """The image by this process alone."""
+    scene = scene_file.SceneFile(path, path.parent, **changes).load()
+    return np.array(scene.integrator().render(scene, seed=2))
+
+
+def there(client, path, tell=None, say=lambda _: None, **changes):
+    """The image by a cluster; ``tell`` is called after each portion, with the part done."""
+    file = scene_file.SceneFile(path, path.parent, **changes)
+    scene = file.load()
+    integrator = scene.integrator()
+    with cluster.Remote(client, Parcel.of(file), say) as executor:
+        render = integrator.progressive(scene, seed=2, executor=executor)
+        for step in render:
+            if tell is not None:
+                tell(step.done)
+        return np.array(render.image())
+
+
+# ------------------------------------------------------------------ what travels
+
+
+def test_a_scene_travels_with_what_it_names(lamp, tmp_path):
+    picture = '<shape type="rectangle"><bsdf type="diffuse"><texture name="reflectance" type="bitmap">'
+    picture += '<string name="filename" value="{}"/>'
+    picture += "</texture></bsdf></shape></scene>"
+    (tmp_path / "scene" / "skins").mkdir(parents=True)
+    path, skin = tmp_path / "scene" / "lamp.xml", tmp_path / "scene" / "skins" / "a.png"
+    mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).convert(
+        mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True
+    ).write(str(skin))
+    path.write_text(LAMP.replace("</scene>", picture.format("skins/a.png")))
+    file = scene_file.SceneFile(path, tmp_path)
+    parcel = Parcel.of(file)
+    assert set(parcel.contents) == {"lamp.xml", "skins/a.png"}
+    moved = path.parent.rename(tmp_path / "moved")
+    assert Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path)).key == parcel.key
+    assert Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path), sensor=1).key != parcel.key
+    scene, _ = parcel.load()
+    assert len(scene.shapes()) == 3
+    (moved / "skins" / "a.png").rename(tmp_path / "a.png")
+    for name, says in [
+        ("../a.png", "outside of the scene's folder"),
+        (str(tmp_path / "moved" / "b.png"), "by its place"),
+    ]:
+        (tmp_path / "moved" / "b.png").write_bytes((tmp_path / "a.png").read_bytes())
+        (moved / "lamp.xml").write_text(LAMP.replace("</scene>", picture.format(name)))
+        with pytest.raises(ValueError, match=says):
+            Parcel.of(scene_file.SceneFile(moved / "lamp.xml", tmp_path))
+
+
+def test_files_that_are_named_by_paths_and_parameters_travel_too(lamp, tmp_path):
+    (tmp_path / "skins").mkdir()
+    OpenEXR.File({}, {c: np.full((2, 2), 0.5, np.float32) for c in "RGB"}).write(str(tmp_path / "skins" / "a.7.exr"))
+    texture = '<texture name="reflectance" type="bitmap"><string name="filename" value="a.$frame.exr"/></texture>'
+    text = LAMP.replace("</scene>", f'<shape type="sphere"><bsdf type="diffuse">{texture}</bsdf></shape></scene>')
+    text = text.replace('<rgb name="radiance" value="9"/>', '<spectrum name="radiance" filename="skins/$kind.spd"/>')
+    lamp.write_text(text.replace("<sensor", '<path value="skins"/><default name="kind" value="lamp"/><sensor', 1))
+    keys = []
+    for line in "400 9\n700 9\n", "400 9\n700 8\n":
+        (tmp_path / "skins" / "lamp.spd").write_text(line)
+        parcel = Parcel.of(scene_file.SceneFile(lamp, tmp_path, definitions={"frame": "7"}))
+        assert set(parcel.contents) == {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
+        keys.append(parcel.key)
+    assert keys[0] != keys[1]
+    (tmp_path / "skins").rename(tmp_path / "gone")
+    assert len(parcel.load()[0].shapes()) == 3
+
+
+@pytest.mark.parametrize(
+    "options, says",
+    [
+        (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
+        (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
+        (["--cluster", "localhost"], "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
+        (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
+        (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
+    ],
+)
+def test_wrong_use(scene, options, says):
+    result = prosim("render", scene, *options)
+    assert result.exit_code == 2 and says in result.stderr and names(scene.parent) == ["scene.xml"]
+
+
+def test_workers_that_can_not_be_begun(lamp, monkeypatch):
+    def fails(**_):
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(local.distributed, "LocalCluster", fails)
+    result = prosim("render", lamp, "--workers", 1)
+    assert result.exit_code == 1 and "Error: the workers can't be begun here (Nanny failed to start.)" in result.output
+
+
+def test_without_the_package_nothing_is_begun(lamp, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    result = prosim("render", lamp, "--workers", 2)
+    assert result.exit_code == 1 and "to get it: pip install 'mitsuba-prosim[cluster]'" in result.stderr
+    assert names(lamp.parent) == [lamp.name]
+
+
+def test_no_scheduler(lamp, monkeypatch):
+    monkeypatch.setattr(local, "ANSWER", 0.2)
+    result = prosim("render", lamp, "--cluster", "tcp://127.0.0.1:1")
+    assert result.exit_code == 1 and "no scheduler answers at tcp://127.0.0.1:1" in result.stderr
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_workers_begin(client, lamp, monkeypatch):
+    """It is for the one that renders: workers live on, and the command says that there is nothing."""
+    pressed, heard = client.pressed
+    workers = set(client.run(os.getpid).values())
+    assert len(workers) == 2 and workers | {os.getpid()} <= pressed and heard == ["here"]
+
+    def pressing(address, scheduler=local.scheduler):
+        os.kill(os.getpid(), signal.SIGINT)
+        return scheduler(address)
+
+    monkeypatch.setattr(local, "scheduler", pressing)
+    result = prosim("render", lamp, "--cluster", client.scheduler.address)
+    assert result.exit_code == 130 and "Interrupted before the image had begun; nothing was written." in result.output
+    assert names(lamp.parent) == [lamp.name]
+
+
+# ------------------------------------------------------------------ the same bytes
+
+
+@pytest.mark.slow
+def test_two_workers_make_the_same_image(client, lamp):
+    for changes in ({}, {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}):
+        expected = here(lamp, **changes)
+        assert np.array_equal(np.array(cluster.render(lamp, client=client, seed=2, **changes)), expected)
+
+
+@pytest.mark.parametrize("address, more", [("inproc://127.0.0.1/1/2", 0), ("tcp://127.0.0.1:1", 2)])
+def test_a_worker_that_shares_the_process_of_its_client_leaves_it_its_threads(variant_rgb, monkeypatch, address, more):
+    threads = dr.thread_count()
+    here = SimpleNamespace(address=address, state=SimpleNamespace(nthreads=threads + 2))
+    monkeypatch.setattr(worker.distributed, "get_worker", lambda: here)
+    with session.threads(None):
+        assert worker.greet(variant_rgb, "").threads == dr.thread_count() == threads + more
+
+
+#: Lets a worker forget its scenes.
+FORGET = "from mitsuba_prosim.cluster import worker; worker.scenes.clear()"
+
+
+def kill_one(client):
+    """Kills a worker, and waits until everybody who looks has seen that it is there no more."""
+    address, process = next(iter(client.run(os.getpid).items()))
+    os.kill(process, signal.SIGKILL)
+    while address in client.sync(client.scheduler.ncores):
+        time.sleep(0.05)
+    time.sleep(1.5 * LOOK)
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
+    """Another takes the place of the one that was killed, as Dask's nanny begins it anew; and of one whose nanny has
+    given up.
+    """
+    acts = [lambda: kill_one(client), lambda: client.run(exec, FORGET)]
+    told = []
+
+    def tell(done):
+        told.append(done)
+        if acts and len(told) % 2:
+            acts.pop()()
+
+    said = []
+    image = there(client, lamp, tell, said.append, integrator=NOISE)
+    assert len(said) == 1 and "a worker was lost, 1 is left; others do what it had at hand" in said[0]
+    assert not acts and len(told) > 4 and np.array_equal(image, here(lamp, integrator=NOISE))
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
+        gone = next(iter(client.cluster.workers.values()))
+        client.cluster.sync(gone.close)
+        client.wait_for_workers(2, timeout=20)
+    assert gone not in client.cluster.workers.values()
+
+
+#: A glass ball on a floor under a lamp; four sets of photons, for four samples of each pixel.
+GLASS = """<scene version="3.0.0">
+    <integrator type="prosim">
+        <integer name="samples" value="2"/> <integer name="max_samples" value="16"/>
+        <string name="adaptive" value="none"/>
+        <boolean name="caustics" value="true"/> <integer name="caustic_photons" value="4096"/>
+    </integrator>
+    <sensor type="perspective">
+        <transform name="to_world"><lookat origin="0, 4, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm">
+            <integer name="width" value="48"/> <integer name="height" value="32"/> <rfilter type="box"/>
+        </film>
+    </sensor>
+    <shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="-90"/><scale value="6"/></transform>
+        <bsdf type="prosim_lambertian"/>
+    </shape>
+    <shape type="sphere"><point name="center" x="0" y="1.2" z="0"/><bsdf type="dielectric"/></shape>
+    <emitter type="prosim_point"><point name="position" x="-3" y="5" z="1"/></emitter>
+</scene>"""
+
+
+@pytest.mark.slow
+def test_each_set_of_photons_is_drawn_by_one_worker(client, scene, variant_rgb, monkeypatch):
+    """The others have it from there; if it is lost on the way, they draw it themselves."""
+    scene.write_text(GLASS)
+    expected = here(scene)
+
+    def drawn():
+        return sum(loaded.estimator.transport.caustics.draws for loaded in worker.scenes.values() if loaded.estimator)
+
+    monkeypatch.setattr(Remote, "bound", lambda *_: 2000)
+    client.run(exec, FORGET)
+    assert np.array_equal(there(client, scene), expected)
+    assert sum(client.run(drawn).values()) == 4
+    client.run(exec, FORGET)
+    acts = [lambda: kill_one(client)]
+    assert np.array_equal(there(client, scene, lambda _: acts and acts.pop()()), expected) and not acts
+
+
+@pytest.mark.slow
+def test_workers_of_another_kind(client, lamp, monkeypatch):
+    ours = origin.here()
+    said = []
+    monkeypatch.setattr(origin, "here", lambda: ours | {"processor": "another"})
+    assert np.array_equal(there(client, lamp, say=said.append), here(lamp))
+    assert said and all(re.search("is of another kind .processor .* there, another here", text) for text in said)
+    monkeypatch.setattr(origin, "here", lambda: ours | {"mitsuba": "3.0"})
+    with pytest.raises(
+        cluster.ClusterError, match=r"no worker of the cluster can take part: .*mitsuba 3\.9.* 3\.0 here"
+    ):
+        there(client, lamp)
+
+
+@pytest.mark.slow
+def test_two_renders_on_one_cluster(client, lamp):
+    command = [sys.executable, "-c", "from prosim_start import main; main()", "render", lamp, "--noise", "0.02"]
+    address = client.scheduler.address
+    with subprocess.Popen([*command, "--cluster", address, "--seed", "2", "-o", lamp.parent / "a"]) as process:
+        images = []
+        while process.poll() is None:
+            images.append(there(client, lamp, integrator={"noise": 0.02}))
+        assert process.returncode == 0
+    expected = here(lamp, integrator={"noise": 0.02})
+    assert images and all(np.array_equal(image, expected) for image in images)
+    assert prosim("render", lamp, "--noise", 0.02, "--seed", 2, "-o", lamp.parent / "b").exit_code == 0
+    assert alike(lamp.parent / "a", lamp.parent / "b")
+
+
+def watch_kernels(client, on):
+    """Begins or ends to note the kernels that workers launch."""
+    client.run(lambda: worker.hand().submit(dr.set_flag, dr.JitFlag.KernelHistory, on).result())
+
+
+def kernels(client):
+    """The kernels that each worker has launched since this was asked last, but for trivial ones."""
+
+    def launched():
+        history = worker.hand().submit(dr.kernel_history).result()
+        return {one["hash"] for one in history if one["type"] == dr.KernelType.JIT and one["operation_count"] > 100}
+
+    return list(client.run(launched).values())
+
+
+@pytest.mark.slow
+def test_a_film(client, lamp, monkeypatch):
+    """One client for all frames, which have the bytes of one process, whatever ends the command or is lost; workers
+    compile once.
+    """
+    film = lamp.with_name("film.scn")
+    film.write_text(FILM)
+    options = ["render", film, "--frames", "0:6", "--resolution", "12x12"]
+    one, many, again = ([*options, "-o", film.with_name(name)] for name in ("a", "b", "c"))
+    cluster = ["--cluster", client.scheduler.address]
+    assert prosim(*one).exit_code == 0
+    watch_kernels(client, True)
+    result = prosim(*many, *cluster)
+    assert result.exit_code == 0 and result.stderr.count("12x12 pixels distort the image") == 1
+    takers, clients, saved, make, save = [], [], [], Remote.make, files.save
+    monkeypatch.setattr(Remote, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
+    monkeypatch.setattr(local, "scheduler", lambda at, scheduler=local.scheduler: clients.append(at) or scheduler(at))
+
+    def saving(stem, contents):
+        saved.append(stem.name)
+        if len(saved) == 2:  # the first frame is made by all workers, the others by one each
+            os.kill(os.getpid(), signal.SIGINT)
+        elif len(saved) == 4:
+            takers[-1].gone = "the scheduler has gone away"
+        elif len(saved) == 5:
+            kill_one(client)
+        return save(stem, contents)
+
+    monkeypatch.setattr(files, "save", saving)
+    for said in ("2 of 6 frames rendered; interrupted", "2 had been rendered before; the scheduler has gone away"):
+        result = prosim(*again, *cluster)
+        assert result.exit_code == 1 and f"{said}. The same command goes on" in result.stdout, result.output
+    assert max(map(len, kernels(client))) <= 6  # each frame takes two
+    watch_kernels(client, False)
+    result = prosim(*again, *cluster)
+    assert result.exit_code == 0 and "2 of 6 frames rendered, 4 had been rendered before" in result.stdout
+    assert len(clients) == 3 and len(set(saved)) == 6 and result.stderr.count("a worker was lost, 1 is left") == 1
+    for name in "b", "c":
+        assert all(alike(film.with_name(f"{name}.000{n}.exr"), film.with_name(f"a.000{n}.exr")) for n in range(6))
+    result = prosim(*again, *cluster, "--anew", "-D", "kd=0.98", "-o", film.with_name("d"))
+    assert result.exit_code == 2 and f"frame 3: {film}:6:37: found '1.01' after kd" in result.stderr
+    assert "d.0002.png" in names(film.parent) and "d.0003.png" not in names(film.parent)
+
+
+@pytest.mark.slow
+def test_an_image_that_nobody_waits_for_any_more(client, lamp):
+    """Its worker is free at once, whatever it would have taken."""
+
+    def endless(scene, sensor, wanted):
+        worker.begun = True
+        while wanted():
+            time.sleep(0.01)
+        worker.ended = True
+
+    def anywhere(name):
+        return any(client.run(lambda: hasattr(worker, name)).values())
+
+    with Remote(client, parcel := Parcel.of(scene_file.SceneFile(lamp, lamp.parent))) as taker:
+        images = iter([Whole("an image", parcel, endless, (), 1)])
+        assert list(taker.make(images, lambda: anywhere("begun"))) == []
+    end = time.monotonic() + 10
+    while not anywhere("ended"):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+#: A cluster in a process of its own, which says where it is.
+ANOTHER = (
+    "import time; from mitsuba_prosim.cluster import local\n"
+    "with local.workers(1, 1) as client: print(client.scheduler.address, flush=True); time.sleep(100)"
+)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away(lamp, monkeypatch):
+    """The image so far is written, and its state, which goes on to the same bytes."""
+    folder, keep = lamp.parent, Keeper.__call__
+    aim = ["--noise", 0.01]
+    with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
+
+        def killing(self, record, last):
+            if not last and record().pixels["count"].any():
+                process.kill()
+            keep(self, record, last)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Keeper, "__call__", killing)
+            address = process.stdout.readline().strip()
+            result = prosim("render", lamp, "--keep", "-o", folder / "a", "--cluster", address, *aim)
+    assert result.exit_code == 1 and re.search("the scheduler tcp://.* has gone away", result.output)
+    assert f"prosim resume {folder / 'a.state.exr'}" in result.output
+    assert prosim("resume", folder / "a.state.exr").exit_code == 0
+    assert prosim("render", lamp, "-o", folder / "b", *aim).exit_code == 0
+    assert alike(folder / "a", folder / "b")
+
+
+#: Runs the tasks of an array one after the other.
+SBATCH = """#!/bin/sh
+for id in $(seq $(sed -n 's/^#SBATCH --array=\\([0-9]*\\)-\\([0-9]*\\)$/\\1 \\2/p' "$1")); do
+    SLURM_ARRAY_TASK_ID=$id sh "$1" || exit 1
+done
+"""
+
+
+@pytest.mark.slow
+def test_the_array_of_the_documentation(lamp, monkeypatch):
+    """As its page has it, but for the scene and the number of parts."""
+    folder = lamp.parent
+    page = (Path(__file__).parents[2] / "docs" / "anywhere.md").read_text("utf-8")
+    (script,) = re.findall(r"^cat > parts.sh <<'SCRIPT'\n.*?^sbatch parts.sh$", page, re.MULTILINE | re.DOTALL)
+    script = script.replace("palito.scn", lamp.name).replace("1-4", "1-2").replace("-of-4", "-of-2").replace("/4", "/2")
+    (folder / "sbatch").write_text(SBATCH)
+    (folder / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", os.pathsep.join([str(folder), str(Path(sys.executable).parent), os.environ["PATH"]]))
+    monkeypatch.chdir(folder)
+    said = subprocess.run(["sh", "-c", script], check=True, capture_output=True, text=True).stdout
+    assert re.findall(r"part (\d) of 2", said) == ["1", "2"]
+    assert prosim("merge", *(f"night.{k}-of-2.exr" for k in (1, 2)), "-o", "night").exit_code == 0
+    assert prosim("render", lamp, "-o", "whole").exit_code == 0
+    assert alike(folder / "night", folder / "whole")

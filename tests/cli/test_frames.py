@@ -1,0 +1,209 @@
+"""``prosim render --frames``: each frame is the image of the scene alone, and made once, as is what frames share."""
+
+import os
+import signal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.cli import image
+from prosim_scene.solids import csg
+from running import XML, names, pixels, prosim
+
+FILM = """DEFAULT $kd = 0.4
+NSAMPLES 2
+VIEW RESOLUTION 12 8 WINDOW -3 -2 3 2 OBS {9 * sin(30 * $frame)} 3 {9 * cos(30 * $frame)}
+LIGHTS AREA position 4 {6 + $time} 4 raio 2
+CSG-TREE - CUBE 0 SPHERE 1
+SURFACE 0 material lambertiano kd = {$kd + $frame / 100} .5 .5
+SURFACE 1 material condutor ouro m = 0.2
+TRANSFORM 0 TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)
+TRANSFORM 1 SCALE (1.2 1.2 1.2)
+END
+"""
+
+
+@pytest.fixture
+def film(tmp_path, variant_rgb):
+    path = tmp_path / "film.scn"
+    path.write_text(FILM)
+    return path
+
+
+def rendered(*arguments):
+    """How many frames a command says that it has rendered, and how many were there."""
+    done = prosim("render", *arguments)
+    assert done.exit_code == 0, done.output
+    line = done.stdout.splitlines()[-1]
+    made, of = line.partition(".png: ")[2].split(" frames")[0].split(" of ")
+    assert (int(made) == int(of)) == ("rendered before" not in line)
+    return int(made), int(of) - int(made)
+
+
+def kept(folder):
+    return {path.name: path.stat().st_ino for path in folder.iterdir() if path.suffix == ".exr"}
+
+
+def test_each_frame_is_the_image_of_the_scene_alone(film):
+    assert rendered(film, "--frames", "0:6:2", "--seed", 5, "--fps", 12) == (3, 0)
+    assert names(film.parent) == [
+        *(f"film.{n}.{kind}" for n in ("0000", "0002", "0004") for kind in ("exr", "png")),
+        "film.scn",
+    ]
+    alone = film.with_name("alone")
+    done = prosim("render", film, "-D", "frame=4", "-D", f"time={4 / 12}", "--seed", 9, "-o", alone)
+    assert done.exit_code == 0, done.output
+    assert rendered(film, "--frames", 4, "--seed", 5, "--fps", 12, "-o", film.with_name("one")) == (1, 0)
+    for name in "alone.png", "one.0004.png":
+        assert film.with_name(name).read_bytes() == film.with_name("film.0004.png").read_bytes()
+        exr = film.with_name(name).with_suffix(".exr")
+        assert np.array_equal(pixels(exr), pixels(film.with_name("film.0004.exr")))
+    assert not np.array_equal(pixels(film.with_name("film.0002.exr")), pixels(film.with_name("film.0004.exr")))
+    assert mi.Bitmap(str(film.with_name("film.0004.exr"))).metadata()["prosim.seed"] == "9"
+
+
+def test_a_frame_is_rendered_once_and_anew_where_the_scene_has_changed(film):
+    options = "--frames", "0:2"
+    assert rendered(film, *options) == (2, 0)
+    before = kept(film.parent)
+    film.write_text("(a remark)\n" + FILM)
+    assert rendered(film, *options, "-D", "kd=0.4") == (0, 2) and kept(film.parent) == before
+    film.with_name("film.0001.exr").unlink()
+    assert rendered(film, *options) == (1, 1)
+    film.with_name("film.0000.exr").write_bytes(b"none")
+    film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
+    assert rendered(film, *options) == (2, 0)
+
+
+@pytest.mark.slow
+def test_a_frame_is_rendered_anew_where_an_option_has_changed(film):
+    options = "--frames", "0:2"
+    assert rendered(film, *options) == (2, 0)
+    for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--anew"]:
+        assert rendered(film, *options, *other) == (2, 0), other
+    assert rendered(film, *options, "--fps", 30) == (1, 1)  # the first is at the time 0
+    film.write_text(FILM.replace("2 2 2", "2 2 1.9"))
+    assert rendered(film, *options) == (2, 0)
+
+
+@pytest.mark.slow
+def test_frames_are_denoised_or_rendered_to_a_noise(film):
+    for options in ["--denoise"], ["--noise", 0.05]:
+        assert rendered(film, "--frames", "0:2", *options) == (2, 0)
+        assert rendered(film, "--frames", "0:2", *options) == (0, 2)
+
+
+def test_frames_share_meshes_and_kernels(film, monkeypatch):
+    evaluated, original = [], csg.evaluate
+    monkeypatch.setattr(csg, "evaluate", lambda *a: evaluated.append(a) or original(*a))
+    assert rendered(film, "--frames", 0) == (1, 0)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        assert rendered(film, "--frames", "1:4") == (3, 0)
+        kernels = [one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]
+    assert len(kernels) > 3 and all(kernel["cache_hit"] for kernel in kernels)
+    assert len(evaluated) == 2  # one for each command
+
+
+@pytest.mark.parametrize("keep", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_what_is_finished_is_kept_where_it_is_interrupted(film, monkeypatch, keep):
+    options = ("--frames", "0:3", *(["--keep"] if keep else []))
+    assert rendered(film, *options, "-o", film.with_name("whole")) == (3, 0)
+    start, begun = image.start, []
+
+    class Interrupted:
+        """A render during the second step of which somebody presses Ctrl-C."""
+
+        def __init__(self, steps):
+            self.steps = steps
+
+        def __next__(self):
+            step = next(self.steps)
+            os.kill(os.getpid(), signal.SIGINT)
+            return step
+
+        def __getattr__(self, name):
+            return getattr(self.steps, name)
+
+    def interrupted(*arguments, **how):
+        begun.append(how["begin"])
+        steps = start(*arguments, **how)
+        return Interrupted(steps) if len(begun) == 2 else steps
+
+    monkeypatch.setattr(image, "start", interrupted)
+    done = prosim("render", film, *options)
+    assert done.exit_code == 1 and "1 of 3 frames rendered; interrupted" in done.stdout
+    assert {"film.0000.exr", "film.0000.png"} <= set(names(film.parent))
+    assert not {"film.0001.exr", "film.0001.png", "film.0002.exr"} & set(names(film.parent))
+    assert rendered(film, *options) == (2, 1) and len(begun) == 4
+    assert [record is not None for record in begun] == [False, False, keep, False]
+    for number in range(3):
+        name = f".000{number}.png"
+        assert film.with_name("film" + name).read_bytes() == film.with_name("whole" + name).read_bytes()
+
+
+def test_a_scene_that_changes_meanwhile(film, monkeypatch):
+    start = image.start
+
+    def changing(*arguments, **how):
+        film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
+        return start(*arguments, **how)
+
+    monkeypatch.setattr(image, "start", changing)
+    done = prosim("render", film, "--frames", "1:4")
+    assert done.exit_code == 0 and done.stderr.count("was changed meanwhile: frame 2 is of what it says now") == 1
+    assert rendered(film, "--frames", "1:4") == (1, 2)
+
+
+def test_scenes_in_xml_have_frames_too(scene):
+    scene.write_text(XML.replace("$radiance", "$time").replace('name="radiance" value="0.5"', 'name="time" value="9"'))
+    assert rendered(scene, "--frames", "12:14", "--fps", 48) == (2, 0)
+    assert pixels(scene.with_name("scene.0012.exr"))[0, 0, 0] == pytest.approx(0.25)
+    assert rendered(scene, "--frames", "12:15", "--fps", 48) == (1, 2)
+    scene.write_text(XML)
+    done = prosim("render", scene, "--frames", "0:2", "-D", "radiance=0.1")
+    assert done.exit_code == 2 and "says neither $frame nor $time, so all frames would be alike" in done.stderr
+    scene.write_text(XML.replace("<film", '<float name="fov" value="4$frame"/><film'))
+    done = prosim("render", scene, "--frames", "0:3", "-D", "radiance=0", "-o", scene.with_name("dark"))
+    assert done.exit_code == 0 and "3 of 3 frames rendered, 3 of them black" in done.stdout
+    assert done.stderr.count("frame 0: the picture is black: ") == done.stderr.count("black") == 1
+
+
+def test_a_wrong_frame_is_named_and_those_before_it_are_kept(film):
+    done = prosim("render", film, "--frames", "0:9", "-D", "kd=0.99")
+    assert done.exit_code == 2
+    assert f"frame 2: {film}:6:37: found '1.01' after kd" in done.stderr
+    assert "film.0001.png" in names(film.parent) and "film.0002.png" not in names(film.parent)
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["--frames", "3:3"], "frame B is not rendered"),
+        (["--frames", "-1:3"], "A is 0 or more"),
+        (["--frames", "9:0:-1"], "STEP is 1 or more"),
+        (["--frames", "0:1000000"], "beyond 131071"),
+        (["--frames", "a:b"], "not of the form A:B[:STEP]"),
+        (["--frames", "0:3:1:1"], "not of the form"),
+        (["--frames", "0:3", "-D", "frame=3"], "-D frame=... and --frames both say what $frame stands for"),
+        (["--frames", "0:3", "--part", "1/2"], "--part is for single images"),
+        (["--frames", "0:3", "-o", "turn.%04d.exr"], "frames number themselves, such as name.0007.exr"),
+        (["--frames", "0:3", "--workers", "2", "-m", "scalar_rgb"], "--workers: scalar_rgb"),
+        (["--fps", "3"], "--fps is for films"),
+        (["--overwrite"], "--overwrite is for films"),
+        (["-D", "turn=3"], "nothing in the scene says $turn"),
+    ],
+)
+def test_what_has_no_meaning_is_refused(film, options, words):
+    done = prosim("render", film, *options)
+    assert done.exit_code == 2 and words in " ".join(done.stderr.replace("│", "").split())
+    assert names(film.parent) == ["film.scn"]
+
+
+def test_translate_has_names(film):
+    done = prosim("translate", film, "-D", "frame=3", "-o", film.with_name("out"))
+    assert done.exit_code == 0, done.output
+    assert "0.43, 0.5, 0.5" in film.with_name("out").joinpath("film.xml").read_text()
+    assert "found '2' after kd" in (said := prosim("translate", film, "--check", "-D", "kd=2").stderr.splitlines()[0])
+    assert said.endswith("; $kd stands for '2', by -D kd=2")

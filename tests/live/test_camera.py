@@ -1,0 +1,82 @@
+"""The camera of the page: what its moves keep, and the VIEW that says the same."""
+
+import numpy as np
+import prosim_scene
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from little import LITTLE
+from mitsuba_prosim.live.camera import STEEPEST, Camera, as_view, as_xml, nearest_axis
+from prosim_scene.view import camera as camera_of
+
+
+def seen(document):
+    """The view of a scene as the page's camera."""
+    view = camera_of(document)
+    to_world = np.eye(4)
+    to_world[:3] = np.stack([-view.u, view.v, -view.n, view.eye], axis=1)
+    across = (view.right - view.left) / view.depth, (view.top - view.bottom) / view.depth
+    return Camera(to_world, view.depth, nearest_axis(view.v), across)
+
+
+@pytest.fixture(scope="module")
+def little(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "little.scn"
+    path.write_text(LITTLE)
+    return prosim_scene.document(path)
+
+
+def test_orbit_keeps_the_distance_and_ends_before_the_pole(little):
+    home = seen(little)
+    moved = home.orbited(30, 200)
+    assert np.allclose(moved.pivot, home.pivot)
+    assert np.linalg.norm(moved.eye - home.pivot) == pytest.approx(home.distance)
+    level = np.degrees(np.arcsin((moved.eye - moved.pivot) @ home.up / home.distance))
+    assert level == pytest.approx(STEEPEST)
+    assert np.allclose(moved.to_world[:3, :3].T @ moved.to_world[:3, :3], np.eye(3))
+
+
+def test_pan_and_dolly_move_what_is_seen_by_what_they_say(little):
+    home = seen(little)
+    moved = home.panned(0.25, 0.5)
+    # What was at the pivot lies a quarter of the picture further to the right now, and half of it further up.
+    x, y, z = (np.linalg.inv(moved.to_world) @ [*home.pivot, 1])[:3]
+    assert (-x / z, y / z) == pytest.approx((0.25 * home.across[0], 0.5 * home.across[1]))
+    nearer = home.dollied(0.5)
+    assert np.allclose(nearer.pivot, home.pivot) and np.allclose(nearer.eye, (home.eye + home.pivot) / 2)
+
+
+def test_it_never_goes_through_what_it_turns_around_nor_out_of_the_world(little):
+    home = seen(little)
+    for factor in (0.01, 300):
+        moved = home
+        for _ in range(200):
+            moved = moved.dollied(factor)
+        assert moved.distance > 0 and np.isfinite(moved.to_world).all()
+        assert np.allclose(moved.pivot, home.pivot, atol=1e-6 * moved.distance)
+        back = moved.dollied(home.distance / moved.distance)  # it is no way of no return
+        assert np.allclose(back.to_world, home.to_world)
+
+
+small = st.floats(-1, 1)
+
+
+@settings(max_examples=30, deadline=None)
+@given(small, small, small, small, st.floats(0.2, 4))
+@pytest.mark.parametrize("given_vpn", ["", "VPN 0.1 0.4 1\n"], ids=["towards the eye", "VPN"])
+def test_the_view_that_is_written_is_the_view_that_was_seen(little, given_vpn, yaw, pitch, right, up, nearer):
+    path = little.source.filename
+    document = prosim_scene.document_of(LITTLE.replace("OBS", given_vpn + "OBS"), path)
+    home = seen(document)
+    moved = home.orbited(90 * yaw, 60 * pitch).panned(right, up).dollied(nearer)
+    text = as_view(document.scene.view, home, moved)
+    before, after = LITTLE.index("VIEW"), LITTLE.index("CSG-TREE")
+    again = seen(prosim_scene.document_of(LITTLE[:before] + text + "\n" + LITTLE[after:], path))
+    assert np.allclose(again.to_world, moved.to_world, atol=1e-5)
+    assert np.allclose(again.across, home.across, rtol=1e-5)
+
+
+def test_xml_has_the_matrix(little):
+    moved = seen(little).orbited(10, 20)
+    words = as_xml(moved).split('value="')[1].split('"')[0].split()
+    assert np.allclose(np.array(words, dtype=float).reshape(4, 4), moved.to_world, atol=1e-5)

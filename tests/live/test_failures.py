@@ -1,0 +1,133 @@
+"""What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
+
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from little import LITTLE, until
+from mitsuba_prosim.compare.scenes import sky
+from mitsuba_prosim.live.image import ProgressiveImage
+from mitsuba_prosim.live.viewer import Viewer
+from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
+
+pytestmark = pytest.mark.slow
+
+XML = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><film type="hdrfilm">
+<integer name="width" value="8"/><integer name="height" value="6"/></film></sensor>
+<shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape><emitter type="constant"/></scene>"""
+
+
+@contextmanager
+def running(path):
+    def opener(document):
+        file = SceneFile(path, path.parent / "scratch", document=document)
+        scene = file.load()
+        return file, scene, pick_sensor(scene, 0)
+
+    viewer = Viewer(path, opener)
+    thread = threading.Thread(target=viewer.run)
+    thread.start()
+    try:
+        yield viewer
+        assert thread.is_alive()
+    finally:
+        viewer.requests.close()
+        thread.join(30)
+
+
+def is_(viewer, doing, saves=0):
+    until(lambda: viewer.publisher.state.doing == doing and viewer.publisher.state.saves == saves)
+
+
+def save(viewer, path, text):
+    path.write_text(text)
+    viewer.requests.saved()
+
+
+def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
+    """By an integrator that takes no samples from the sensor, and by what nobody has foreseen; whatever is asked for
+    then, until there is something that can be rendered.
+    """
+    path = tmp_path / "scene.xml"
+    path.write_text(XML.replace("INTEGRATOR", '<integrator type="ptracer"/>'))
+
+    def asked(words):
+        assert words in viewer.publisher.state.error
+        viewer.requests.compare(True)
+        viewer.requests.stop()
+        viewer.requests.stop(False)
+        assert viewer.requests.call(lambda subject: subject.seen(4, 3)).result(20).startswith("Sphere")
+        viewer.requests.compare(False)
+        assert viewer.publisher.state.doing == "failed" and words in viewer.publisher.state.error
+
+    with running(path) as viewer:
+        is_(viewer, "failed")
+        asked("takes samples from a sensor")
+        with monkeypatch.context() as patch:
+            patch.setattr(ProgressiveImage, "step", lambda *_: {}["unforeseen"])
+            save(viewer, path, XML.replace("INTEGRATOR", ""))
+            is_(viewer, "failed", 1)
+            asked("KeyError: 'unforeseen'")
+        viewer.requests.move(lambda camera: camera.orbited(10, 0))
+        is_(viewer, "done", 1)
+        assert viewer.publisher.state.integrator == "path" and viewer.publisher.state.error is None
+
+
+def test_a_camera_that_is_moved_and_back_before_it_is_looked_at(variant_rgb, tmp_path, monkeypatch):
+    path, step, viewers = tmp_path / "little.scn", ProgressiveImage.step, []
+    path.write_text(LITTLE)
+
+    def there_and_back(image):
+        if viewers:
+            viewers[0].requests.move(lambda camera: camera.orbited(10, 0))
+            viewers.pop().requests.go_home()
+        return step(image)
+
+    monkeypatch.setattr(ProgressiveImage, "step", there_and_back)
+    with running(path) as viewer:
+        is_(viewer, "done")
+        before = viewer.publisher.pictures["own"]
+        viewers.append(viewer)
+        save(viewer, path, LITTLE)
+        is_(viewer, "done", 1)
+        assert not viewers and viewer.publisher.state.view is None
+        image = viewer.publisher.pictures["own"]
+        assert image is not before and np.array_equal(image.layers["final"], before.layers["final"])
+
+
+def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
+    path = tmp_path / "scene.xml"
+    squares = '<integrator type="prosim"><texture type="checkerboard" name="background"/></integrator>'
+    path.write_text(XML.replace("INTEGRATOR", squares))
+    with running(path) as viewer:
+        is_(viewer, "done")
+        assert "no bitmap" in viewer.publisher.state.alone
+        viewer.requests.compare(True)
+        is_(viewer, "done")
+        assert set(viewer.publisher.pictures) == {"own"} and viewer.publisher.state.error is None
+        background = viewer.requests.call(lambda subject: subject.scene.integrator().background).result(20)
+        with pytest.raises(ValueError, match=r"Checkerboard can't light the scene .* a colour or a bitmap"):
+            sky(background)  # as prosim compare has it
+
+
+def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkeypatch):
+    """Where there is a crop window, and so no picture before the first wave; and channels that path's has not."""
+    path = tmp_path / "scene.xml"
+    window = '<integer name="crop_width" value="4"/><integer name="crop_height" value="3"/></film>'
+    maps = '<integrator type="prosim"><string name="aovs" value="samples,sn:sh_normal"/></integrator>'
+    path.write_text(XML.replace("INTEGRATOR", maps).replace("</film>", window))
+    with running(path) as viewer:
+        viewer.requests.compare(True)
+        until(lambda: viewer.publisher.state.doing == "done" and viewer.publisher.state.compared)
+        before, say, seen = dict(viewer.publisher.state.pictures), viewer.publisher.publish, []
+
+        def heard(*said, **changes):
+            say(*said, **changes)
+            seen.append(dict(viewer.publisher.state.pictures))
+
+        monkeypatch.setattr(viewer.publisher, "publish", heard)
+        save(viewer, path, path.read_text().replace('z="5"', 'z="6"'))
+        is_(viewer, "done", 1)
+    later = [pictures for pictures in seen if pictures["own"] != before["own"]]
+    assert "path" in later[-1] and before["path"] not in [pictures.get("path") for pictures in later]

@@ -1,0 +1,149 @@
+"""``mitsuba_prosim.show``: an image that converges in a notebook."""
+
+import asyncio
+import base64
+import re
+import signal
+from types import SimpleNamespace
+
+import ipywidgets
+import mitsuba as mi
+import mitsuba_prosim
+import nbformat
+import numpy as np
+import prosim_scene
+import pytest
+from little import LITTLE
+from mitsuba_prosim.engine.work import Local
+from mitsuba_prosim.live import notebook
+from mitsuba_prosim.live.image import ProgressiveImage
+from mitsuba_prosim.live.picture import coloured, palest
+from nbclient import NotebookClient
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "little.scn"
+    path.write_text(LITTLE)
+    return path
+
+
+def test_without_a_variant_it_says_what_to_do(path, monkeypatch):
+    monkeypatch.setattr(mi, "variant", lambda: None)
+    with pytest.raises(RuntimeError, match=r"^show: no variant is set; set one before, as by mi.set_variant\("):
+        mitsuba_prosim.show(path)
+
+
+def test_an_interrupt_lets_the_work_item_come_to_its_end(monkeypatch):
+    """And stops the image then."""
+    stopped = []
+    with notebook.interrupting(lambda: stopped.append(True)):
+        signal.raise_signal(signal.SIGINT)
+    assert stopped == [True]
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
+    class View:
+        stopped = False
+
+        def stop(self):
+            self.stopped = True
+
+    def made(cell, run):
+        request = {"header": {"msg_id": run}, "metadata": {"cellId": cell}}
+        monkeypatch.setattr("IPython.get_ipython", lambda: SimpleNamespace(get_parent=lambda: request))
+        view = View()
+        notebook.stop_earlier(view)
+        return view
+
+    one, other, elsewhere = made("a", "1"), made("a", "1"), made("b", "2")
+    assert not (one.stopped or other.stopped)
+    again = made("a", "3")
+    assert one.stopped and other.stopped and not (again.stopped or elsewhere.stopped)
+    monkeypatch.setattr("IPython.get_ipython", lambda: None)
+    notebook.stop_earlier(View())
+
+
+def test_the_scale_of_a_map_says_what_its_colours_mean():
+    values = np.linspace(0, 0.8, 10001, dtype=np.float32).reshape(73, 137) ** 2
+    said = notebook.scale("Error", values)
+    assert said.startswith("Error: 0 ") and said.endswith(" 0.63 or more; in the middle 0.16")
+    hues = [tuple(map(int, hue)) for hue in re.findall(r"rgb\((\d+) (\d+) (\d+)\)", said)]
+    colours = 255 * coloured(np.array([[0, *[palest(values)] * 99]], dtype=np.float32))
+    assert colours[0, [0, -1]] == pytest.approx(np.array([hues[0], hues[-1]]), abs=0.01)
+
+
+@pytest.mark.slow
+def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch):
+    scene = mi.load_dict(prosim_scene.load(path))
+
+    async def notebook():
+        view = mitsuba_prosim.show(scene)
+        turns = 0
+        while not view.task.done():
+            turns += 1
+            await asyncio.sleep(0)
+        return await view, turns
+
+    view, turns = asyncio.run(notebook())
+    assert turns > 2
+    assert np.array_equal(view.image, np.array(mi.render(scene)))
+    assert view.layers["samples"].max() == 4 and view.layers["error"].shape == (48, 64)
+
+    async def stopped(stop):
+        view = mitsuba_prosim.show(path, spp=2**16)
+        while len(np.unique(view.layers.get("samples", 0))) == 1:  # until the second pass has come to some pixels
+            await asyncio.sleep(0)
+        stop(view)
+        return await view
+
+    for stop in (lambda view: view.stop(), lambda view: view.task.cancel()):  # as when the kernel is interrupted
+        view = asyncio.run(stopped(stop))
+        assert view.layers["samples"].min() < 2**16 and repr(view).startswith("<stopped: ")
+
+    async def wrong():
+        view = mitsuba_prosim.show(scene)
+        with pytest.raises(RuntimeError, match="too much"):
+            await view
+        return view
+
+    def step(*_):
+        raise RuntimeError("too much")
+
+    monkeypatch.setattr(ProgressiveImage, "step", step)
+    assert repr(asyncio.run(wrong())) == "<not rendered: too much>"
+
+
+@pytest.mark.slow
+def test_the_part_that_is_done_never_falls(path, monkeypatch, estimates_that_fall):
+    parts = []
+
+    class Bar(ipywidgets.FloatProgress):
+        def __init__(self, **options):
+            super().__init__(**options)
+            self.observe(lambda change: parts.append(change.new), "value")
+
+    monkeypatch.setattr(ipywidgets, "FloatProgress", Bar)
+    monkeypatch.setattr(Local, "limit", lambda *_: 1500)
+    mitsuba_prosim.show(path)
+    assert parts == sorted(parts) and len(parts) > 4
+
+
+@pytest.mark.notebook
+def test_a_still_picture_stays_in_the_notebook(path):
+    cells = [
+        "import mitsuba as mi, mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
+        f"view = mitsuba_prosim.show({str(path)!r})",
+        "await view; view.image.shape",
+        f"mitsuba_prosim.show({str(path)!r}, integrator=mi.load_dict({{'type': 'path'}})).wait(); None",
+    ]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    NotebookClient(notebook, timeout=200).execute()
+    for cell in (notebook.cells[1], notebook.cells[3]):
+        (output,) = cell.outputs
+        assert re.fullmatch(r"[\d.]+ samples a pixel, [\d.]+ s", output.data["text/plain"])
+        assert base64.b64decode(output.data["image/png"]).startswith(b"\x89PNG")
+        assert "application/vnd.jupyter.widget-view+json" not in output.data
+    assert notebook.cells[2].outputs[0].data["text/plain"] == "(48, 64, 3)"

@@ -1,0 +1,473 @@
+"""What the viewer shows after which request."""
+
+import itertools
+import threading
+import time
+import weakref
+from contextlib import contextmanager
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from little import LITTLE
+from mitsuba_prosim import denoising
+from mitsuba_prosim.engine.work import Local
+from mitsuba_prosim.live import image as images
+from mitsuba_prosim.live import throttle
+from mitsuba_prosim.live.files import Files
+from mitsuba_prosim.live.image import ProgressiveImage
+from mitsuba_prosim.live.publisher import Publisher
+from mitsuba_prosim.live.requests import Requests
+from mitsuba_prosim.live.viewer import Viewer
+from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
+
+pytestmark = pytest.mark.slow
+
+RED, BLUE = LITTLE, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6")
+LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
+
+
+class Seen(Publisher):
+    """A publisher that keeps what was published, and that somebody reads."""
+
+    followed = True
+
+    def __init__(self, state):
+        super().__init__(state)
+        self.said = []
+
+    def publish(self, pictures=None, **changes):
+        super().publish(pictures, **changes)
+        self.said.append((self.state, self.pictures))
+
+
+@contextmanager
+def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
+    """``opened`` is called when the scene has been read, and nobody knows it yet."""
+    monkeypatch.setattr("mitsuba_prosim.live.viewer.Publisher", Seen)
+
+    def opener(document):
+        file = SceneFile(path, tmp_path / "scratch", document=document)
+        scene = file.load()
+        opened()
+        return file, scene, pick_sensor(scene, 0)
+
+    viewer = Viewer(path, opener, **options)
+    thread = threading.Thread(target=viewer.run)
+    thread.start()
+    try:
+        yield viewer
+    finally:
+        viewer.requests.close()
+        thread.join(30)
+        assert not thread.is_alive()
+
+
+def until(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "nothing came of it"
+        time.sleep(0.005)
+
+
+def final(viewer, take="own"):
+    return viewer.publisher.pictures[take].layers["final"]
+
+
+def seen(viewer):
+    """The layers of all pictures of the scene's own image, by their numbers."""
+    return {p["own"].number: p["own"].layers for _, p in viewer.publisher.said if "own" in p}
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "little.scn"
+    path.write_text(RED)
+    return path
+
+
+def is_done(viewer):
+    return lambda: viewer.publisher.state.doing == "done"
+
+
+def save(viewer, path, text):
+    """Saves, and waits until it is opened."""
+    path.write_text(text)
+    viewer.requests.saved()
+    saves = viewer.publisher.state.saves
+    until(lambda: viewer.publisher.state.saves != saves)
+
+
+@pytest.fixture
+def all_portions_seen(monkeypatch):
+    """However small and quick they are."""
+    monkeypatch.setattr(throttle, "EVERY", 0)
+    monkeypatch.setattr(throttle, "SHARE", 1e9)
+    return lambda samples: monkeypatch.setattr(Local, "limit", lambda *_: samples)
+
+
+def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+    """Within a wave each pixel is that of its end, or that of before; nothing is compiled for it."""
+    all_portions_seen(12000)
+    path.write_text(RED.replace("64 48", "200 150"))
+    with running(path, monkeypatch, tmp_path) as viewer:
+        viewer.publisher.followed = False  # for whom should it be drawn within a wave?
+        until(is_done(viewer))
+        assert [len(layers) for layers in seen(viewer).values()] == [1, 3, 3]
+        viewer.publisher.followed = True
+        before = viewer.publisher.pictures["own"]
+        viewer.requests.call(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
+        save(viewer, path, path.read_text())
+        until(is_done(viewer))
+        kernels = viewer.requests.call(lambda _: dr.kernel_history()).result(20)
+        viewer.requests.call(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, False)).result(20)
+        assert len(kernels) > 20 and all(kernel.get("cache_hit", True) for kernel in kernels)
+        image = final(viewer)
+        pictures = seen(viewer)
+    coarse, *shown = [layers for number, layers in pictures.items() if number > before.number]
+    first = [layers["final"] for layers in shown if set(layers) == {"final"}]
+    begun, *later, last = shown[len(first) :]
+    assert set(coarse) == {"final"} and len(first) > 2 and later
+    old, parts = coarse["final"].repeat(2, axis=0).repeat(2, axis=1), []
+    for colours in first:
+        new = np.all(colours == begun["final"], axis=2)
+        assert np.all(new | np.all(colours == old, axis=2))
+        parts.append(new.mean())
+    assert parts == sorted(set(parts)) and all(0 < part < 1 for part in parts)
+    for layers in later:
+        new = layers["samples"] == last["samples"]
+        assert 0 < new.mean() < 1
+        for name in ("final", "error", "samples"):
+            assert np.array_equal(layers[name][new], last[name][new])
+            assert np.array_equal(layers[name][~new], begun[name][~new])
+    scene = SceneFile(path, tmp_path / "again").load()
+    assert np.array_equal(np.array(mi.render(scene)), image)
+
+
+def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb, path, tmp_path):
+    """And not one of them in each pixel."""
+    path.write_text(RED.replace("kd = 0.6 0.2 0.1 ks = .3 .3 .3 n = 20", "material dieletrico bk7"))
+    scene = SceneFile(path, tmp_path / "again").load()
+    coarse = ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 0).coarse()
+    assert np.mean(coarse.min(axis=2) < 0.2 * coarse.max(axis=2)) < 0.05
+
+
+def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
+    """And never two renders at once."""
+    free, step = threading.Lock(), ProgressiveImage.step
+
+    def alone(image):
+        assert free.acquire(blocking=False), "another image is being rendered"
+        try:
+            return step(image)
+        finally:
+            free.release()
+
+    monkeypatch.setattr(ProgressiveImage, "step", alone)
+    with running(path, monkeypatch, tmp_path) as viewer:
+        until(is_done(viewer))
+        red = final(viewer)
+        assert red[20, 30, 0] > red[20, 30, 2]
+        save(viewer, path, RED.replace("kd", "kkd", 1))
+        until(lambda: viewer.publisher.state.doing == "failed")
+        error = viewer.publisher.state.error
+        assert "little.scn:14:25: " in error and error.splitlines()[2].strip().startswith("^")
+        assert final(viewer) is red
+        (tmp_path.parent / "secret.png").write_bytes(b"secret")
+        save(viewer, path, RED.replace("10000 NULL", '10000 "../secret.png"'))
+        until(lambda: "'../secret.png' lies outside the scene's folder" in (viewer.publisher.state.error or ""))
+        path.unlink()
+        viewer.requests.saved()
+        until(lambda: viewer.publisher.state.doing == "missing")
+        assert viewer.publisher.state.error is None and final(viewer) is red
+        dark = RED.replace("600000 600000 600000", "0 0 0").replace("20000 20000 20000", "0 0 0")
+        save(viewer, path, dark.replace("5000 6000 10000", "0 0 0"))
+        until(is_done(viewer))
+        assert "the lights shine elsewhere, or are dark" in viewer.publisher.state.black
+        # In the midst of a wave, and many at once: what was saved last is what is seen.
+        save(viewer, path, LONG)
+        until(lambda: viewer.publisher.state.doing == "rendering" and viewer.publisher.state.layers != ("final",))
+        for text in [RED, LONG] * 25 + [BLUE]:
+            path.write_text(text)
+            viewer.requests.saved()
+        until(lambda: viewer.publisher.state.saves == 56 and is_done(viewer)())
+        assert viewer.publisher.state.error is None and viewer.publisher.state.black is None
+        assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
+
+
+def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypatch):
+    """And one that is not whole yet."""
+    path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
+    wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
+    mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
+    with running(path, monkeypatch, tmp_path) as viewer, viewer.files.watched(viewer.requests.saved):
+        until(lambda: "'pictures/wood.png' does not exist" in (viewer.publisher.state.error or ""))
+        wood.parent.mkdir()
+        wood.write_bytes(stream.raw_buffer()[:40])
+        until(lambda: viewer.publisher.state.saves > 0 and viewer.publisher.state.doing == "failed")
+        wood.write_bytes(stream.raw_buffer())
+        until(is_done(viewer))
+        assert {path, wood} <= viewer.files.known and not viewer.files.missing
+
+
+def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
+    scene, other = tmp_path / "scene.xml", tmp_path / "other.xml"
+    texture = '<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="{}"/>'
+    for name, text in {
+        "inc/sphere.xml": '<include filename="{}"/>',
+        "wood.png": f'<shape type="sphere">{texture}</texture></bsdf></shape>',
+        "gold.spd": '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>',
+        "bunny.ply": '<shape type="ply"><string name="filename" value="{}"/></shape>',
+        "$it.obj": '<default name="it" value="bunny"/><shape type="obj"><string name="filename" value="{}"/></shape>',
+    }.items():
+        other.write_text(f'<scene version="3.0.0">{text.format(name)}</scene>')
+        scene.write_text('<scene version="3.0.0"><include filename="other.xml"/></scene>')
+        files = Files(scene)
+        with pytest.raises(RuntimeError) as error:
+            SceneFile(scene, tmp_path).load()
+        files.failed(str(error.value))
+        assert tmp_path / name.replace("$it", "bunny") in files.missing <= files.known
+        assert other in files.known  # that it is included is known by the error alone
+
+
+def test_words_that_name_what_can_be_no_file(tmp_path):
+    """A scene may have any: what follows the files goes on."""
+    (loop := tmp_path / "loop.png").symlink_to("loop.png")
+    files = Files(tmp_path / "scene.xml")
+    files.failed('"loop.png" is no image; At "wo\0od.xml" (line 1, col 2)')
+    assert files.missing == {loop, tmp_path / "scene.xml"} and all("\0" not in str(path) for path in files.known)
+
+
+def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
+    """Also where the view is another one; and a mistake takes no view away that was moved."""
+    viewers = []
+
+    def opened():
+        if viewers[0].publisher.state.saves == 0:
+            path.write_text(BLUE)
+            viewers[0].requests.saved()
+
+    def wait_for_viewer():
+        until(lambda: viewers)
+        opened()
+
+    with running(path, monkeypatch, tmp_path, wait_for_viewer) as viewer:
+        viewers.append(viewer)
+        until(lambda: viewer.publisher.state.saves == 1 and is_done(viewer)())
+        assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
+        viewer.requests.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
+        view = viewer.publisher.state.view
+        save(viewer, path, BLUE.replace("kd", "kkd"))
+        save(viewer, path, RED)
+        until(is_done(viewer))
+        assert viewer.publisher.state.view == view
+
+
+def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path, tmp_path, monkeypatch):
+    """Where VIEW alone is another: the scene of before is gone by then, and the image is that of the text all the same.
+    What can't be opened leaves the last picture.
+    """
+    wood, there, gone, full = tmp_path / "wood.png", [], [], []
+    mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.5), write_async=False)
+
+    def opened():
+        there.append(started and started[0].publisher.pictures["own"])
+        assert all(subject() is None for subject in gone)
+        if full:
+            raise OSError("the disk is full")
+
+    def turned(text):
+        """What is seen when the scene is open, and nobody knows it yet; None where it is the picture of before."""
+        before = viewer.publisher.pictures["own"]
+        gone[:] = [viewer.requests.call(weakref.ref).result(20)]
+        save(viewer, path, text)
+        until(lambda: viewer.publisher.state.doing in ("done", "failed"))
+        return there[-1] if there[-1] is not before else None
+
+    started = []
+    path.write_text(home := RED.replace("SPHERE 0", 'SPHERE 0 "wood.png" NULL'))
+    right = home.replace("OBS 0 3 12", "OBS 1 3 12")
+    with running(path, monkeypatch, tmp_path, opened) as viewer:
+        until(is_done(viewer))
+        started.append(viewer)
+        for text, size in ((f"# moved\n{right}", (64, 48)), (right.replace("64 48", "48 48"), (48, 48))):
+            picture = turned(text)
+            coarse = next(p["own"] for _, p in viewer.publisher.said if p and p["own"].number > picture.number)
+            assert picture.size == size and set(picture.layers) == {"final"} == set(coarse.layers)
+            image, first = coarse.layers["final"], picture.layers["final"]
+            assert np.abs(first - image).mean() < 0.02 * image.mean()
+            fresh = SceneFile(path, tmp_path / "again").load()
+            assert np.array_equal(np.array(mi.render(fresh)), final(viewer))
+        # Anything else is not seen before.
+        assert turned(right) and not turned(f"{right}\n") and not turned(home.replace("kd = 0.6", "kd = 0.5"))
+        assert not turned(right) and turned(home)
+        mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.9), write_async=False)
+        assert not turned(right)
+        # The camera was moved, and stays where it is.
+        viewer.requests.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
+        assert not turned(right.replace("64 48", "32 24")) and "RESOLUTION 32 24" in viewer.publisher.state.view
+        assert turned(home) and viewer.publisher.state.view is None
+        with monkeypatch.context() as patch:  # what fails of it alone is no failure of the scene
+            patch.setattr("mitsuba_prosim.live.viewer.preview", lambda *_: mi.load_dict({"type": "unforeseen"}))
+            assert not turned(right) and viewer.publisher.state.doing == "done"
+        assert turned(home)
+        full.append(True)
+        before, state = viewer.publisher.pictures["own"], viewer.publisher.state
+        assert turned(right.replace("64 48", "32 24")).size == (32, 24)
+        assert viewer.publisher.pictures["own"] is before and viewer.publisher.state.size == state.size
+        assert viewer.publisher.state.layers == state.layers and "the disk is full" in viewer.publisher.state.error
+
+
+def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):
+    path.write_text(LONG)
+    with running(path, monkeypatch, tmp_path) as viewer:
+        until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))
+        viewer.requests.stop()
+        until(lambda: viewer.publisher.state.doing == "stopped")
+        number = viewer.publisher.pictures["own"].number
+        words = viewer.requests.call(lambda scene: (scene.seen(30, 20), scene.seen(1, 1))).result(20)
+        assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
+        assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.doing == "stopped"
+        viewer.requests.stop(False)
+        until(lambda: viewer.publisher.state.doing == "rendering")
+        save(viewer, path, RED)
+        until(is_done(viewer))
+        home = final(viewer)
+        viewer.requests.move(lambda camera: camera.orbited(40, 10))
+        until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
+        view, moved = viewer.publisher.state.view, final(viewer)
+        assert not np.allclose(moved, home, atol=0.05)
+        # The view that is written is what was seen; the scene's own is there again, to the bit.
+        begin, end = RED.index("VIEW"), RED.index("CSG-TREE")
+        save(viewer, path, RED[:begin] + view + "\n" + RED[end:])
+        until(lambda: viewer.publisher.state.view is None and is_done(viewer)())
+        assert np.mean(np.abs(final(viewer) - moved)) < 0.02
+        save(viewer, path, RED)
+        until(lambda: is_done(viewer)() and np.array_equal(final(viewer), home))
+        viewer.requests.compare(True)
+        until(lambda: "path" in viewer.publisher.pictures and is_done(viewer)())
+        path_image = final(viewer, "path")
+        assert viewer.requests.call(lambda scene: scene.seen(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
+        assert np.array_equal(final(viewer), home)
+        assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
+        # The sky, no source to prosim, lights the image of path, and is seen in it.
+        assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
+
+
+def test_compared_within_a_wave(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+    """And no more: the other image waits where it is, and both come to the bytes that they have alone."""
+    all_portions_seen(6000)
+    path.write_text(RED.replace("NSAMPLES: 2", "NSAMPLES: 4"))
+    step, asked, order = ProgressiveImage.step, [], []
+
+    def stepped(image):
+        complete, name = step(image), images.name(image.integrator)
+        order.append(name)
+        if asked and name == asked[0][0] and not image.done:
+            viewer.requests.compare(asked.pop(0)[1])
+        return complete
+
+    monkeypatch.setattr(ProgressiveImage, "step", stepped)
+    asked += [("prosim", True)]
+    with running(path, monkeypatch, tmp_path) as viewer:
+        until(is_done(viewer))
+        first, path_first = final(viewer), final(viewer, "path")
+        begun = next(k for k, (_, pictures) in enumerate(viewer.publisher.said) if "path" in pictures)
+        seconds = [state.seconds for state, _ in viewer.publisher.said if state.doing == "rendering"]
+        assert viewer.publisher.said[begun][0].layers == ("final",) and order[:2] == ["prosim", "path"]
+        assert seconds == sorted(seconds)
+        # Dropped, taken again and dropped where either is within a wave.
+        asked += [("prosim", False), ("prosim", True), ("path", False), ("prosim", True)]
+        save(viewer, path, path.read_text())
+        until(lambda: not asked and is_done(viewer)())
+        assert np.array_equal(final(viewer), first) and np.array_equal(final(viewer, "path"), path_first)
+        asked += [("path", False)]
+        save(viewer, path, path.read_text())
+        until(lambda: not asked and is_done(viewer)())
+        assert np.array_equal(final(viewer), first) and set(viewer.publisher.pictures) == {"own"}
+    monkeypatch.undo()
+    fresh = SceneFile(path, tmp_path / "again").load()
+    own = ProgressiveImage(fresh.integrator(), fresh, fresh.sensors()[0], 0, 0)
+    for image, expected in ((own, first), (images.by_path(own), path_first)):
+        while not image.done:
+            image.step()
+        assert np.array_equal(image.layers()["final"], expected)
+
+
+def test_calls_that_nobody_waits_for_any_more():
+    """As of a page that has asked for a pixel while a large scene was opened; they are no end of the viewer."""
+    requests, done = Requests(), []
+    assert requests.call(done.append).cancel()
+    failed, last = requests.call(lambda _: 1 / 0), requests.call(lambda scene: scene)
+    requests.run_calls(None)
+    assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
+
+
+@pytest.mark.parametrize("compared", [False, True])
+def test_the_part_that_is_done_never_falls(
+    path, tmp_path, monkeypatch, estimates_that_fall, all_portions_seen, compared
+):
+    """Nor does that of two images which grow side by side."""
+    all_portions_seen(1500)
+    monkeypatch.setattr("mitsuba_prosim.live.viewer.REPORT", 0)
+    requested = threading.Event()
+    with running(path, monkeypatch, tmp_path, requested.wait) as viewer:
+        viewer.requests.compare(compared)
+        requested.set()
+        until(is_done(viewer))
+        parts = [state.part for state, _ in viewer.publisher.said]
+        assert parts == sorted(parts) and len(set(parts)) > 4 and parts[-1] == 1
+        assert set(viewer.publisher.pictures) == ({"own", "path"} if compared else {"own"})
+
+
+def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
+    """XML: ``path`` is put within ``prosim_adaptive``, all of its samples are taken; a crop window, a window sensor."""
+    xml = """<scene version="3.0.0"><integrator type="path"/>
+        <sensor type="SENSOR"><film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/>
+        <integer name="crop_width" value="8"/><integer name="crop_height" value="6"/><rfilter type="box"/></film>
+        <sampler type="independent"><integer name="sample_count" value="9"/></sampler></sensor>
+        <shape type="sphere" id="ball"><point name="center" x="0" y="0" z="5"/>
+        <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+        <string name="filename" value="pictures/wood.png"/></texture></bsdf></shape>
+        <emitter type="constant"/></scene>"""
+    path = Path(tmp_path / "scene.xml")
+    wood = tmp_path / "pictures" / "wood.png"
+    wood.parent.mkdir()
+    mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.5), write_async=False)
+    for sensor in ("prosim_window", "perspective"):
+        path.write_text(xml.replace("SENSOR", sensor))
+        with running(path, monkeypatch, tmp_path) as viewer:
+            until(is_done(viewer))
+            state = viewer.publisher.state
+            assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
+            assert {path, wood} <= viewer.files.known
+            before = final(viewer)
+            assert viewer.requests.call(lambda scene: scene.seen(7, 5)).result(20).startswith("Sphere ball, ")
+            viewer.requests.move(lambda camera: camera.panned(0.3, 0))
+            until(lambda viewer=viewer: viewer.publisher.state.view is not None and is_done(viewer)())
+            assert "<matrix" in viewer.publisher.state.view
+            assert not np.array_equal(final(viewer), before)
+    path.write_text(xml)  # there is no sensor of this name
+    with running(path, monkeypatch, tmp_path) as viewer:
+        until(lambda: viewer.publisher.state.error)
+        quoted, caret = viewer.publisher.state.error.splitlines()[-2:]
+        assert quoted[caret.index("^") :].startswith('sensor type="SENSOR"')
+
+
+def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+    """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image, of more and more."""
+    all_portions_seen(1500)
+    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
+    with running(path, monkeypatch, tmp_path, denoise=True) as viewer:
+        until(is_done(viewer))
+        whole = [layers["samples"] for layers in seen(viewer).values() if set(layers) == {"final", "error", "samples"}]
+        assert len(whole) > 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(whole))
+        layers = viewer.publisher.pictures["own"].layers
+    expected = denoising.render(SceneFile(path, tmp_path / "again").load())
+    for name in ("final", "raw", "denoised"):
+        assert np.array_equal(layers[name], getattr(expected, name)), name
+    assert np.array_equal(layers["error"], expected.final_error)

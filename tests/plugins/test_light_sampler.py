@@ -1,0 +1,222 @@
+"""The choice of one lamp along paths: its probabilities, and the images that it makes."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from image_statistics import renderings, same_expectation
+from mitsuba_prosim.light.light_sampler import LightSampler
+from mitsuba_prosim.light.table import Lights
+from scenes import penumbra, rgb
+
+
+def T():
+    return mi.ScalarTransform4f()
+
+
+def sphere(center, radius, radiance):
+    emitter = {"type": "area", "radiance": rgb(*radiance)}
+    return {"type": "sphere", "center": center, "radius": radius, "emitter": emitter}
+
+
+def checkered():
+    texels = np.zeros((8, 8, 3), dtype=np.float32)
+    texels[:2, :2] = 40, 20, 10
+    texture = {"type": "bitmap", "raw": True, "filter_type": "nearest", "bitmap": mi.Bitmap(texels)}
+    return {
+        "type": "rectangle",
+        "to_world": T().translate([3, 2, 0]).rotate([0, 1, 0], -90),
+        "emitter": {"type": "area", "radiance": texture},
+    }
+
+
+def lamps(small=0):
+    """Lamps of every kind, whose powers differ by a factor of 10,000; one is black, one is seen by no surface, one is
+    behind the wall. ``small``: number of further ones.
+    """
+    beam = {"distribution": "cone", "angle": 12.0, "direction": [0, -1, -0.2]}
+    result = {
+        "strong": sphere([-3, 3.5, 3], 0.5, (25, 25, 20)),
+        "weak": sphere([0.5, 2.2, 1.0], 0.05, (2, 1, 4)),
+        "black": sphere([1.5, 2.2, 1.0], 0.1, (0, 0, 0)),
+        "behind": sphere([0, 2, -3], 0.4, (30, 30, 30)),
+        "panel": {
+            "type": "rectangle",
+            "to_world": T().translate([0, 5, 0]).rotate([1, 0, 0], 90),
+            "emitter": {"type": "area", "radiance": rgb(5, 5, 5)},
+        },
+        "textured": checkered(),
+        "point": {"type": "point", "position": [2, 3, 2], "intensity": rgb(3, 1, 1)},
+        "spot": {"type": "spot", "intensity": rgb(5, 5, 0), "to_world": T().look_at([0, 4, 2], [0, 0, 0], [0, 0, 1])},
+        "beam": {"type": "prosim_point", "position": [-0.6, 3, 1.2], "intensity": 20.0} | beam,
+        "even": {"type": "prosim_point", "position": [0, 9, 9], "intensity": 0.3, "unattenuated": True},
+        "sun": {"type": "directional", "direction": [1, -1, -0.5], "irradiance": rgb(0.4, 0.3, 0.2)},
+        "sky": {"type": "constant", "radiance": rgb(0.1, 0.1, 0.2)},
+    }
+    for i in range(small):
+        result[f"small {i}"] = sphere([-2.5 + i % 6, 2.8, -1.5 + i // 6], 0.04, (3 * 1.3 ** (i % 12), 2, 2))
+    return result
+
+
+def lit(small=0, size=32, **integrator):
+    scene = penumbra(size=size, **integrator)
+    del scene["light"]
+    return scene | lamps(small)
+
+
+def points(scene, count):
+    """Points about the scene as surfaces have them, facing all ways."""
+    i = dr.arange(mi.UInt32, count)
+    u = [mi.Float(i * k % 1009) / 1009 for k in (1, 17, 101, 331, 577)]
+    si = dr.zeros(mi.SurfaceInteraction3f, count)
+    si.p = mi.Point3f(8 * u[0] - 4, 5 * u[1], 6 * u[2] - 2)
+    n = mi.Normal3f(mi.warp.square_to_uniform_sphere(mi.Point2f(*u[3:])))
+    si.n, si.sh_frame = n, mi.Frame3f(n)
+    return si, n, i % 2 == 0
+
+
+@pytest.mark.parametrize("unrolled", [0, 100])
+@pytest.mark.parametrize("transmits", [False, True])
+def test_probabilities_sum_to_one_and_are_those_of_the_choice(variant_rgb, monkeypatch, unrolled, transmits):
+    monkeypatch.setattr(LightSampler, "UNROLLED", unrolled)
+    scene = mi.load_dict(lit(5))
+    lights = Lights(scene, choose=True)
+    sampler, active = lights.sampler, mi.Bool(True)
+    si, n, both = points(scene, 200)
+    both = both if transmits else False
+    each = [np.array(sampler.probability(mi.UInt32(k), si.p, n, both, None, active)) for k in range(lights.lamps)]
+    assert np.min(each) > 0
+    assert np.allclose(np.sum(each, 0), 1, atol=1e-5)
+    assert np.max(each) > 0.5 and np.min(each) < 1e-3
+    # 4,096 evenly spaced numbers: each lamp has its share of them, in one piece, which is spread over [0, 1) again.
+    point, steps = 7, 4096
+    one = dr.gather(mi.Point3f, si.p, mi.UInt32(point)), dr.gather(mi.Normal3f, n, mi.UInt32(point))
+    u = (dr.arange(mi.Float, steps) + 0.5) / steps
+    both = dr.gather(mi.Bool, both, mi.UInt32(point)) if transmits else False
+    total = sampler.total(*one, both, active)
+    k, probability, rest = (np.array(x) for x in sampler.choose(*one, both, total, u, active))
+    assert np.all(np.diff(k.astype(int)) >= 0)
+    for number in range(lights.lamps):
+        mine = k == number
+        assert abs(mine.mean() - each[number][point]) <= 2 / steps
+        assert np.allclose(probability[mine], each[number][point], rtol=1e-4)
+        if mine.sum() > 100:
+            assert abs(rest[mine].mean() - 0.5) < 0.02 and rest[mine].min() < 0.02 and rest[mine].max() > 0.98
+
+
+def test_the_density_of_a_lamp_that_is_met_is_that_of_its_sample(variant_rgb):
+    """Of spheres, which our own strategy samples, and of Mitsuba's shapes; times the probability of the choice."""
+    scene = mi.load_dict(lit())
+    lights = Lights(scene, choose=True)
+    si, n, _ = points(scene, 1009)
+    total = lights.sampler.total(si.p, n, False, mi.Bool(True))
+    for name in ("strong", "weak", "panel", "textured"):
+        k = next(i for i, e in enumerate(lights.emitters) if e.get_shape() is not None and e.get_shape().id() == name)
+        sample = lights.lamp(mi.UInt32(k)).sample(si, n, False, mi.Point2f(0.3, 0.6), mi.Bool(True))
+        probability = lights.sampler.probability(mi.UInt32(k), si.p, n, False, total, mi.Bool(True))
+        expected = np.array(sample.pdf * probability)
+        there = (expected > 0) & (np.array(dr.dot(sample.d, n)) > 0.05)
+        for estimates in (total, None):
+            pdf = np.array(lights.pdf(si, n, False, sample.ds, mi.Bool(True), estimates))
+            assert there.sum() > 50 and np.allclose(pdf[there], expected[there], rtol=2e-2)
+
+
+@pytest.mark.parametrize("unrolled", [0, 4])
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+def test_the_sky_is_no_lamp(monkeypatch, variant, unrolled):
+    mi.set_variant(variant)
+    monkeypatch.setattr(Lights, "UNROLLED", unrolled)
+    scene = mi.load_dict(lit())
+    for choose in (False, True):
+        lights = Lights(scene, choose)
+        emitters = lights.pointers if lights.jit else lights.emitters
+        numbers = [lights.number_of(e, True) for e in emitters] if not lights.jit else lights.number_of(emitters, True)
+        assert np.array(numbers).tolist() == [*range(lights.lamps), lights.lamps]
+        ds = dr.zeros(mi.DirectionSample3f) if lights.jit else mi.DirectionSample3f()
+        ds.d, ds.emitter = (
+            mi.Vector3f(0, 1, 0),
+            mi.EmitterPtr(lights.emitters[-1]) if lights.jit else lights.emitters[-1],
+        )
+        pdf = lights.pdf(dr.zeros(mi.SurfaceInteraction3f), mi.Normal3f(0, 1, 0), False, ds, mi.Bool(True))
+        assert np.all(np.array(pdf) == 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("small, hidden", [(0, False), (30, True)])
+@pytest.mark.parametrize("bounces", [-1, 20])
+@pytest.mark.parametrize(
+    "ball",
+    [{"type": "roughconductor", "alpha": 0.1}, {"type": "roughdielectric", "alpha": 0.2}],
+    ids=["metal", "rough glass"],
+)
+def test_lamps_of_all_kinds_and_powers_equal_path(variant_rgb, small, hidden, bounces, ball):
+    """Significance of each image: 0.01 (:func:`.image_statistics.same_expectation`)."""
+    scene = lit(small, ball=ball)
+    path = renderings(scene, 12, spp=400, type="path", max_depth=4, hide_emitters=hidden)
+    ours = {"type": "prosim", "adaptive": "none", "max_level": 2, "hide_emitters": hidden}
+    assert same_expectation(path, renderings(scene, 12, spp=100, diffuse_bounces=bounces, **ours))
+
+
+@pytest.mark.slow
+def test_lamps_seen_through_glass_that_absorbs_equal_volpath(variant_rgb):
+    """Significance: 0.01."""
+    medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(0.2, 0.6, 1.0)}
+    scene = lit(20)
+    scene["ball"] |= {"bsdf": {"type": "roughdielectric", "alpha": 0.2}, "interior": medium}
+    volpath = renderings(scene, 12, spp=400, type="volpath", max_depth=5, rr_depth=100)
+    settings = {"type": "prosim", "adaptive": "none", "max_level": 3, "diffuse_bounces": -1}
+    assert same_expectation(volpath, renderings(scene, 12, spp=100, **settings))
+
+
+def test_scalar_variants_choose_too():
+    """One image of the mean radiance of that of a vectorised variant, within 5 standard errors of pixels."""
+    settings = {"type": "prosim", "adaptive": "none", "max_level": 1, "diffuse_bounces": -1}
+    images = []
+    for variant, spp in (("llvm_ad_rgb", 256), ("scalar_rgb", 64)):
+        mi.set_variant(variant)
+        images.append(np.array(mi.render(mi.load_dict(lit(size=8, **settings)), spp=spp, seed=3)))
+    difference = images[0] - images[1]
+    assert abs(difference.mean()) < 5 * difference.std() / np.sqrt(difference.size)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "key", ["strong.emitter.radiance.value", "panel.emitter.radiance.value", "floor.bsdf.reflectance.value"]
+)
+def test_derivatives_hold_the_choice_fixed(variant_rgb, key):
+    """That of the mean of the image, by what is a factor of part of it: as large as the difference, within 4 standard
+    errors of 6 images each.
+    """
+    scene = mi.load_dict(lit(size=16, type="prosim", adaptive="none", max_level=1, diffuse_bounces=-1))
+    params = mi.traverse(scene)
+    value, integrator = type(params[key])(params[key]), scene.integrator()
+
+    def mean(factor, seed):
+        params[key] = value * factor
+        params.update()
+        return dr.mean(mi.render(scene, params, integrator=integrator, spp=64, seed=seed), axis=None)
+
+    # Light from the floor to the floor is of second order, and a central difference of 1.1 and 0.9 exact for it.
+    differences = np.array([(mean(1.1, s).array[0] - mean(0.9, s + 50).array[0]) / 0.2 for s in range(6)])
+    derivatives = []
+    for seed in range(100, 106):
+        factor = mi.Float(1)
+        dr.enable_grad(factor)
+        dr.backward(mean(factor, seed))
+        derivatives.append(dr.grad(factor)[0])
+    error = np.hypot(differences.std(ddof=1), np.std(derivatives, ddof=1)) / np.sqrt(6)
+    assert abs(differences.mean() - np.mean(derivatives)) < 4 * error and np.mean(derivatives) > 4 * error
+
+
+@pytest.mark.slow
+def test_photons_at_nearly_smooth_surfaces_share_the_light_of_several_lamps(variant_rgb):
+    """There photons must know the probability of the lamp, too. Significance: 0.01."""
+    copper = {"type": "roughconductor", "material": "Cu"}
+    scene = penumbra(copper | {"alpha": 0.05})
+    scene["floor"]["bsdf"] = copper | {"alpha": 0.3}
+    scene |= {name: lamp for name, lamp in lamps().items() if name in ("panel", "behind")}
+    scene["second"] = sphere([3, 3, 2], 0.5, (5, 20, 5))
+    settings = {"type": "prosim", "adaptive": "none", "max_level": 3, "diffuse_bounces": -1}
+    rays = renderings(scene, 10, spp=64, **settings)
+    photons = renderings(scene, 10, spp=64, caustics=True, caustic_photons=20000, **settings)
+    assert same_expectation(rays, photons)

@@ -1,0 +1,89 @@
+"""Named solids, and light from an image."""
+
+import prosim_scene
+import pytest
+from prosim_scene import SceneError
+
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+
+REST = """
+LIGHTS POINT position 9 9 9
+VIEW OBS 0 3 20 RESOLUTION 40 40
+SURFACE 2 material condutor ouro
+SURFACE 20 kd = .7 .3 .2
+TRANSFORM 1 SCALE (.2 .2 2)
+TRANSFORM 2 SCALE (.3 .3 .3)
+TRANSFORM 3 SCALE (4 .2 4)
+TRANSFORM 10
+TRANSFORM 11 TRANSLATE (4 0 0)
+TRANSFORM 20 ROTATE-Y (20) TRANSLATE (-6 0 0)
+"""
+NAMED = "SOLID leg + CYLINDER 1 SPHERE 2\nSÓLIDO table - + leg 10 LEG 11 CUBE 3\nCSG-TREE table 20" + REST + "END"
+WRITTEN_OUT = (
+    "CSG-TREE - + + CYLINDER 21 SPHERE 22 + CYLINDER 23 SPHERE 24 CUBE 25"
+    + REST
+    + "".join(f"SURFACE {i} kd = .7 .3 .2\n" for i in (21, 23, 25))
+    + "".join(f"SURFACE {i} material condutor ouro\n" for i in (22, 24))
+    + """TRANSFORM 21 SCALE (.2 .2 2) ROTATE-Y (20) TRANSLATE (-6 0 0)
+TRANSFORM 22 SCALE (.3 .3 .3) ROTATE-Y (20) TRANSLATE (-6 0 0)
+TRANSFORM 23 SCALE (.2 .2 2) TRANSLATE (4 0 0) ROTATE-Y (20) TRANSLATE (-6 0 0)
+TRANSFORM 24 SCALE (.3 .3 .3) TRANSLATE (4 0 0) ROTATE-Y (20) TRANSLATE (-6 0 0)
+TRANSFORM 25 SCALE (4 .2 4) ROTATE-Y (20) TRANSLATE (-6 0 0)
+END"""
+)
+
+
+def meshes(tmp_path, text):
+    path = tmp_path / "s.scn"
+    path.write_text(text, encoding="utf-8")
+    prosim_scene.translate(path)
+    return {file.name: file.read_bytes() for file in tmp_path.rglob("*.ply")}
+
+
+def test_a_use_of_a_named_solid_is_its_tree_written_out(tmp_path):
+    named, written = meshes(tmp_path, NAMED), meshes(tmp_path, WRITTEN_OUT)
+    assert named == written and len(named) == 2
+    scene = prosim_scene.parse(NAMED)
+    assert [node.index for node in scene.csg if isinstance(node, prosim_scene.Leaf)] == [21, 22, 23, 24, 25]
+    assert prosim_scene.parse(prosim_scene.format(NAMED)) == scene
+
+
+@pytest.mark.parametrize(
+    "text, column, code, words",
+    [
+        ("SOLID CUBE CUBE 1", 7, "name", "'CUBE', a word of the language; expected a name of its own"),
+        ("SOLID x", 7, "incomplete", "this solid is empty; expected its tree after x"),
+        ("SOLID x + CUBE 1", 9, "tree", "lacks an operand"),
+        ("SOLID x CUBE 1 SOLID X CUBE 1", 22, "twice", "SOLID x is given twice"),
+        ("CSG-TREE x 1 SOLID x CUBE 1", 10, "unknown-word", "unknown word 'x'; expected +, -"),
+        ("SOLID legs CUBE 1 CSG-TREE leg 1", 28, "unknown-word", "CONE, legs or the next"),
+        ("SOLID x CUBE 1 CSG-TREE x", 25, "count", "found 0 numbers after x; expected 1 number (its index)"),
+        ("SOLID x CUBE 1 TRANSFORM 1 CSG-TREE x 2", 37, "no-index", "CUBE 1 in this solid has no TRANSFORM 2"),
+        ("SOLID x CUBE 1 TRANSFORM 1 TRANSFORM 2 CSG-TREE x 2", 49, "no-index", "has no SURFACE 1 or SURFACE 2"),
+    ],
+)
+def test_wrong_solids(text, column, code, words):
+    with pytest.raises(SceneError) as error:
+        prosim_scene.parse(text + "\nEND")
+    assert words in str(error.value) and (error.value.column, error.value.code) == (column, code)
+
+
+def test_solids_of_solids_do_not_grow_without_a_limit():
+    text = "SOLID s0 + CUBE 1 CUBE 1\n" + "".join(f"SOLID s{i} + s{i - 1} 1 s{i - 1} 1\n" for i in range(1, 60))
+    with pytest.raises(SceneError, match="more than 100000 nodes"):
+        prosim_scene.parse(text + "SURFACE 1 TRANSFORM 1 CSG-TREE s59 1 END")
+
+
+def test_an_image_lights_the_scene(tmp_path):
+    path = tmp_path / "s.scn"
+    (tmp_path / "ceu.exr").write_bytes(b"\x76\x2f\x31\x01")
+    path.write_text("LUZES CEU ceu.exr CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END")
+    document = prosim_scene.document(path)
+    assert list(prosim_scene.images(document)) == [("ceu.exr", ("lights", 0, "image"))]
+    for target in "prosim", "stock":
+        sky = prosim_scene.load(document, target=target, transform=lambda matrix: matrix)["light_0"]
+        assert sky == {"type": "envmap", "filename": str(tmp_path / "ceu.exr")}
+    for wrong, words in ("SKY position 0 0 9", "found 'position'"), ("SKY none.exr", "does not exist"):
+        path.write_text(f"LIGHTS {wrong} CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END")
+        with pytest.raises(SceneError, match=words):
+            prosim_scene.check(path)

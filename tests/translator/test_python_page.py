@@ -1,0 +1,34 @@
+"""The page docs/python.md: its examples, and what the plugins import."""
+
+import ast
+import re
+from pathlib import Path
+
+import prosim_scene
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_examples_work(monkeypatch):
+    monkeypatch.chdir(ROOT / "examples")
+    for block in re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL):
+        exec(block, {})
+
+
+def test_everything_public_is_on_the_page_and_documented():
+    assert not [name for name in prosim_scene.__all__ if not re.search(rf"\b{name}\b", TEXT)]
+    functions = [getattr(prosim_scene, name) for name in prosim_scene.__all__]
+    assert all(one.__doc__ for one in functions if callable(one))
+
+
+def test_plugins_import_nothing_but_what_is_public():
+    others = []
+    for path in (ROOT / "plugins" / "mitsuba_prosim").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "prosim_scene":
+                names = [alias.name for alias in node.names if alias.name not in (*prosim_scene.__all__, "extras")]
+                others += [(path.name, node.module, names)] if names or node.module != "prosim_scene" else []
+    assert not others

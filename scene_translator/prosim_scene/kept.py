@@ -3,8 +3,8 @@
 from collections.abc import Callable, Hashable
 from weakref import WeakKeyDictionary
 
-from .solids import Faces, Triangles
-from .write.ply import ply
+from .geometry import Faces, Triangles
+from .output import ply
 
 
 class Kept:
@@ -29,7 +29,7 @@ class Kept:
         return self.found
 
     def file(self, triangles: Triangles, with_uv: bool) -> bytes | None:
-        """The PLY file of some of these surfaces; see :func:`.write.ply.ply`."""
+        """The PLY file of some of these surfaces; see :func:`.output.ply`."""
         known = self.files.setdefault(triangles, {})
         if with_uv not in known:
             known[with_uv] = ply(triangles, with_uv)

@@ -1,15 +1,15 @@
 """What a scene is translated for: the functions that a target has.
 
 ``prosim`` is for this project's plugins, ``stock`` for those alone that Mitsuba brings; each is a module with the
-functions of :class:`Target`. What they share lies beside them: ``lights``, ``materials``, ``textures``, ``sensor``
-and ``clip``, what they know of the translation in ``context``, and in ``single`` what no target can say.
+functions of :class:`Target`. What they share lies beside them: ``lights``, ``materials``, ``textures`` and ``sensor``,
+and what they know of the translation in ``context``; ``assemble`` puts all of it together.
 """
 
 from typing import Protocol
 
+from ..camera import Camera
 from ..model import Leaf, Light
 from ..nodes import Node
-from ..view import Camera
 from . import prosim, stock
 from .context import Context
 from .materials import Sides

@@ -85,7 +85,7 @@ def warn_of_distortion(document: Document) -> None:
         document.warn(wrong, "view", "resolution" if known else "window")
 
 
-def camera(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
+def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
     """The :class:`Camera` of a scene, with its own resolution or another; a degenerate view is a SceneError."""
     view = document.scene.view
     eye, vrp, vup, normal = (np.array(x, dtype=float) for x in (view.eye, view.vrp, view.vup, view.vpn))

@@ -1,18 +1,22 @@
-"""The planes between which Mitsuba's cameras see: wide enough for all of the scene, as the language clips nothing."""
+"""Camera -> Mitsuba's sensor: exactly the rays of the language, for off-centre and oblique windows too.
+The planes between which Mitsuba's cameras see are wide enough for all of the scene, as the language clips nothing.
+"""
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ..camera import Camera
+from ..geometry import Triangles
 from ..model import Light
-from ..solids import Triangles
-from ..view import Camera
+from ..nodes import Node
 
 #: By default, in units of the view plane's distance.
 NEAR, FAR = 1e-3, 1e5
 
 
-def planes(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
+def clipping(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
     """Depths of the near and the far plane that cut off no triangle of the ``bodies``, and no light.
 
     The near plane is moved to the eye where something lies before it, but never on the eye.
@@ -62,3 +66,30 @@ def _distance(point: np.ndarray, body: Triangles, reach: float) -> float:
         size = np.linalg.norm(normal[within], axis=1)
         result = min(result, float(np.abs(np.einsum("tj,tj->t", corners[within, 0], normal[within]) / size).min()))
     return result
+
+
+def sensor(camera: Camera, planes: tuple[float, float], film: Node, sampler: Node) -> Node:
+    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others, between two ``planes``."""
+    width, height = camera.right - camera.left, camera.top - camera.bottom
+    to_world = np.eye(4)
+    # Mitsuba's camera looks along +z with x to the left of the image.
+    to_world[:3] = np.stack([-camera.u, camera.v, -camera.n, camera.eye], axis=1)
+    common = {"to_world": to_world, "near_clip": planes[0], "far_clip": planes[1], "film": film, "sampler": sampler}
+    if not camera.square_pixels:
+        return {
+            "type": "prosim_window",
+            "left": camera.left / camera.depth,
+            "right": camera.right / camera.depth,
+            "bottom": camera.bottom / camera.depth,
+            "top": camera.top / camera.depth,
+            **common,
+        }
+    return {
+        "type": "perspective",
+        "fov": 2 * math.degrees(math.atan2(width / 2, camera.depth)),
+        "fov_axis": "x",
+        # In units of the image's width and height, from its centre to where the eye looks straight at the plane.
+        "principal_point_offset_x": 0.5 + camera.left / width,
+        "principal_point_offset_y": 0.5 - camera.top / height,
+        **common,
+    }

@@ -13,6 +13,10 @@ rounding and small against all else, afterwards all but back, and in the end ont
 So the primitive that stands first in the tree wins, as Requicha and Voelcker (1985) regularize: no film, no dangling
 face. Facets of curved faces are treated likewise; those of one quadric are the same for all its bearers, see
 :mod:`.leaves`.
+
+Two surfaces that are meant to be the same differ by the rounding of transforms and of decimal fractions. They are
+compared by their equations, in the space of one of the two primitives, where the rounding is small and a difference
+that can be seen is not.
 """
 
 from collections.abc import Callable, Collection
@@ -22,6 +26,64 @@ import numpy as np
 from manifold3d import Manifold, Mesh64
 
 from .primitives import Mesh
+
+SAME = 1e-7  # of a quadric's coefficients in a primitive's own space
+NEAR = 1e-6  # the same of its coefficients in the whole scene's space: what differs more is not compared
+
+
+def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """For each of n surfaces the number of one that it is the same as, its representative.
+
+    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) of a primitive's own space, which ``matrices[i]`` (n, 4, 4) takes
+    to the world. A representative is its own, and the largest primitive among its like.
+    """
+    sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
+    group = _clusters(_features(quadrics, matrices))
+    order = np.argsort(-sizes, kind="stable")
+    result = np.full(len(quadrics), -1)
+    canonical = quadrics / np.linalg.norm(quadrics, axis=(1, 2), keepdims=True)
+    while len(order):
+        _, first, cluster = np.unique(group[order], return_index=True, return_inverse=True)
+        representative = order[first][cluster]
+        inverse = np.linalg.inv(matrices[order[first], :3, :3])[cluster]
+        relative = np.zeros((len(order), 4, 4))  # from the primitive's own space to the representative's
+        relative[:, :3, :3] = inverse @ matrices[order, :3, :3]
+        relative[:, :3, 3:] = inverse @ (matrices[order] - matrices[representative])[:, :3, 3:]
+        relative[:, 3, 3] = 1
+        found = relative.transpose(0, 2, 1) @ quadrics[representative] @ relative
+        found /= np.linalg.norm(found, axis=(1, 2), keepdims=True)
+        same = np.abs(found - canonical[order]).max(axis=(1, 2)) < SAME
+        same |= order == representative
+        result[order[same]] = representative[same]
+        order = order[~same]
+    return result
+
+
+def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Numbers (n, 10) that are equal for equal surfaces, in a space in which the scene has about the size 1."""
+    to_unit = np.eye(4)
+    center = matrices[:, :3, 3].mean(axis=0)
+    scale = max(np.abs(matrices[:, :3, 3] - center).max(), np.abs(matrices[:, :3, :3]).max())
+    to_unit[:3] = np.append(np.eye(3), -center[:, None], axis=1) / scale
+    inverse = np.linalg.inv(to_unit @ matrices)
+    world = inverse.transpose(0, 2, 1) @ quadrics @ inverse
+    world /= np.linalg.norm(world[:, :3, :3], axis=(1, 2))[:, None, None]
+    row, column = np.triu_indices(4)
+    return np.asarray(world[:, row, column])
+
+
+def _clusters(values: np.ndarray) -> np.ndarray:
+    """Labels of the rows of an array: rows that differ by less than NEAR in every column have the same label."""
+    label = np.zeros(len(values), int)
+    count = 0
+    while count < label.max() + 1:
+        count = label.max() + 1
+        for column in values.T:
+            order = np.lexsort([column, label])
+            new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > NEAR)
+            label[order] = np.concatenate([[0], np.cumsum(new)])
+    return label
+
 
 STEP = 2.0**-26  # of the scene's size as a power of two, less than single precision shows
 GRAIN = 2.0**-36  # of it, what facets are kept apart by; manifold3d takes 1e-12 for rounding
@@ -45,11 +107,11 @@ class Planes:
         self.turned: set[int] = set()  # original ids of triangles that show their back where manifold3d says front
         self.grain = step * GRAIN / STEP
 
-    def apart(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
+    def perturb(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
         """A solid whose facets on some surfaces are moved by a step, outwards or (-1) inwards."""
         return self._moved(solid, surfaces, lambda height, side: height + outwards * self.step * side)
 
-    def closer(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
+    def relax(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
         """The result of an operation on a solid that has been moved apart: its facets go back, but stay in their order.
 
         Strips between facets that were moved and facets that were not keep a width: manifold3d tidies up triangles
@@ -67,7 +129,7 @@ class Planes:
 
         return self._moved(solid, surfaces, target)
 
-    def together(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
+    def snap(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
         """A solid with its vertices brought back onto their planes, as far as they lie on some surfaces."""
         return self._moved(solid, surfaces, lambda height, side: np.zeros_like(height))
 

@@ -1,8 +1,20 @@
-"""Boxes that overlap or touch."""
+"""Equal keys, and boxes that overlap or touch."""
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterable, Iterator
+from typing import TypeVar
 
 import numpy as np
+
+K = TypeVar("K", bound=Hashable)
+
+
+def alike(keys: Iterable[K]) -> dict[K, list[int]]:
+    """The numbers of equal keys, from 0, by the key."""
+    groups: dict[K, list[int]] = {}
+    for number, key in enumerate(keys):
+        groups.setdefault(key, []).append(number)
+    return groups
+
 
 PAIRS = 1 << 20  # at a time
 

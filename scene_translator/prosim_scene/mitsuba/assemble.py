@@ -5,16 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from . import view
-from .kept import Kept
-from .language.document import Document
-from .model import Leaf, Scene
-from .nodes import Comment, Default, Node
-from .options import Options
-from .solids import TOLERANCE, Skin, Triangles, tessellate
-from .targets import TARGETS, Target, clip, lights, materials, sensor, single
-from .targets.context import Context
-from .targets.materials import Sides
+from ..camera import Camera, camera_of, warn_of_distortion
+from ..geometry import TOLERANCE, Skin, Triangles, tessellate
+from ..kept import Kept
+from ..language.document import Document
+from ..model import Leaf, Scene
+from ..nodes import Comment, Default, Node
+from ..options import Options
+from . import TARGETS, Target, lights, materials
+from .context import LARGEST, Context, check, check_transforms
+from .materials import Sides
+from .sensor import clipping, sensor
 
 
 def medium(scene: Scene, leaf: Leaf) -> Hashable:
@@ -56,10 +57,10 @@ def assemble(
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
-    camera = view.camera(document, options.resolution)
+    camera = camera_of(document, options.resolution)
     if options.resolution is None and options.target == "prosim":  # stock says what it makes of the pixels
-        view.warn_of_distortion(document)
-    single.check_transforms(document)
+        warn_of_distortion(document)
+    check_transforms(document)
     triangles = tessellate(
         document,
         camera,
@@ -70,13 +71,13 @@ def assemble(
         kept.faces,
     )
 
-    result: Node = {"type": "scene"} | single.check(document, target.settings(context))
+    result: Node = {"type": "scene"} | check(document, target.settings(context))
     result["view_comment"] = _comment(document, "VIEW", "view")
-    result["view"] = single.check(document, _sensor(context, target, camera, list(triangles.values())), "view")
+    result["view"] = check(document, _sensor(context, target, camera, list(triangles.values())), "view")
     for i, light in enumerate(scene.lights):
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment"] = _comment(document, light.kind.upper(), "lights", i)
-        result[f"light_{i}"] = single.check(document, target.light(context, i, light), "lights", i)
+        result[f"light_{i}"] = check(document, target.light(context, i, light), "lights", i)
     return result | _shapes(context, target, triangles, kept, store)
 
 
@@ -85,8 +86,8 @@ def looking(document: Document, options: Options, kept: Kept | None) -> Node:
     context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
     faces = kept.found if kept else None
     bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
-    camera = view.camera(document, options.resolution)
-    return single.check(document, _sensor(context, TARGETS[options.target], camera, bodies), "view")
+    camera = camera_of(document, options.resolution)
+    return check(document, _sensor(context, TARGETS[options.target], camera, bodies), "view")
 
 
 def _shapes(
@@ -109,7 +110,7 @@ def _shapes(
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            if not np.abs(triangles[skin].vertices).max() <= single.LARGEST:
+            if not np.abs(triangles[skin].vertices).max() <= LARGEST:
                 raise document.error(
                     "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
                 )
@@ -131,7 +132,7 @@ def _shapes(
             result[name] = {
                 "type": "ply",
                 "filename": store(name, content),
-                **single.check(document, target.surface(context, number, leaf, sides), "surfaces", leaf.index),
+                **check(document, target.surface(context, number, leaf, sides), "surfaces", leaf.index),
             }
     return result
 
@@ -149,7 +150,7 @@ def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:
     return list(alike.values())
 
 
-def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[Triangles]) -> Node:
+def _sensor(context: Context, target: Target, camera: Camera, bodies: list[Triangles]) -> Node:
     camera = target.camera(context, camera)
     width, height = camera.resolution
     film = {
@@ -160,9 +161,9 @@ def _sensor(context: Context, target: Target, camera: view.Camera, bodies: list[
         "component_format": "float32",
         "filter": {"type": "box"},
     }
-    return sensor.sensor(
+    return sensor(
         camera,
-        clip.planes(camera, bodies, context.scene.lights),
+        clipping(camera, bodies, context.scene.lights),
         film,
         {"type": target.SAMPLER, "sample_count": context.samples**2},
     )

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..geometry.solids import matrix
 from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb_clipped
-from ..solids.transforms import matrix
 from .context import Context
 
 #: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.

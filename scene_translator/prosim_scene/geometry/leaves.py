@@ -6,19 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..camera import Camera
 from ..language.document import Document
-from . import tree
-from .coincidence import STEP, Planes
-from .detail import choose_segments, warn_if_far
-from .inscribed import shrink_inscribed
-from .placing import corners, facet_planes, placed
+from . import csg
+from .coincidence import STEP, Planes, same_surfaces
+from .detail import active_zones, choose_segments, clipped, shrink_inscribed, warn_if_far
+from .grouping import components
 from .primitives import PRIMITIVES
-from .recognition import same_surfaces
-from .remains import clipped, remains
-from .sight import Sight
-from .solid import Solid
-from .sweep import components
-from .transforms import matrices
+from .solids import Solid, corners, facet_planes, matrices, placed
 
 FAR = 16  # times its size: a scene that lies farther from the origin than this is computed about its own centre
 
@@ -44,12 +39,12 @@ class Leaves:
     each, ``planes`` those that facets have in common.
     """
 
-    def __init__(self, document: Document, camera: Sight, tolerance: float, cutters: np.ndarray | None = None) -> None:
+    def __init__(self, document: Document, camera: Camera, tolerance: float, cutters: np.ndarray | None = None) -> None:
         """``cutters`` are those leaves whose faces may coincide with themselves.
 
         Raises :class:`SceneError` for a transform that cannot be inverted, and for more than memory can hold.
         """
-        leaves = tree.leaves(document.scene.csg)
+        leaves = csg.leaves(document.scene.csg)
         kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
         self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
         placing = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
@@ -61,7 +56,7 @@ class Leaves:
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self._step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
         self._share(cutters)
-        bounds = remains(document.scene.csg, self.solids, self.of_leaf.tolist())
+        bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
         warn_if_far(document, camera, clipped(corners(self.solids), bounds))
         choose_segments(document, self.solids, bounds, camera, tolerance)
         shrink_inscribed(self.solids)

@@ -11,10 +11,9 @@ import numpy as np
 from manifold3d import Manifold, Mesh64
 
 from ..model import Leaf
-from . import tree
+from . import csg
 from .coincidence import Planes
 from .csg import Body, Value, beneath, checked, combined
-from .faces import heights
 from .primitives import Mesh
 
 OPAQUE = 0  # the medium of everything that is not a dielectric
@@ -64,7 +63,7 @@ def whole(mesh: Mesh, original_id: int, first: int, medium: int) -> Shell:
     return Shell(mesh.vertices, mesh.triangles, ids, first + mesh.facets, np.ones(count), inside, outside)
 
 
-def cutters(nodes: tree.Nodes, media_of: list[int]) -> np.ndarray:
+def cutters(nodes: csg.Nodes, media_of: list[int]) -> np.ndarray:
     """Which leaves may leave their faces on several media, which then coincide there: those that cut them at once."""
     result = np.zeros(len(media_of), bool)
 
@@ -78,7 +77,7 @@ def cutters(nodes: tree.Nodes, media_of: list[int]) -> np.ndarray:
             result[second[1] : second[2]] = True
         return first[0] | second[0] if symbol == "+" else first[0], first[1], second[2]
 
-    tree.fold(nodes, leaf, combine)
+    csg.fold(nodes, leaf, combine)
     return result
 
 
@@ -174,8 +173,15 @@ def _joined(shells: list[Shell], planes: Planes) -> Shell:
     )
 
 
+def heights(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Heights of triangles (n, 3) over their longest sides: those in a seam of coincident faces have none."""
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))
+
+
 def _shell(part: Body) -> Shell:
-    mesh = checked(part.planes.together(checked(part.manifold), part.surfaces)).to_mesh64()
+    mesh = checked(part.planes.snap(checked(part.manifold), part.surfaces)).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)

@@ -16,14 +16,36 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from manifold3d import Error, Manifold, OpType
 
-from ..model import Leaf
-from . import tree
+from ..model import Leaf, Operator
 from .coincidence import Planes
-from .sweep import sweep, touching
+from .grouping import sweep, touching
+
+T = TypeVar("T")
+Nodes = Sequence[Operator | Leaf]
+
+
+def leaves(nodes: Nodes) -> list[Leaf]:
+    """The leaves in the order of the tree; a leaf's *number* is its place in this list."""
+    return [node for node in nodes if isinstance(node, Leaf)]
+
+
+def fold(nodes: Nodes, leaf: Callable[[int, Leaf], T], combine: Callable[[str, T, T], T]) -> T:
+    """The value of a tree: ``leaf(number, leaf)`` of a leaf, ``combine(symbol, first, second)`` of an operator."""
+    stack: list[T] = []
+    number = sum(isinstance(node, Leaf) for node in nodes)
+    for node in reversed(nodes):
+        if isinstance(node, Leaf):
+            number -= 1
+            stack.append(leaf(number, node))
+        else:
+            stack.append(combine(node.symbol, stack.pop(), stack.pop()))
+    return stack.pop()
+
 
 DEEP = 16  # alternations of + and -, from which on a chain is evaluated in halves
 CROWD = 64  # solids for each triangle of another one that they touch, from which on that is refined
@@ -66,7 +88,7 @@ def checked(manifold: Manifold) -> Manifold:
     return manifold
 
 
-def evaluate(nodes: tree.Nodes, groups: Sequence[int], value: Callable[[int], Value]) -> dict[int, Value]:
+def evaluate(nodes: Nodes, groups: Sequence[int], value: Callable[[int], Value]) -> dict[int, Value]:
     """The value of a tree for each group of leaves alone, by the number of the group.
 
     ``groups`` are those of the leaves; ``value(number)`` returns the value of a leaf.
@@ -87,7 +109,7 @@ def evaluate(nodes: tree.Nodes, groups: Sequence[int], value: Callable[[int], Va
         result.update(both)
         return result
 
-    return {group: chain.value() for group, chain in sorted(tree.fold(nodes, leaf, combine).items())}
+    return {group: chain.value() for group, chain in sorted(fold(nodes, leaf, combine).items())}
 
 
 class _Chain:
@@ -245,10 +267,10 @@ def _operation(
     """
     planes = first.planes
     common = first.surfaces & second.surfaces if first.touches(second) else frozenset()
-    mesh = planes.apart(_crowded(first, second), common, outwards)
+    mesh = planes.perturb(_crowded(first, second), common, outwards)
     result = Manifold.batch_boolean(*arranged(mesh, _crowded(second, first)))
     if common and not checked(result).is_empty():
-        result = planes.closer(result, common)
+        result = planes.relax(result, common)
     return Body(result, boxes, first.surfaces | second.surfaces, planes)
 
 

@@ -84,6 +84,21 @@ def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
     return None if name is None else np.array(parameters[name], dtype=np.float64).reshape(-1, 3)
 
 
+# ---------------------------------------------------------------- pointers
+# A ShapePtr has no way back to the object in Python. Its bits are the number of the shape in Dr.Jit's registry (1.5).
+
+
+def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
+    """The shape that one ray met; None for one within an instance."""
+    numbers = [_number(mi.ShapePtr(shape)) for shape in scene.shapes()]
+    met = _number(si.shape)
+    return scene.shapes()[numbers.index(met)] if met in numbers else None
+
+
+def _number(pointer: mi.ShapePtr) -> int:
+    return int(dr.reinterpret_array(mi.UInt32, pointer)[0])
+
+
 # ---------------------------------------------------------------- threads
 
 #: With fewer threads Mitsuba 3.9 waits for ever when it reads or writes an EXR.
@@ -95,6 +110,9 @@ EXR_THREADS = 3
 
 #: Suffixes of a plugin's file on Linux, macOS and Windows.
 LIBRARIES = (".so", ".dylib", ".dll")
+
+#: Names that the arguments of Mitsuba's Python parser have, so that no parameter of a scene can be given by them.
+RESERVED = ("config", "filename")
 
 #: Parameter of a plugin -> the files that its value, a name, stands for.
 DATA_FILES = {"material": ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")}

@@ -43,7 +43,7 @@ class Elsewhere:
     def take(self, item):
         if self.estimator is None:
             sensor = self.scene.sensors()[0]
-            self.estimator = self.scene.integrator().estimator(item.stages[-1][0], self.scene, sensor)
+            self.estimator = self.scene.integrator().estimator(item.plan, self.scene, sensor)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, self.history):
             _, sums = worker.taken(lambda plan: self.estimator, worker.packed(item))
             self.compiled.append(sum(not kernel.get("cache_hit", True) for kernel in dr.kernel_history()))

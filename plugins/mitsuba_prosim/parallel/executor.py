@@ -163,7 +163,7 @@ class DaskExecutor:
     def _drawn(self, which: Which, item: WorkItem) -> distributed.Future:
         """The photons of a set, which one worker draws for all."""
         if which not in self._photons:
-            arguments = worker.pickled(item.stages[-1][0]), which
+            arguments = worker.pickled(item.plan), which
             self._photons[which] = self._submit(_Task(worker.draw, self.bundle, arguments, tuple, "photons"))
             while len(self._photons) > SETS:
                 self._photons.popitem(last=False)

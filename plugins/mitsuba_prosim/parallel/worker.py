@@ -26,10 +26,10 @@ import prosim_scene
 from ..alone import alone
 from ..caustics.caustics import Which
 from ..caustics.photons import Photons
+from ..compat import dr_array
 from ..engine.estimate import Estimator
 from ..engine.plan import Plan
 from ..engine.policies import POLICIES
-from ..engine.record import dr_array
 from ..engine.work import WorkItem
 from ..saved import origin
 from ..scene import session
@@ -138,7 +138,7 @@ def pickled(value: Any) -> bytes:
 
 def packed(item: WorkItem) -> bytes:
     """``item`` as it travels: all but the scene, and what stores the sums."""
-    return pickled((item.x, item.y, item.start, item.stages, item.quiet is not None))
+    return pickled((item.x, item.y, item.start, item.plan, item.end, item.quiet is not None))
 
 
 @in_render_thread
@@ -166,12 +166,11 @@ def take(
 def taken(estimator: Callable[[Plan], Estimator], item: bytes) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
-        x, y, start, stages, quiet = pickle.loads(item)
-        plan = stages[-1][0]
+        x, y, start, plan, end, quiet = pickle.loads(item)
         sampled = estimator(plan)
     policy: Any = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
     begun = time.perf_counter()
-    whole = WorkItem(sampled, x, y, start, stages, policy.quiet if quiet else None, 0, (0.0, 1.0), lambda _: None)
+    whole = WorkItem(sampled, x, y, start, plan, end, policy.quiet if quiet else None, 0, (0.0, 1.0), lambda _: None)
     sums = whole.take()
     dr.sync_thread()
     return time.perf_counter() - begun, pickled(sums)

@@ -9,20 +9,19 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.caustics.caustics import Caustics, placed
-from mitsuba_prosim.caustics.footprint import Footprint
-from mitsuba_prosim.caustics.gathering import Gathering
-from mitsuba_prosim.caustics.merging import expected
-from mitsuba_prosim.caustics.photons import Photons
-from mitsuba_prosim.caustics.random import starts
-from mitsuba_prosim.caustics.sources import Sources, Start, left_out
-from mitsuba_prosim.caustics.targets import Targets, merged
-from mitsuba_prosim.caustics.walk import WIDE, Landed
 from mitsuba_prosim.cli.job import job_of
 from mitsuba_prosim.engine import work
 from mitsuba_prosim.engine.pursuit import in_full_sets
 from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.light.table import Lights
+from mitsuba_prosim.photons.caustics import Caustics, placed
+from mitsuba_prosim.photons.emission import Sources, Start, left_out
+from mitsuba_prosim.photons.footprint import Footprint
+from mitsuba_prosim.photons.gathering import Gathering
+from mitsuba_prosim.photons.grid import WIDE, Landed, Photons
+from mitsuba_prosim.photons.mis import expected
+from mitsuba_prosim.photons.targets import Targets, merged
+from mitsuba_prosim.sampling.sobol import starts
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
 from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
@@ -209,7 +208,7 @@ def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
     """
     drawn = []
     monkeypatch.setattr(Photons, "of", lambda *rest, of=Photons.of: (drawn.append(len(drawn)), of(*rest))[1])
-    monkeypatch.setattr("mitsuba_prosim.caustics.caustics.KEPT", 3 << 10)
+    monkeypatch.setattr("mitsuba_prosim.photons.caustics.KEPT", 3 << 10)
     more = {"samples": 2, "max_samples": 32, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 10}
     world = small(12, integrator={"type": "prosim", "band": 40} | more)
     integrator = world.integrator()

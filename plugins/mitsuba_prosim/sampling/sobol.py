@@ -37,13 +37,3 @@ def scrambled(x: mi.UInt32, key: mi.UInt32) -> mi.UInt32:
     x ^= x * 0x05526C56
     x ^= x * 0x53A22864
     return dr.brev(x)
-
-
-def number(key: mi.UInt32, k: mi.UInt32) -> mi.Float:
-    """The ``k``-th number in [0, 1) under a photon's ``key``."""
-    return to_unit(combine(key, k))
-
-
-def point(key: mi.UInt32, k: mi.UInt32) -> mi.Point2f:
-    """Two of them: the ``k``-th and the next."""
-    return mi.Point2f(number(key, k), number(key, k + 1))

@@ -9,12 +9,13 @@ import numpy as np
 from ..engine.camera import uncropped
 from ..masks import but_not
 from ..sampling.hash import combine
+from ..sampling.sobol import starts
 from ..transport import lobes
-from . import photons as grid
-from . import random
+from . import grid
+from .emission import Start
 from .footprint import Footprint
-from .sources import Start
-from .walk import WIDE, Landed, Walk
+from .grid import WIDE, Landed
+from .tracing import Walk
 
 #: Camera rays, and entries of the hash table that they are counted in.
 RAYS, ENTRIES = 1 << 16, 1 << 18
@@ -35,7 +36,7 @@ class Importance:
         self.scale = dr.opaque(mi.Float, REACH * max(sensor.film().size()))
         i = dr.arange(mi.UInt32, RAYS)
         with uncropped(sensor):
-            ray, _ = sensor.sample_ray(sensor.shutter_open(), 0.5, *random.starts(mi.UInt32(0), i))
+            ray, _ = sensor.sample_ray(sensor.shutter_open(), 0.5, *starts(mi.UInt32(0), i))
         si = scene.ray_intersect(ray)
         start = Start(ray, mi.Spectrum(1), mi.Float(0), dr.zeros(mi.PositionSample3f), dr.zeros(mi.EmitterPtr, RAYS))
         beyond, _ = walk(start, combine(mi.UInt32(0), i))

@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
-from .stage import CAMERA_SPACES
+from .context import CAMERA_SPACES
 
 
 class Nested:

@@ -150,7 +150,7 @@ def test_policy(variant_rgb, monkeypatch):
 
 
 def test_primitive():
-    wedge = module("prosim_scene.solids.primitives", "WEDGE").Wedge()
+    wedge = module("prosim_scene.geometry", "WEDGE").Wedge()
     mesh = wedge.mesh(wedge.segments(np.eye(4), None, 0.1), np.eye(4))
     assert len(mesh.triangles) == wedge.count(4) == 8
     edges = np.concatenate([mesh.triangles[:, [i, (i + 1) % 3]] for i in range(3)])

@@ -7,6 +7,7 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 
+from .camera import misfit
 from .files import PART, read, refuse_special, rewrite
 from .kept import Kept
 from .language import document_of, parse
@@ -14,10 +15,9 @@ from .language.diagnostics import SceneError, SceneWarning, Source, Span
 from .language.document import Document
 from .language.formatter import format
 from .language.tokens import FPS, FRAME, TIME
+from .mitsuba.context import images, located
 from .model import Leaf, Scene, View
-from .targets.pictures import images, located
 from .translator import check, document, load, sensor, translate
-from .view import misfit
 
 __all__ = [
     "FPS",

@@ -11,10 +11,10 @@ import warnings
 from dataclasses import asdict
 from pathlib import Path
 
-from .assembling import assemble
 from .language.analysis import analyse
 from .language.diagnostics import Diagnostic, SceneError, SceneWarning, diagnostic
 from .language.document import Document
+from .mitsuba.assemble import assemble
 from .options import Options
 
 #: Seconds after which an evaluation is given up.

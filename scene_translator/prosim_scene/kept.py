@@ -3,8 +3,8 @@
 from collections.abc import Callable, Hashable
 from weakref import WeakKeyDictionary
 
-from .solids import Faces, Triangles
-from .write.ply import ply
+from .geometry import SurfaceMesh, Triangles
+from .output import ply
 
 
 class Kept:
@@ -16,11 +16,11 @@ class Kept:
 
     def __init__(self) -> None:
         self.key: Hashable = None
-        self.found: Faces | None = None
+        self.found: SurfaceMesh | None = None
         self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
         self.made = 0
 
-    def faces(self, key: Hashable, make: Callable[[], Faces]) -> Faces:
+    def faces(self, key: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
         """What ``make`` gives, or has given the last time for an equal ``key``."""
         if self.found is None or key != self.key:
             self.found = None  # before another takes its room
@@ -29,7 +29,7 @@ class Kept:
         return self.found
 
     def file(self, triangles: Triangles, with_uv: bool) -> bytes | None:
-        """The PLY file of some of these surfaces; see :func:`.write.ply.ply`."""
+        """The PLY file of some of these surfaces; see :func:`.output.ply`."""
         known = self.files.setdefault(triangles, {})
         if with_uv not in known:
             known[with_uv] = ply(triangles, with_uv)

@@ -39,6 +39,7 @@ KINDS = {
     "metal": lsp.CompletionItemKind.Color,
     "glass": lsp.CompletionItemKind.Color,
     "texture": lsp.CompletionItemKind.Color,
+    "solid": lsp.CompletionItemKind.Class,
     "index": lsp.CompletionItemKind.Value,
     "name": lsp.CompletionItemKind.Variable,
     "function": lsp.CompletionItemKind.Function,

@@ -7,7 +7,7 @@ from typing import Any
 
 from .language.diagnostics import SceneError
 from .language.words import PIXELS, Numbers, numbers
-from .targets import TARGETS, lights
+from .mitsuba import TARGETS, lights
 
 
 @dataclass(frozen=True, kw_only=True)

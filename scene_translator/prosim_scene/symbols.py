@@ -8,25 +8,12 @@ from functools import cached_property
 from pathlib import Path
 
 from . import descriptions
+from .language import words
 from .language.analysis import analyse
 from .language.expressions import CONSTANTS, FUNCTIONS
 from .language.reader import Reader
 from .language.tokens import FRAME, NAME, TIME, Token
-from .language.words import (
-    BUILT_IN,
-    GLASSES,
-    INDICES,
-    METALS,
-    ORDER,
-    ROLES,
-    STATEMENTS,
-    Numbers,
-    normalise,
-    numbers,
-    of_role,
-    row,
-    texture_name,
-)
+from .language.words import ROLES, STATEMENTS, Numbers, row
 
 #: The keywords that an index follows.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
@@ -39,7 +26,7 @@ IN_BRACES = re.compile(r"[$\w]*\Z")
 
 @dataclass(frozen=True)
 class Symbol:
-    """What has a name of its own: the ``kind`` is "index", "texture" or "name"."""
+    """What has a name of its own: the ``kind`` is "index", "texture", "solid" or "name"."""
 
     kind: str
     key: str
@@ -61,7 +48,7 @@ class Completion:
     """A word for the place of the text from ``start`` on; ``detail``: what follows it. The lowest ``rank`` is first."""
 
     label: str
-    kind: str  # "statement", "keyword", "metal", "glass", "texture", "index", "name" or "function"
+    kind: str  # "statement", "keyword", "metal", "glass", "texture", "solid", "index", "name" or "function"
     start: int
     detail: str = ""
     documentation: str = ""
@@ -100,8 +87,11 @@ class Symbols:
             symbol = Symbol("index", str(int(token.text)))
             yield Occurrence(symbol, token.start, token.end, before in STATEMENTS, before)
         elif token.role == "TEXTURE_NAME":
-            symbol = Symbol("texture", texture_name(token.text))
+            symbol = Symbol("texture", words.texture_name(token.text))
             yield Occurrence(symbol, token.start, token.end, before == "TEXTURE", before)
+        elif token.role == "USE" or before == "SOLID":
+            symbol = Symbol("solid", words.normalise(token.text))
+            yield Occurrence(symbol, token.start, token.end, before == "SOLID", before)
 
     def occurrences(self, symbol: Symbol) -> list[Occurrence]:
         """Where a symbol is used or defined."""
@@ -120,12 +110,16 @@ class Symbols:
         new = new.removeprefix("$") if symbol.kind == "name" else new
         if symbol.kind == "index":
             if not re.fullmatch("[0-9]{1,9}", new):
-                raise ValueError(f"{new!r} is no index; expected {numbers('SURFACE', 'surfaces').bounds()}")
+                raise ValueError(f"{new!r} is no index; expected {words.numbers('SURFACE', 'surfaces').bounds()}")
             new = str(int(new))
         elif symbol.kind == "texture":
-            new = normalise(new)
+            new = words.normalise(new)
             if not re.fullmatch(r't-[^\s()#":={}]+', new):
                 raise ValueError(f"{new!r} is no name of a texture; expected t- and a word")
+        elif symbol.kind == "solid":
+            new = words.normalise(new)
+            if not re.fullmatch(r"[^\W\d][\w-]*", new) or new in words.ROWS:
+                raise ValueError(f"{new!r} is no name of a solid; expected a word that the language does not have")
         elif not NAME.fullmatch(new):
             raise ValueError(f"{new!r} cannot be a name; expected letters, digits and _")
         elif symbol.key in (FRAME, TIME):
@@ -144,15 +138,15 @@ class Symbols:
         token, before = self.tokens[max(i, 0)] if self.tokens else None, self.tokens[i - 1].role if i > 0 else ""
         if token is None or not token.start <= offset < token.end:
             return None
-        text, name = "", normalise(token.text)
+        text, name = "", words.normalise(token.text)
         if token.role in ROLES:
             text = descriptions.of_word(row(token.role, token.text))
         elif token.role in descriptions.OPERATORS:
             text = descriptions.OPERATORS[token.role]
         elif token.role == "WORD" and before in ("METAL", "CONDUCTOR"):
-            text = descriptions.of_metal(name) if name in METALS else "a metal that nobody knows"
-        elif token.role == "WORD" and before == "DIELECTRIC" and name in GLASSES:
-            text = f"The glass {GLASSES[name]}: n-refr = {INDICES[GLASSES[name]]} at 587.6 nm"
+            text = descriptions.of_metal(name) if name in words.METALS else "a metal that nobody knows"
+        elif token.role == "WORD" and before == "DIELECTRIC" and name in words.GLASSES:
+            text = f"The glass {words.GLASSES[name]}: n-refr = {words.INDICES[words.GLASSES[name]]} at 587.6 nm"
         return (token.start, token.end, text) if text else None
 
     @property
@@ -165,7 +159,7 @@ class Symbols:
     def _textures(self) -> dict[str, str]:
         """The kinds of textures."""
         patterns = self.reader.fields["patterns"].items()
-        return BUILT_IN | {name: pattern.kind for name, pattern in patterns if pattern}
+        return words.BUILT_IN | {name: pattern.kind for name, pattern in patterns if pattern}
 
     def _of_symbol(self, symbol: Symbol) -> str:
         """What is said of an index, a texture or a name."""
@@ -191,26 +185,30 @@ class Symbols:
             functions = [Completion(name, "function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._variables(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
-        begins = (token.start for token in reversed(self.tokens) if token.role in STATEMENTS and token.end < start)
-        text = self.text[next(begins, 0) : start]
-        before = Reader(text, tolerant=True)
+        before = Reader(self.text[:start], tolerant=True)
         last, expected = before.scanner.last, before.expected
-        unclosed = any(one.error.code == "unclosed" for one in before.skipped) and "RPAR" not in expected
-        comment = before.tokens and before.tokens[-1].text.startswith("#") and before.tokens[-1].end == len(text)
+        errors = [one.error.code for one in before.skipped if one.end == start]
+        unclosed = "unclosed" in errors and "RPAR" not in expected
+        comment = before.tokens and before.tokens[-1].text.startswith("#") and before.tokens[-1].end == start
         if unclosed or comment or last.role == "END":
             return []
         if last.role in INDEXED:
             return [*self._indices(last.role, start), *self._variables(start)]
         if last.role in ROLES and isinstance(row(last.role, last.text).takes, Numbers):
             return self._variables(start)
-        result = [one for role in ORDER if role in ROLES and role in expected for one in _words(role, start)]
+        result = [one for role in words.ORDER if role in ROLES and role in expected for one in _words(role, start)]
         if last.role in ("METAL", "CONDUCTOR"):
-            result += [Completion(name, "metal", start, METALS[name], descriptions.of_metal(name)) for name in METALS]
+            result += [
+                Completion(name, "metal", start, words.METALS[name], descriptions.of_metal(name))
+                for name in words.METALS
+            ]
         if last.role == "DIELECTRIC":
-            result += [Completion(name, "glass", start) for name in GLASSES]
+            result += [Completion(name, "glass", start) for name in words.GLASSES]
         if "TEXTURE_NAME" in expected:
             kinds = self._textures.items()
             result += [Completion(name, "texture", start, kind, descriptions.TEXTURES[kind]) for name, kind in kinds]
+        if "USE" in expected:
+            result += [Completion(name, "solid", start) for name in before.fields["solids"]]
         if {"NUMBER", "WORD"} & expected:
             result += self._variables(start)
         return result
@@ -233,7 +231,7 @@ class Symbols:
 def _words(role: str, start: int) -> Iterator[Completion]:
     """The keywords of a role: those of the statement before statements, canonical spellings before others."""
     kind, rank = ("statement", 2) if role in STATEMENTS else ("keyword", 0)
-    for word in of_role(role):
+    for word in words.of_role(role):
         for i, spelling in enumerate(word.spellings):
             detail, text = descriptions.takes(word), descriptions.of_word(word)
             yield Completion(spelling, kind, start, detail, text, rank + (i > 0))

@@ -9,16 +9,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .assembling import assemble, looking
+from . import output
 from .files import read
 from .kept import Kept
 from .language import document_of
 from .language.diagnostics import SceneError
 from .language.document import Document
+from .mitsuba.assemble import assemble, looking
 from .model import Scene
 from .nodes import Comment, Node
 from .options import Options
-from .write import output, xml
 
 AnyPath = str | os.PathLike[str]
 
@@ -60,7 +60,7 @@ def translate(
         "prosim" for this project's plugins, "stock" for those alone that Mitsuba brings (what these cannot say is
         approximated, and each approximation is a SceneWarning, given once).
     ``light_units``
-        "calibrated", "radiance" or "unattenuated": see :mod:`prosim_scene.targets.lights`.
+        "calibrated", "radiance" or "unattenuated": see :mod:`prosim_scene.mitsuba.lights`.
     ``tolerance``
         Largest chord error of a curved face, in pixels of the image (default 0.1).
     ``resolution``, ``samples``
@@ -84,7 +84,7 @@ def translate(
         allow_outside=allow_outside,
     )
     opened, source_path = _opened(source, define)
-    if not xml.can_say(source_path.stem):
+    if not output.can_say(source_path.stem):
         raise SceneError(
             f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
             "it; expected a name without control characters, in UTF-8",
@@ -106,7 +106,7 @@ def translate(
             relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
         except ValueError:  # on another drive of Windows
             relative = path.resolve().as_posix()
-        if not xml.can_say(relative):
+        if not output.can_say(relative):
             raise ValueError(f"the path {relative!r} cannot stand in XML; expected printable characters, in UTF-8")
         return relative
 
@@ -116,7 +116,7 @@ def translate(
 
     tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path, kept)}
     try:
-        return output.write(folder, stem, xml.write(tree), meshes)
+        return output.write(folder, stem, output.xml(tree), meshes)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
 
@@ -186,7 +186,7 @@ def _plain(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f
-    return xml.plain(tree, transform or (lambda matrix: matrix))
+    return output.plain(tree, transform or (lambda matrix: matrix))
 
 
 def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -277,7 +277,7 @@ def test_each_set_of_photons_is_drawn_by_one_worker(client, scene, variant_rgb, 
     def drawn():
         return sum(loaded.estimator.transport.caustics.draws for loaded in worker.scenes.values() if loaded.estimator)
 
-    monkeypatch.setattr(Remote, "bound", lambda *_: 2000)
+    monkeypatch.setattr(Remote, "limit", lambda *_: 2000)
     client.run(exec, FORGET)
     assert np.array_equal(there(client, scene), expected)
     assert sum(client.run(drawn).values()) == 4
@@ -361,7 +361,7 @@ def test_a_film(client, lamp, monkeypatch):
     monkeypatch.setattr(files, "save", saving)
     for said in ("2 of 6 frames rendered; interrupted", "2 had been rendered before; the scheduler has gone away"):
         result = prosim(*again, *cluster)
-        assert result.exit_code == 1 and f"{said}. The same command goes on" in result.stdout, result.output
+        assert result.exit_code == 1 and f"{said}. The same command continues" in result.stdout, result.output
     assert max(map(len, kernels(client))) <= 6  # each frame takes two
     watch_kernels(client, False)
     result = prosim(*again, *cluster)
@@ -389,7 +389,8 @@ def test_an_image_that_nobody_waits_for_any_more(client, lamp):
 
     with Remote(client, parcel := Parcel.of(scene_file.SceneFile(lamp, lamp.parent))) as taker:
         images = iter([Whole("an image", parcel, endless, (), 1)])
-        assert list(taker.make(images, lambda: anywhere("begun"))) == []
+        with closing(taker.make(images)) as answers:
+            assert next(answer for answer in answers if answer is not None or anywhere("begun")) is None
     end = time.monotonic() + 10
     while not anywhere("ended"):
         assert time.monotonic() < end
@@ -410,10 +411,10 @@ def test_a_scheduler_that_goes_away(lamp, monkeypatch):
     aim = ["--noise", 0.01]
     with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
 
-        def killing(self, record, last):
-            if not last and record().pixels["count"].any():
+        def killing(self, render, last=False):
+            if not last and render.counts().any():
                 process.kill()
-            keep(self, record, last)
+            keep(self, render, last)
 
         with monkeypatch.context() as patch:
             patch.setattr(Keeper, "__call__", killing)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import image
-from prosim_scene.solids import csg
+from prosim_scene.geometry import csg
 from running import XML, names, pixels, prosim
 
 FILM = """DEFAULT $kd = 0.4

@@ -11,17 +11,16 @@ import numpy as np
 import pytest
 from mitsuba_prosim.cli.job import job_of
 from mitsuba_prosim.engine import work
-from mitsuba_prosim.engine.pursuit import in_full_sets
+from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons.caustics import Caustics, placed
-from mitsuba_prosim.photons.emission import Sources, Start, left_out
+from mitsuba_prosim.photons.emission import Sources, Start, left_out, start_points
 from mitsuba_prosim.photons.footprint import Footprint
 from mitsuba_prosim.photons.gathering import Gathering
 from mitsuba_prosim.photons.grid import WIDE, Landed, Photons
 from mitsuba_prosim.photons.mis import expected
 from mitsuba_prosim.photons.targets import Targets, merged
-from mitsuba_prosim.sampling.sobol import starts
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
 from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
@@ -251,11 +250,9 @@ def test_no_photons_are_sent_out_for_a_few_pixels():
 
 def test_parts_of_a_wave_are_those_of_its_time(variant_rgb):
     """One pixel wants many samples: its last sets of photons take as long as the first, which was for both pixels."""
-    caustics = SimpleNamespace(maps=lambda n: n * n, kept=2)
+    caustics = SimpleNamespace(maps=lambda n: n * n, kept=2, count=10)
     state = SimpleNamespace(
-        estimator=SimpleNamespace(transport=SimpleNamespace(caustics=caustics)),
-        plan=SimpleNamespace(first=SimpleNamespace(n=2)),
-        set_cost=10.0,
+        estimator=SimpleNamespace(transport=SimpleNamespace(caustics=caustics)), plan=SimpleNamespace(n=2)
     )
     spans = [span for _, span in work.photon_steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state, 1)]
     assert np.allclose(spans, [(0, 18 / 46), (18 / 46, 32 / 46), (32 / 46, 1)])
@@ -352,7 +349,7 @@ def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb
     i = dr.arange(mi.UInt32, sources.pairs * n)
     cell = i * edge**2 // n
     shares = 100 + 50 * dr.arange(mi.Float, sources.pairs * edge**2)
-    start = sources.start(cell, shares, *starts(mi.UInt32(5), i), mi.Color0f())
+    start = sources.start(cell, shares, *start_points(mi.UInt32(5), i), mi.Color0f())
     own = dr.gather(mi.EmitterPtr, sources.pointers, i // (2 * n))
     origin = dr.zeros(mi.Interaction3f)
     origin.p = start.ray(dr.select(own.is_environment(), 0, 0.1))
@@ -466,7 +463,7 @@ def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(varian
         caustics = Caustics.of(world, world.sensors()[0], 1, 7, True)
         i = dr.arange(mi.UInt32, 4096)
         pair = i // 4096 + next(k for k in range(2) if abs(caustics.sources.targets.radii[k] - 0.8) < 0.01)
-        start = caustics.sources.start(pair, mi.Float(1, 1), *starts(mi.UInt32(5), i), mi.Color0f())
+        start = caustics.sources.start(pair, mi.Float(1, 1), *start_points(mi.UInt32(5), i), mi.Color0f())
         lying.append(dr.count(caustics.walk(start, i)[1].lies)[0])
     assert lying[0] > 0.9 * lying[1] > 900
 
@@ -489,7 +486,7 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
     shares, _, cell = placed(np.linspace(0.3, 1.7, cells) * (1 << 17) / cells if cells > 1 else np.array([1 << 17]))
     i = dr.arange(mi.UInt32, dr.width(cell))
-    start = caustics.sources.start(cell, shares, *starts(mi.UInt32(7), i), mi.Color0f())
+    start = caustics.sources.start(cell, shares, *start_points(mi.UInt32(7), i), mi.Color0f())
     landed, _ = caustics.walk(start, i)
     power = dr.sum(dr.select(landed.lies, landed.flux.x, 0))[0]
     place = (

@@ -15,11 +15,11 @@ import atheris
 
 with atheris.instrument_imports():
     import prosim_scene
-    from prosim_scene.assembling import assemble
+    from prosim_scene import output
     from prosim_scene.language import document_of
     from prosim_scene.language.words import WORDS
+    from prosim_scene.mitsuba.assemble import assemble
     from prosim_scene.options import Options
-    from prosim_scene.write import xml
 
 warnings.simplefilter("ignore")
 OPTIONS = Options(tolerance=1e3)
@@ -71,7 +71,7 @@ def one_input(data):
             tree = assemble(document, Path("/nonexistent"), OPTIONS, lambda name, _: name, str)
         except prosim_scene.SceneError:
             return
-        ElementTree.fromstring(xml.write(tree))
+        ElementTree.fromstring(output.xml(tree))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """Scenes as text, their meshes, and what is measured on them."""
 
 import numpy as np
-from prosim_scene import assembling, view
+from prosim_scene.camera import camera_of
+from prosim_scene.geometry import tessellate
 from prosim_scene.language import document_of
-from prosim_scene.solids import tessellate
+from prosim_scene.mitsuba import assemble
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 
@@ -18,16 +19,16 @@ def scene(tree, transforms, surfaces=()):
 
 
 def skins(text, tolerance=0.05):
-    """{Skin: Triangles} of a scene."""
+    """{MeshKey: Triangles} of a scene."""
     document = document_of(text, "test.scn")
     scene = document.scene
     return tessellate(
         document,
-        view.camera(document),
+        camera_of(document),
         tolerance,
-        lambda leaf: assembling.medium(scene, leaf),
-        lambda leaf: assembling.look(scene, leaf),
-        lambda leaf: assembling.fresnel(scene, leaf),
+        lambda leaf: assemble.medium(scene, leaf),
+        lambda leaf: assemble.look(scene, leaf),
+        lambda leaf: assemble.fresnel(scene, leaf),
     )
 
 
@@ -39,8 +40,8 @@ def solids(text, tolerance=0.05):
     scene = document_of(text, "test.scn").scene
     for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
-            looks.setdefault(assembling.look(scene, leaf), leaf.index)
-            media.setdefault(assembling.medium(scene, leaf), leaf.index)
+            looks.setdefault(assemble.look(scene, leaf), leaf.index)
+            media.setdefault(assemble.medium(scene, leaf), leaf.index)
     return {
         looks[skin.material] if skin.outside is None else (looks[skin.material], media[skin.outside]): triangles
         for skin, triangles in skins(text, tolerance).items()

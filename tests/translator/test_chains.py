@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 from meshes import area, assert_closed, scene, solids, volume
-from prosim_scene.solids import csg
+from prosim_scene.geometry import csg
 from test_exact_csg import EDGE, wrong_pixels
 
 

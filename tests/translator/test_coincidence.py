@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
+from prosim_scene.geometry.coincidence import same_surfaces
 from prosim_scene.language import document_of
-from prosim_scene.solids.recognition import same_surfaces
 
 GLASS = "material dieletrico n-refr = 1.5"
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from meshes import scene, solids, volume
-from prosim_scene import SceneError, SceneWarning, view
+from prosim_scene import SceneError, SceneWarning
+from prosim_scene.camera import camera_of
+from prosim_scene.geometry import detail
+from prosim_scene.geometry.leaves import Leaves
 from prosim_scene.language import document_of
-from prosim_scene.solids import detail
-from prosim_scene.solids.leaves import Leaves
 
 BALLS = [f"SCALE (.4 .4 .4) TRANSLATE ({i % 5 - 2} {i // 5 - 2} 0)" for i in range(20)]
 UNION = "+ " * 19 + " ".join(f"SPHERE {i}" for i in range(20))
@@ -15,7 +16,7 @@ UNION = "+ " * 19 + " ".join(f"SPHERE {i}" for i in range(20))
 def segments(tree, transforms, look="OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5"):
     """Around a circle, of the leaves of a scene under a view."""
     document = document_of(scene(tree, transforms).replace("OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5", look), "test.scn")
-    leaves = Leaves(document, view.camera(document), 0.1)
+    leaves = Leaves(document, camera_of(document), 0.1)
     return [leaves.solids[i].segments for i in leaves.of_leaf]
 
 

@@ -9,7 +9,8 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneWarning, view
+from prosim_scene import SceneWarning
+from prosim_scene.camera import camera_of
 from prosim_scene.language import document_of
 
 EDGE = 2  # pixels that may be wrong: slivers at the ends of edges, and what single precision does to them
@@ -54,7 +55,7 @@ def wrong_pixels(text, folder):
         warnings.simplefilter("ignore", SceneWarning)  # some primitives vanish
         document = document_of(text, path)
         prosim_scene.translate(path)
-    return len(exact_csg.wrong_pixels(document.scene, view.camera(document), seen_by_meshes(folder)))
+    return len(exact_csg.wrong_pixels(document.scene, camera_of(document), seen_by_meshes(folder)))
 
 
 def check(kind, seeds, tmp_path):
@@ -88,4 +89,4 @@ def test_the_judge_finds_a_primitive_in_the_wrong_place(variant_rgb, tmp_path):
     with pytest.warns(SceneWarning, match="no primitive has this index"):
         prosim_scene.translate(path)
     document = document_of(GRID, path)
-    assert len(exact_csg.wrong_pixels(document.scene, view.camera(document), seen_by_meshes(tmp_path))) > 50
+    assert len(exact_csg.wrong_pixels(document.scene, camera_of(document), seen_by_meshes(tmp_path))) > 50

@@ -8,13 +8,14 @@ import numpy as np
 import prosim_scene
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
-from prosim_scene import SceneWarning, view
+from prosim_scene import SceneWarning
+from prosim_scene.camera import camera_of
+from prosim_scene.geometry import csg, media, surfaces
+from prosim_scene.geometry.coincidence import Planes
+from prosim_scene.geometry.primitives import PRIMITIVES as SHAPES
+from prosim_scene.geometry.solids import matrix
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf, Operator
-from prosim_scene.solids import csg, media, triangles
-from prosim_scene.solids.coincidence import Planes
-from prosim_scene.solids.primitives import PRIMITIVES as SHAPES
-from prosim_scene.solids.transforms import matrix
 
 PRIMITIVES = {
     "CUBE": (1.0, 6.0),
@@ -114,7 +115,7 @@ def test_normals_are_those_of_the_quadric_after_cuts():
 
 def test_chord_error_is_below_the_tolerance():
     text = scene("SPHERE 0", ["SCALE (3 1 1)"])
-    camera = view.camera(document_of(text))
+    camera = camera_of(document_of(text))
     for tolerance in (0.5, 0.05):
         p = solids(text, tolerance)[0].positions / [3, 1, 1]
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
@@ -344,7 +345,7 @@ def test_depth_of_nesting_needs_no_recursion(tree):
     (body,) = csg.evaluate(
         nodes,
         groups,
-        lambda number: {media.OPAQUE: csg.Body(triangles.manifold(mesh, 0, number), box, frozenset(), planes, 0)},
+        lambda number: {media.OPAQUE: csg.Body(surfaces.manifold(mesh, 0, number), box, frozenset(), planes, 0)},
     )[0].values()
     assert body.manifold.volume() == pytest.approx(1)
 

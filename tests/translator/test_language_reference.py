@@ -6,7 +6,7 @@ from pathlib import Path
 import prosim_scene
 import pytest
 from prosim_scene.language.words import WORDS, normalise
-from prosim_scene.targets import textures
+from prosim_scene.mitsuba import textures
 
 TEXT = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```scn\n(.*?)```", TEXT, re.DOTALL)

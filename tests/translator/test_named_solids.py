@@ -3,6 +3,7 @@
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
+from prosim_scene.symbols import Symbols
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
@@ -72,6 +73,18 @@ def test_solids_of_solids_do_not_grow_without_a_limit():
     text = "SOLID s0 + CUBE 1 CUBE 1\n" + "".join(f"SOLID s{i} + s{i - 1} 1 s{i - 1} 1\n" for i in range(1, 60))
     with pytest.raises(SceneError, match="more than 100000 nodes"):
         prosim_scene.parse(text + "SURFACE 1 TRANSFORM 1 CSG-TREE s59 1 END")
+
+
+def test_an_editor_knows_named_solids():
+    symbols = Symbols(NAMED)
+    at = NAMED.index("LEG 11")
+    symbol = symbols.at(at).symbol
+    assert len(symbols.occurrences(symbol)) == len(symbols.renamed(symbol, "foot")) == 3
+    assert "SOLID leg + CYLINDER 1 SPHERE 2" in symbols.hover(at)[2]
+    assert {"leg", "CUBE"} <= {one.label for one in symbols.completions(at)}
+    assert {"20", "1"} <= {one.label for one in symbols.completions(at + len("LEG "))}
+    with pytest.raises(ValueError, match="no name of a solid"):
+        symbols.renamed(symbol, "CUBE")
 
 
 def test_an_image_lights_the_scene(tmp_path):

@@ -9,8 +9,8 @@ import numpy as np
 import prosim_scene
 import pytest
 from meshes import area, scene, skins, solids, volume
-from prosim_scene import assembling
 from prosim_scene.language import document_of
+from prosim_scene.mitsuba import assemble
 from prosim_scene.model import Leaf
 
 METAL = "metal"
@@ -73,7 +73,7 @@ def media_of_the_tree(text, origin, direction):
 
 
 def medium_of(read, leaf):
-    return METAL if read.surfaces[leaf.index].material == "conductor" else assembling.medium(read, leaf)
+    return METAL if read.surfaces[leaf.index].material == "conductor" else assemble.medium(read, leaf)
 
 
 def exists(read, inside, medium):

@@ -8,10 +8,10 @@ import numpy as np
 import prosim_scene
 import pytest
 from exact_csg import through_pixels
+from prosim_scene.camera import camera_of
+from prosim_scene.geometry import Triangles
 from prosim_scene.language import document_of
-from prosim_scene.solids import Triangles
-from prosim_scene.targets import clip
-from prosim_scene.view import camera
+from prosim_scene.mitsuba.sensor import clipping
 
 VIEWS = {
     "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",
@@ -90,7 +90,9 @@ def test_the_formula_of_the_translator_itself(name):
     i, j = np.array([0, 17, 99]), np.array([99, 3, 0])
     through, eye, *_ = formula(document.scene.view, i, j)
     d = through - eye
-    assert np.allclose(through_pixels(camera(document), i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14)
+    assert np.allclose(
+        through_pixels(camera_of(document), i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14
+    )
 
 
 def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
@@ -221,11 +223,11 @@ def test_nothing_is_clipped(name, target, tmp_path, variant_rgb):
 
 
 def test_planes_stay_where_they_are_if_nothing_is_cut_off():
-    camera_ = camera(document_of("LIGHTS POINT position 0 0 5 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END"))
+    camera = camera_of(document_of("LIGHTS POINT position 0 0 5 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END"))
 
     def planes(z):
         vertices = np.array([[0, 0, z], [1, 0, z], [0, 1, z]])
-        return clip.planes(camera_, [Triangles(vertices, vertices, vertices, np.array([[0, 1, 2]]))], ())
+        return clipping(camera, [Triangles(vertices, vertices, vertices, np.array([[0, 1, 2]]))], ())
 
     assert planes(0) == (0.02, 2e6)
     assert planes(19.99) == pytest.approx((0.01 / 2 / 1.5**0.5, 2e6))

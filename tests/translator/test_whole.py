@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from meshes import VIEW, assert_closed, scene, skins, solids, volume
-from prosim_scene.solids import media, triangles
+from prosim_scene.geometry import media, surfaces
 
 SHAPES = ["CUBE", "SPHERE", "CYLINDER", "CONE"]
 TURNED = "SCALE (1 {} 1.5) ROTATE-X (30) ROTATE-Z (200)"
@@ -42,7 +42,7 @@ def test_what_nothing_touches_is_what_an_operation_makes_of_it(monkeypatch, more
     monkeypatch.setattr(media, "whole", lambda *a: found.append(a) or whole(*a))
     meshes = skins(row(*more), 2)
     assert len(found) == count
-    monkeypatch.setattr(triangles, "components", lambda low, high: np.zeros(len(low), int))  # all are one group
+    monkeypatch.setattr(surfaces, "components", lambda low, high: np.zeros(len(low), int))  # all are one group
     expected = skins(row(*more), 2)
     assert len(found) == count and meshes.keys() == expected.keys()
     for skin, mesh in meshes.items():

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene import SceneError
-from prosim_scene.write import output
+from prosim_scene import SceneError, output
 
 SCENE = """LIGHTS POINT position 0 5 5
 VIEW OBS 0 0 9 VRP 0 0 0

@@ -29,7 +29,7 @@ from .job import Job
 from .log import log
 from .options import wrong_input
 from .progress import FilmBar, warn
-from .workers import Workers, pack
+from .workers import Workers, packed
 
 if TYPE_CHECKING:
     from ..cluster.errand import Whole
@@ -127,22 +127,21 @@ class Film:
         """
         job = frame.job
         with wrong_input():
-            task = Task.of(job, frame.file, frame.stem, facts=frame.facts)
-            parcel = pack(task)
+            task = packed(Task.of(job, frame.file, frame.stem, facts=frame.facts))
         if task.about is not None and not job.overwrite:
             task = replace(task, begin=unfinished(frame.stem, task.about))
         if self.signals:  # from here on the render listens itself
             return None, "interrupted"
-        executor, before = workers.executor(parcel), workers.spent()
-        result = render_image(task, self.bar, executor)
+        before = workers.spent()
+        result = render_image(task, self.bar, workers)
         if result.interrupted:
             return None, result.lost or "interrupted"
         self.see(frame, result)
         # A state is kept here, so that nothing is lost with a worker; and a time is that of all of them.
-        if executor is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
+        if workers.remote is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
             return None, None
         seconds, work = (now - then for now, then in zip(workers.spent(), before))
-        return Apart(executor, task.size(), seconds, int(work)), None
+        return Apart(workers.remote, task.size(), seconds, int(work)), None
 
     def frames_apart(self, apart: Apart, frames: Iterator[Frame]) -> str | None:
         """Lets each worker render some of the next frames, as long as they are small; returns by what it was

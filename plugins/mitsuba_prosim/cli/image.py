@@ -31,7 +31,9 @@ from .progress import Bar, Progress, warn
 from .tev import Viewer, viewer
 
 if TYPE_CHECKING:
+    from ..cluster.parcel import Parcel
     from ..cluster.remote import Remote
+    from .workers import Workers
 
 #: What an image is written as, and its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
@@ -63,6 +65,8 @@ class Task:
     begin: Record | None = None
     sources: Sequence[Path] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
+    #: The scene as it is sent to workers, where they take the samples.
+    parcel: Parcel | None = None
 
     @classmethod
     def of(
@@ -165,9 +169,9 @@ def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     return rendering.progressive(scene, sensor, job.seed, job.spp, **how)
 
 
-def render(task: Task, bar: Bar, executor: Remote | None = None, shown: Viewer | None = None) -> Result:
-    """Renders and writes an image or its state. ``bar``: shows the progress; ``executor``: takes the samples, if not
-    this process; ``shown``: where the image is shown.
+def render(task: Task, bar: Bar, workers: Workers, shown: Viewer | None = None) -> Result:
+    """Renders and writes an image or its state. ``bar``: shows the progress; ``workers``: take the samples, if not this
+    process; ``shown``: where the image is shown.
 
     Raises InputError, where nothing has been written, and ClickException; ends the process where it was interrupted
     before the first sample, unless it is a frame of a film.
@@ -175,6 +179,7 @@ def render(task: Task, bar: Bar, executor: Remote | None = None, shown: Viewer |
     job, is_frame = task.job, bool(task.facts)
     keeper = task.checked()
     with interruptible(task.integrator.cancel) as signals:
+        executor = workers.executor(task.parcel)
         begun = perf_counter()
         with failing():
             steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
@@ -360,19 +365,18 @@ def write_image(job: Job, stem: Path, begin: Record | None = None, sources: Coll
     ``begin``: continues from there; ``sources``: the files of ``begin``, which no image may overwrite. Raises
     InputError, where nothing has been written, and ClickException; ends the process where it was interrupted.
     """
-    from .workers import Workers, pack
+    from .workers import Workers, packed
 
     with log(job.verbose), session.threads(job.threads):
         with atomic.scratch() as folder, wrong_input():
-            task = Task.of(job, job.file(folder), stem, begin, sources)
-            parcel = pack(task)
+            task = packed(Task.of(job, job.file(folder), stem, begin, sources))
         with (
             Workers(job) as workers,
             viewer(job, task.sensor.film()) as shown,
             # The first step comes when the kernels are compiled and a part is rendered.
             Progress("compiling kernels") if rendering.keeps(task.integrator) else Progress("rendering", False) as bar,
         ):
-            result = render(task, bar, workers.executor(parcel), shown)
+            result = render(task, bar, workers, shown)
         if result.black:
             warn(result.black)
     click.echo(result.said)

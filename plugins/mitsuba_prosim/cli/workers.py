@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
@@ -18,15 +19,15 @@ if TYPE_CHECKING:
     from ..cluster.remote import Remote
 
 
-def pack(task: Task) -> Parcel | None:
-    """The scene as it is sent to the workers; None where there are none.
+def packed(task: Task) -> Task:
+    """The task with the scene as it is sent to the workers; as it is where there are none.
 
     Raises ClickException where Dask is missing, ValueError where the scene can't travel or its integrator does not
     render progressively, OSError.
     """
     option = task.job.helpers
     if option is None:
-        return None
+        return task
     if extras.missing("cluster"):
         raise click.ClickException(extras.needs(option, "cluster"))
     from ..cluster.parcel import Parcel
@@ -36,7 +37,7 @@ def pack(task: Task) -> Parcel | None:
             f"{option}: other processes take the samples where prosim or prosim_adaptive says which, in all but scalar "
             f"variants; this scene's integrator is {task.integrator.class_name()}. {HOW_TO_SAMPLE}"
         )
-    return Parcel.of(task.file, task.job.sensor)
+    return replace(task, parcel=Parcel.of(task.file, task.job.sensor))
 
 
 class Workers:

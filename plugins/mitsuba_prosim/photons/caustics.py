@@ -11,8 +11,7 @@ import numpy as np
 
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
-from ..sampling.sobol import starts
-from .emission import Sources
+from .emission import Sources, start_points
 from .footprint import Footprint
 from .gathering import Gathering
 from .grid import Landed, Photons
@@ -160,7 +159,7 @@ class Caustics:
         of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
         wanted = self._wavelengths(seed, t, n)
-        start = self.sources.start(pair, shares, *starts(combine(key, pair), of_pair), wanted)
+        start = self.sources.start(pair, shares, *start_points(combine(key, pair), of_pair), wanted)
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, pair)
         return landed, map_of, pair

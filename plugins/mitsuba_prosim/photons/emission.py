@@ -20,6 +20,8 @@ import numpy as np
 from ..light.balls import Balls, ball
 from ..masks import but_not
 from ..optics.nested import parts
+from ..sampling import sobol
+from ..sampling.hash import combine
 from . import targets as aim
 from .targets import Targets
 
@@ -347,3 +349,13 @@ def per_area_of_ball(n: mi.Normal3f, radius: mi.Float, d: mi.Vector3f) -> mi.Flo
     """Density per area with which :func:`on_ball` takes the point with the normal ``n``."""
     facing = dr.maximum(dr.dot(n, d), 0)
     return (FACING * 4 * facing + (1 - FACING)) / (4 * dr.pi * dr.square(radius))
+
+
+def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
+    """Two points in [0, 1)² for the ``i``-th photon under ``key``.
+
+    Both are Owen-scrambled Sobol' points, so that any aligned 2^k photons have one in each of 2^k rectangles of any
+    shape.
+    """
+    i = sobol.reverse(i)
+    return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

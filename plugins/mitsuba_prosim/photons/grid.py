@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.record import dr_array
+from ..compat import dr_array
 from ..sampling.hash import combine
 from .footprint import Footprint
 
@@ -211,7 +211,7 @@ def within_reach(
         off = mi.Point3f(place.x, place.y, place.z) - si.p
         d2 = dr.squared_norm(off) * inv_reach2
         # Rows that share a bucket are met in turn: the photons of each, with it alone.
-        near = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == key)
+        near = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
         near &= dr.square(dr.dot(off, si.n)) * inv_reach2 < OFF**2
         return i + 1, L + light(k, 1 - d2, near)
 

@@ -14,40 +14,18 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from .. import model
-from . import checks
+from . import checks, words
 from .diagnostics import CLIP, MOST, Diagnostic, SceneError, Source, Span, diagnostic, listing, quote
 from .document import Path
 from .suggestions import TEXTURES, hint, hint_within, meant, nearest, of_mark, spaced, unknown_name
 from .tokens import Definitions, Scanner, Token, UndefinedError
-from .words import (
-    BUILT_IN,
-    GLASSES,
-    INDEX,
-    METALS,
-    OPERATORS,
-    ORDER,
-    PIXELS,
-    ROLES,
-    ROWS,
-    STATEMENT_OF,
-    STATEMENTS,
-    Flags,
-    Numbers,
-    canonical,
-    is_statement,
-    meanings,
-    normalise,
-    of_role,
-    row,
-    spellings,
-    texture_name,
-)
+from .words import STATEMENTS, Numbers, normalise, row
 
 #: The most nodes of a tree that is made of named solids.
 LARGEST = 10**5
 #: A line that begins with the keyword of a statement.
 STATEMENT_LINE = re.compile(
-    rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, spellings(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
+    rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
     re.IGNORECASE | re.MULTILINE,
 )
 #: What a statement is followed by: another one, or the end of the text.
@@ -83,7 +61,7 @@ A_LIGHT = "; a light begins with AREA or POINT, as in POINT position 0 20 10 SPO
 PARENTHESES = re.compile(r"[\s:=]*\([-+.\d\s,;e]*\)", re.IGNORECASE)
 HTML_COLOR = re.compile(r"[\s:=]*#([0-9a-f]{6})\b", re.IGNORECASE)
 #: Trees as other languages write them.
-SOLID = rf"(?:{'|'.join(spellings('PRIMITIVE'))})\s+\d+"
+SOLID = rf"(?:{'|'.join(words.spellings('PRIMITIVE'))})\s+\d+"
 PREFIX = re.compile(SOLID, re.IGNORECASE)
 INFIX = re.compile(rf"{SOLID}[^()+*-]*\)*\s*[+*-]\s*\(*\s*{SOLID}", re.IGNORECASE)
 EXPLAINED = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are remarks"
@@ -182,11 +160,11 @@ class Reader:
             return
         if path in self.spans:
             kind = self.keyword.role
-            words = [self.keyword.text if kind == "SETTING" else canonical(kind)]
-            words += [f"{'$' * (kind == 'DEFAULT')}{index}" for index in path[1:]]
+            given = [self.keyword.text if kind == "SETTING" else words.canonical(kind)]
+            given += [f"{'$' * (kind == 'DEFAULT')}{index}" for index in path[1:]]
             self.report(
                 self.own[path],
-                f"{' '.join(words)} is given twice; the first is on line {self.source.line(self.spans[path])}",
+                f"{' '.join(given)} is given twice; the first is on line {self.source.line(self.spans[path])}",
                 "twice",
             )
             return
@@ -227,7 +205,7 @@ class Reader:
         if token.role not in expected:
             if "USE" not in expected or normalise(token.text) not in self.fields["solids"]:
                 raise self.unexpected(token)
-            self.token = self.tokens[-1] = token._replace(role="USE")
+            self.token = self.tokens[-1] = self.scanner.last = token._replace(role="USE")
         return self.token.role
 
     def numbers(self, follow: frozenset[str]) -> list[Token]:
@@ -265,8 +243,8 @@ class Reader:
 
     def value(self, keyword: Token, tokens: Sequence[Token]) -> Any:
         """The value of the tokens after a keyword, by its row: a number or a tuple; None if it is wrong."""
-        takes = INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
-        if isinstance(takes, Flags):
+        takes = words.INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
+        if isinstance(takes, words.Flags):
             return self.flags(keyword, tokens, takes)
         assert takes is not None
         value = None
@@ -303,15 +281,15 @@ class Reader:
         count = f"{len(tokens)} number{'s' * (len(tokens) != 1)}"
         self.report(_span(tokens or [keyword]), f"found {count} after {keyword.text}; expected {expected}", "count")
 
-    def flags(self, keyword: Token, tokens: Sequence[Token], takes: Flags) -> bool | tuple[bool, ...] | None:
+    def flags(self, keyword: Token, tokens: Sequence[Token], takes: words.Flags) -> bool | tuple[bool, ...] | None:
         """The value of TRUE and FALSE, or 1 and 0."""
         wrong = next((token for token in tokens if token.role == "NUMBER" and token.text not in ("0", "1")), None)
         if wrong is not None:
             self.report(wrong, f"found {quote(wrong.text)} after {keyword.text}; expected TRUE or FALSE", "count")
             return None
         if len(tokens) != takes.count:
-            words = f"{len(tokens)} word{'s' * (len(tokens) != 1)}"
-            reason = f"found {words} after {keyword.text}; expected {takes.counted()}"
+            count = f"{len(tokens)} word{'s' * (len(tokens) != 1)}"
+            reason = f"found {count} after {keyword.text}; expected {takes.counted()}"
             self.report(_span([keyword, *tokens]), reason, "count")
             return None
         result = tuple(t.text == "1" if t.role == "NUMBER" else row(t.role, t.text).name == "true" for t in tokens)
@@ -439,8 +417,8 @@ class Reader:
             role = self.token.role
             if role == "MINUS":  # the stray dash of the thesis's listing
                 role = self.next(VIEW)
-        if math.prod(values.get("resolution", ())) > PIXELS:
-            reason = f"these are too many pixels; expected {PIXELS} at most"
+        if math.prod(values.get("resolution", ())) > words.PIXELS:
+            reason = f"these are too many pixels; expected {words.PIXELS} at most"
             self.report(self.own["view", "resolution"], reason, "range")
         return model.View(**values)
 
@@ -481,7 +459,7 @@ class Reader:
         name = self.token
         if unknown := unknown_name(kind.role, name.text):
             raise self.source.error(name.span, unknown, "unknown-name")
-        which, table = ("glass", GLASSES) if kind.role == "DIELECTRIC" else ("metal", METALS)
+        which, table = ("glass", words.GLASSES) if kind.role == "DIELECTRIC" else ("metal", words.METALS)
         self.once(keyword if keyword.role == "METAL" else name, f"the {which}", *owner, which)
         values[which] = table.get(normalise(name.text))
         self.next(SURFACE)
@@ -509,9 +487,9 @@ class Reader:
         """TEXTURE."""
         self.next(frozenset(("TEXTURE_NAME",)))
         token = self.token
-        name = texture_name(token.text)
+        name = words.texture_name(token.text)
         self.begin("patterns", name)
-        kind, values = BUILT_IN.get(name), dict[str, Any]()
+        kind, values = words.BUILT_IN.get(name), dict[str, Any]()
         if self.next(TEXTURE | {"KIND"}) == "KIND":
             word = self.token
             brick = row("KIND", word.text).name == "brick"  # a kind, and with numbers a parameter
@@ -526,11 +504,11 @@ class Reader:
                 kind = row("KIND", word.text).name
         if kind is None:
             reason = f"the texture {quote(token.text)} has no kind; expected brick, stripes or fractal after its name"
-            self.report(token, reason + nearest(name, list(BUILT_IN)), "incomplete")
+            self.report(token, reason + nearest(name, list(words.BUILT_IN)), "incomplete")
         while self.token.role == "PARAMETER":
             keyword = self.token
             if kind is not None and kind not in row("PARAMETER", keyword.text).of:
-                known = listing(word.canonical for word in of_role("PARAMETER") if kind in word.of)
+                known = listing(word.canonical for word in words.of_role("PARAMETER") if kind in word.of)
                 reason = f"found {quote(keyword.text)} in a texture of kind {kind}; expected {known}"
                 self.report(keyword, reason, "unexpected")
             self.parameter(values, TEXTURE, "patterns", name)
@@ -547,7 +525,7 @@ class Reader:
         token = self.token
         name = normalise(token.text)
         self.begin("solids", name, at=token)
-        if name in ROWS:
+        if name in words.ROWS:
             self.report(token, f"found {quote(token.text)}, a word of the language; expected a name of its own", "name")
         wrong, nodes = self.wrong, self.tree()
         if not nodes and self.wrong == wrong:
@@ -664,8 +642,8 @@ class Reader:
 
     def unexpected(self, token: Token) -> SceneError:
         """The error about a token whose role is none of the expected ones."""
-        inner = [role for role in ORDER if role in self.expected and role not in STATEMENTS]
-        names = [name for role in inner for name in meanings(role)]
+        inner = [role for role in words.ORDER if role in self.expected and role not in STATEMENTS]
+        names = [name for role in inner for name in words.meanings(role)]
         if "USE" in self.expected:
             names += self.fields["solids"]
         if self.expected & STATEMENTS:
@@ -687,7 +665,7 @@ class Reader:
             return f"{found}, which may only follow a keyword", "unexpected"
         if self.expected == {"VARIABLE"}:
             return f"{found}; expected a name, such as $angle", "unexpected"
-        number = "NUMBER" in self.expected and token.role in (*OPERATORS.values(), "WORD")
+        number = "NUMBER" in self.expected and token.role in (*words.OPERATORS.values(), "WORD")
         if mistake := _meant_as_number(word, before) if number else "":
             return found + mistake, "not-a-number"
         if named := self.several_words(token, before):
@@ -714,12 +692,12 @@ class Reader:
             return f"; expected a glass's name, or n-refr = {quote(token.text)[1:-1]}"
         if "TEXTURE_NAME" in self.expected and (near := nearest(token.text, TEXTURES)):
             return f", the kind of a texture; expected the name of one{near}"
-        owner = STATEMENT_OF.get(token.role)
+        owner = words.STATEMENT_OF.get(token.role)
         if owner and owner != self.keyword.role:
-            owner = canonical(owner)
+            owner = words.canonical(owner)
             here = hint_within(token.text, within)
             return f", a word of {owner}" + (here or f"; expected it after {owner}, before any other statement")
-        if token.role in ROLES and token.role not in STATEMENTS and "NUMBER" not in self.expected:
+        if token.role in words.ROLES and token.role not in STATEMENTS and "NUMBER" not in self.expected:
             near = A_LIGHT if "LIGHT" in self.expected else hint(token.text)
             return f", which has no place here; expected {names}{near}"
         return f"; expected {names}"
@@ -731,7 +709,7 @@ class Reader:
         while rest and rest[-1].role in ("NUMBER", "BOOL"):
             rest.pop()
             given += 1
-        takes = row(rest[-1].role, rest[-1].text).takes if rest and rest[-1].role in ROLES else None
+        takes = row(rest[-1].role, rest[-1].text).takes if rest and rest[-1].role in words.ROLES else None
         one = isinstance(takes, Numbers) and takes.channels and given < 2
         if takes is None or given >= (1 if one else takes.count):
             return ""
@@ -746,11 +724,11 @@ class Reader:
         if "\n" in text[start : token.start]:
             return ""
         line = re.split(r'[\n"#()]', text[token.end : token.end + CLIP], maxsplit=1)[0].split()
-        more = itertools.takewhile(lambda word: not (word.isupper() and is_statement(word)), line)
+        more = itertools.takewhile(lambda word: not (word.isupper() and words.is_statement(word)), line)
         return f'NAME "{" ".join([*text[start : token.end].split(), *more])}"'
 
 
-OPERATOR = {symbol: model.Operator(symbol) for symbol in OPERATORS}
+OPERATOR = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
 
 
 def _span(tokens: Sequence[Token]) -> Span:
@@ -761,14 +739,14 @@ def _span(tokens: Sequence[Token]) -> Span:
 def _texture(token: Token) -> model.Texture | None:
     """What a token in a texture slot says: the name of a texture, that of an image's file, or none."""
     if token.role == "TEXTURE_NAME":
-        return model.Texture(name=texture_name(token.text))
+        return model.Texture(name=words.texture_name(token.text))
     return model.Texture(image=token.text) if token.role != "NULL" else None
 
 
 def _out_of_range(keyword: Token, token: Token, takes: Numbers) -> str:
     """What to say after ``found`` of a number that the keyword's row does not allow."""
     value = float(token.text)
-    if takes is INDEX and token.text.isdecimal() and len(token.text) > 9:
+    if takes is words.INDEX and token.text.isdecimal() and len(token.text) > 9:
         return "; expected an index of 9 digits at most"
     if not math.isfinite(value):
         return "; expected a finite number"
@@ -796,7 +774,7 @@ def _meant_as_number(word: str, before: Sequence[Token]) -> str:
         )
     if percent := PERCENT.fullmatch(word):
         return f", which is not a number; write {float(percent[1]) / 100:.10g}"
-    return f", which is not a number{braces}" if word[0] in "0123456789.+-" and word not in OPERATORS else ""
+    return f", which is not a number{braces}" if word[0] in "0123456789.+-" and word not in words.OPERATORS else ""
 
 
 def _infix(source: Source, nodes: Sequence[model.Operator | model.Leaf], spans: Sequence[Span]) -> str | None:
@@ -807,8 +785,8 @@ def _infix(source: Source, nodes: Sequence[model.Operator | model.Leaf], spans: 
     kinds = [isinstance(node, model.Leaf) for node in nodes]
     if len(nodes) < 3 or kinds != [True, False] * (len(nodes) // 2) + [True]:
         return None
-    words = [" ".join(source.text[start:end].split()) for start, end in spans]
-    operators, leaves = words[1::2], words[::2]
+    pieces = [" ".join(source.text[start:end].split()) for start, end in spans]
+    operators, leaves = pieces[1::2], pieces[::2]
     for products in (True, False):
         rest, others = leaves[:1], []
         for operator, leaf in zip(operators, leaves[1:]):

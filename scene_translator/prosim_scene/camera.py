@@ -1,0 +1,134 @@
+"""VIEW -> the camera: exactly the rays of the language, for off-centre and oblique windows too.
+
+A pixel (i, j) looks from E through VRP + u (umin + (i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .language.document import Document
+
+PARALLEL = 1e-9  # sine of an angle below which two directions count as parallel
+NOTHING = 1e-15  # length below which a direction counts as none
+WIDEST, NARROWEST = 1e5, 1e-9  # sides of a window in units of its distance
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The frame of a view: unit axes u (right), v (up), n (towards the eye's side), and the window seen from the eye.
+
+    ``left, bottom, right, top`` are plane coordinates relative to the foot of the eye on the plane, ``depth`` the
+    eye's distance to it.
+    """
+
+    eye: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    n: np.ndarray
+    depth: float
+    left: float
+    bottom: float
+    right: float
+    top: float
+    resolution: tuple[int, int]
+
+    @property
+    def pixel(self) -> tuple[float, float]:
+        """Width and height of a pixel on the view plane."""
+        return (self.right - self.left) / self.resolution[0], (self.top - self.bottom) / self.resolution[1]
+
+    @property
+    def square_pixels(self) -> bool:
+        """Whether width and height of a pixel agree to 1e-4 of a pixel over the whole image."""
+        w, h = self.pixel
+        return abs(w / h - 1) * max(self.resolution) < 1e-4
+
+    def footprint(self, distance: np.ndarray | float) -> np.ndarray:
+        """Length that the smaller side of a pixel covers at a distance from the eye."""
+        return np.asarray(min(self.pixel) * np.maximum(distance, 1e-3 * self.depth) / self.depth)
+
+    def may_see(self, corners: np.ndarray) -> np.ndarray:
+        """Whether the convex hull of points (..., n, 3) may reach into the pyramid that the window shows."""
+        x, y, z = np.moveaxis((corners - self.eye) @ self._axes.T, -1, 0)
+        x, y = x * self.depth, y * self.depth  # against the window's borders at the depth z
+        without = [z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z]
+        return np.asarray(~np.any([side.all(axis=-1) for side in without], axis=0))
+
+    @cached_property
+    def _axes(self) -> np.ndarray:
+        return np.stack([self.u, self.v, -self.n])
+
+
+def misfit(width: int, height: int, ratio: float) -> str | None:
+    """What is wrong with an image of so many pixels where the window is ``ratio`` times as wide as high: None unless
+    they are distorted by more than rounding, and than the eye forgives (a hundredth).
+    """
+    rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
+    if rounding or abs(width / (height * ratio) - 1) <= 0.01:
+        return None
+    shape = "square" if ratio == 1 else f"{ratio:.4g} times as wide as high"
+    return (
+        f"{width}x{height} pixels distort the image, because the scene's window is {shape}; "
+        f"{width}x{max(round(width / ratio), 1)} or {max(round(height * ratio), 1)}x{height} would not"
+    )
+
+
+def warn_of_distortion(document: Document) -> None:
+    """Says by a SceneWarning where a scene's own RESOLUTION and WINDOW do not fit each other."""
+    given = document.scene.view
+    umin, vmin, umax, vmax = given.window
+    wrong = misfit(*given.resolution, (umax - umin) / (vmax - vmin))
+    if wrong is not None:
+        known = document.given("view", "resolution")
+        document.warn(wrong, "view", "resolution" if known else "window")
+
+
+def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
+    """The :class:`Camera` of a scene, with its own resolution or another; a degenerate view is a SceneError."""
+    view = document.scene.view
+    eye, vrp, vup, normal = (np.array(x, dtype=float) for x in (view.eye, view.vrp, view.vup, view.vpn))
+    if not normal.any():
+        normal = eye - vrp
+        if np.linalg.norm(normal) < NOTHING:
+            raise document.error(
+                "OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane", "view", "eye"
+            )
+    if np.linalg.norm(normal) < NOTHING:
+        raise document.error("VPN has length 0 in single precision; expected a direction, or 0 0 0", "view", "vpn")
+    if np.linalg.norm(vup) < NOTHING:
+        raise document.error("VUP has length 0; expected a direction", "view", "vup")
+    n, up = normal / np.linalg.norm(normal), vup / np.linalg.norm(vup)
+    depth = float((eye - vrp) @ n)
+    if abs(depth) <= PARALLEL * max(np.linalg.norm(eye - vrp), np.linalg.norm(eye), np.linalg.norm(vrp)):
+        raise document.error(
+            "OBS lies on the view plane (through VRP, normal VPN); expected an eye off that plane", "view", "eye"
+        )
+    if depth < 0:
+        n, depth = -n, -depth
+    u = np.cross(up, n)
+    if np.linalg.norm(u) < PARALLEL:
+        raise document.error("VUP is parallel to VPN; expected a direction that points up in the image", "view", "vup")
+    u /= np.linalg.norm(u)
+    v = np.cross(n, u)
+    umin, vmin, umax, vmax = view.window
+    if umin >= umax or vmin >= vmax:
+        raise document.error(
+            f"the window {umin:g} {vmin:g} {umax:g} {vmax:g} is empty; "
+            "expected umin vmin umax vmax with umin < umax and vmin < vmax",
+            "view",
+            "window",
+        )
+    offset = vrp - eye
+    a, b = float(offset @ u), float(offset @ v)
+    result = Camera(eye, u, v, n, depth, a + umin, b + vmin, a + umax, b + vmax, resolution or view.resolution)
+    sides = result.right - result.left, result.top - result.bottom
+    if not NARROWEST * depth <= min(sides) <= max(sides) <= WIDEST * depth:
+        raise document.error(
+            f"the window is too large or too small at the distance {depth:g} from OBS; expected sides between "
+            f"{NARROWEST * depth:g} and {WIDEST * depth:g}",
+            "view",
+            "window",
+        )
+    return result

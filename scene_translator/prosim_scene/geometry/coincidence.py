@@ -1,0 +1,218 @@
+"""Coincident faces: solids that have planes in common are moved apart before an operation, and back together after it.
+
+Where two faces lie on the same plane but for rounding, an operation on their meshes leaves films of no thickness, and
+faces of the wrong owner, at the whim of the last digit. So every facet that lies on a surface that several primitives
+have in common is given the number of its plane, and the vertices are brought onto these planes. Before an operation the
+first solid's facets on the planes that it has in common with the second are moved by a distance that is large against
+rounding and small against all else, afterwards all but back, and in the end onto their planes:
+
+- in A + B, A grows: faces to the same side become A's, touching ones are swallowed;
+- in A - B and A * B, A shrinks: a flush cut goes through, touching ones leave no film, and faces to the same side (of A
+  and of what is kept of it) become A's.
+
+So the primitive that stands first in the tree wins, as Requicha and Voelcker (1985) regularize: no film, no dangling
+face. Facets of curved faces are treated likewise; those of one quadric are the same for all its bearers, see
+:mod:`.leaves`.
+
+Two surfaces that are meant to be the same differ by the rounding of transforms and of decimal fractions. They are
+compared by their equations, in the space of one of the two primitives, where the rounding is small and a difference
+that can be seen is not.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+import numpy as np
+from manifold3d import Manifold, Mesh64
+
+from .primitives import Mesh
+
+SAME = 1e-7  # of a quadric's coefficients in a primitive's own space
+NEAR = 1e-6  # the same of its coefficients in the whole scene's space: what differs more is not compared
+
+
+def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """For each of n surfaces the number of one that it is the same as, its representative.
+
+    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) of a primitive's own space, which ``matrices[i]`` (n, 4, 4) takes
+    to the world. A representative is its own, and the largest primitive among its like.
+    """
+    sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
+    group = _clusters(_features(quadrics, matrices))
+    order = np.argsort(-sizes, kind="stable")
+    result = np.full(len(quadrics), -1)
+    canonical = quadrics / np.linalg.norm(quadrics, axis=(1, 2), keepdims=True)
+    while len(order):
+        _, first, cluster = np.unique(group[order], return_index=True, return_inverse=True)
+        representative = order[first][cluster]
+        inverse = np.linalg.inv(matrices[order[first], :3, :3])[cluster]
+        relative = np.zeros((len(order), 4, 4))  # from the primitive's own space to the representative's
+        relative[:, :3, :3] = inverse @ matrices[order, :3, :3]
+        relative[:, :3, 3:] = inverse @ (matrices[order] - matrices[representative])[:, :3, 3:]
+        relative[:, 3, 3] = 1
+        found = relative.transpose(0, 2, 1) @ quadrics[representative] @ relative
+        found /= np.linalg.norm(found, axis=(1, 2), keepdims=True)
+        same = np.abs(found - canonical[order]).max(axis=(1, 2)) < SAME
+        same |= order == representative
+        result[order[same]] = representative[same]
+        order = order[~same]
+    return result
+
+
+def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Numbers (n, 10) that are equal for equal surfaces, in a space in which the scene has about the size 1."""
+    to_unit = np.eye(4)
+    center = matrices[:, :3, 3].mean(axis=0)
+    scale = max(np.abs(matrices[:, :3, 3] - center).max(), np.abs(matrices[:, :3, :3]).max())
+    to_unit[:3] = np.append(np.eye(3), -center[:, None], axis=1) / scale
+    inverse = np.linalg.inv(to_unit @ matrices)
+    world = inverse.transpose(0, 2, 1) @ quadrics @ inverse
+    world /= np.linalg.norm(world[:, :3, :3], axis=(1, 2))[:, None, None]
+    row, column = np.triu_indices(4)
+    return np.asarray(world[:, row, column])
+
+
+def _clusters(values: np.ndarray) -> np.ndarray:
+    """Labels of the rows of an array: rows that differ by less than NEAR in every column have the same label."""
+    label = np.zeros(len(values), int)
+    count = 0
+    while count < label.max() + 1:
+        count = label.max() + 1
+        for column in values.T:
+            order = np.lexsort([column, label])
+            new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > NEAR)
+            label[order] = np.concatenate([[0], np.cumsum(new)])
+    return label
+
+
+STEP = 2.0**-26  # of the scene's size as a power of two, less than single precision shows
+GRAIN = 2.0**-36  # of it, what facets are kept apart by; manifold3d takes 1e-12 for rounding
+
+#: Heights of facets over their planes, and the sides that they look to -> other heights.
+Target = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+class Planes:
+    """The planes that facets have in common.
+
+    ``planes`` (n, 4) are unit normals and offsets, n.p + d = 0; ``surface`` (n,) is the number of the surface that a
+    plane is (a part of). A facet with the number f lies on the plane ``of_facet[f]``, on none that is shared where that
+    is -1, and looks to the side ``side[f]`` of it (1 or -1). ``step`` is the distance by which solids are moved apart.
+    """
+
+    def __init__(
+        self, planes: np.ndarray, surface: np.ndarray, of_facet: np.ndarray, side: np.ndarray, step: float
+    ) -> None:
+        self.planes, self.surface, self.of_facet, self.side, self.step = planes, surface, of_facet, side, step
+        self.turned: set[int] = set()  # original ids of triangles that show their back where manifold3d says front
+        self.grain = step * GRAIN / STEP
+
+    def perturb(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
+        """A solid whose facets on some surfaces are moved by a step, outwards or (-1) inwards."""
+        return self._moved(solid, surfaces, lambda height, side: height + outwards * self.step * side)
+
+    def relax(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
+        """The result of an operation on a solid that has been moved apart: its facets go back, but stay in their order.
+
+        Strips between facets that were moved and facets that were not keep a width: manifold3d tidies up triangles
+        without an area as it likes.
+        """
+
+        def target(height: np.ndarray, side: np.ndarray) -> np.ndarray:
+            moved = np.abs(height) > self.step / 2
+            past = np.abs(height[~moved]).max(initial=0.0)
+            least = self.step - np.abs(height[moved]).min(initial=np.inf)
+            back = self.step - self.grain - past - max(least, 0.0)
+            if past > self.step / 4 or back < self.step / 2:
+                return np.zeros_like(height)  # after hundreds of operations on one plane
+            return np.where(moved, height - back * np.sign(height), height)
+
+        return self._moved(solid, surfaces, target)
+
+    def snap(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
+        """A solid with its vertices brought back onto their planes, as far as they lie on some surfaces."""
+        return self._moved(solid, surfaces, lambda height, side: np.zeros_like(height))
+
+    def adjusted(self, meshes: list[Mesh], first: np.ndarray) -> list[Mesh]:
+        """The meshes of primitives with their vertices brought onto their planes; the facets of mesh i are numbered
+        from ``first[i]``.
+        """
+        vertices = np.concatenate([np.empty((0, 3)), *(m.vertices for m in meshes)])
+        begin = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+        triangles = [np.empty((0, 3), np.int64), *(m.triangles + a for m, a in zip(meshes, begin))]
+        facets = [np.empty(0, np.int64), *(m.facets + a for m, a in zip(meshes, first))]
+        vertices = self.settled(vertices, np.concatenate(triangles), np.concatenate(facets))
+        return [replace(m, vertices=vertices[a:b]) for m, a, b in zip(meshes, begin, begin[1:])]
+
+    def settled(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
+        """Vertices (n, 3) brought onto the planes of the ``facets`` (m,) that ``triangles`` (m, 3) of them lie on."""
+        plane = self.of_facet[facets]
+        if not len(pairs := np.unique((triangles * len(self.planes) + plane[:, None])[plane >= 0])):
+            return vertices
+        vertex, on = np.divmod(pairs, len(self.planes))
+        return self.onto(vertices, vertex, on, 0.0)
+
+    def one_sided(self, surface: int, low: np.ndarray, high: np.ndarray) -> bool:
+        """Whether all boxes (n, 3), from ``low`` to ``high``, are known to lie on one side of a surface."""
+        planes = self.planes[self.surface == surface]
+        if len(planes) > 1:  # a curved one
+            return False
+        normal, offset = planes[0, :3], planes[0, 3]
+        middle, half = ((low + high) / 2) @ normal + offset, ((high - low) / 2) @ np.abs(normal)
+        return bool((middle + half < 8 * self.step).all() or (middle - half > -8 * self.step).all())
+
+    def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
+        """A solid with its facets on some surfaces moved to the heights over their planes that ``target`` gives for
+        their present heights and the sides that they look to; facets on other shared planes stay where they are.
+        """
+        if not surfaces:
+            return solid
+        mesh = solid.to_mesh64()
+        facets = np.asarray(mesh.face_id, dtype=np.int64)
+        plane, side = self.of_facet[facets], self.side[facets]
+        side = np.where(self.backs(mesh), -side, side)
+        concerned = np.isin(self.surface, list(surfaces))
+        chosen = (plane >= 0) & concerned[plane]
+        if not chosen.any():
+            return solid
+        triangles = np.asarray(mesh.tri_verts, dtype=np.int64)
+        vertices = np.array(mesh.vert_properties)[:, :3]
+        touched = np.zeros(len(vertices), bool)
+        touched[triangles[chosen]] = True
+        near = (plane >= 0) & touched[triangles].any(axis=1)
+        triangles, plane, side, chosen = triangles[near], plane[near], side[near], chosen[near]
+        height = (
+            np.einsum("tij,tj->ti", vertices[triangles], self.planes[plane, :3]).mean(axis=1) + self.planes[plane, 3]
+        )
+        height[chosen] = target(height[chosen], side[chosen])
+        pairs = triangles.ravel() * len(self.planes) + np.repeat(plane, 3)
+        pairs, first = np.unique(pairs, return_index=True)
+        vertex, on = np.divmod(pairs, len(self.planes))
+        kept = touched[vertex]
+
+        def warp(points: np.ndarray) -> np.ndarray:
+            return self.onto(np.array(points), vertex[kept], on[kept], height[first[kept] // 3])
+
+        return solid.warp_batch(warp)
+
+    def backs(self, mesh: Mesh64) -> np.ndarray:
+        """Which triangles are the back sides of primitives, of solids that were taken away."""
+        flags = np.asarray(mesh.run_flags, dtype=np.int64) & 1
+        turned = [int(i) in self.turned for i in mesh.run_original_id]
+        runs = np.asarray(mesh.run_index, dtype=np.int64) // 3
+        return np.repeat((flags == 1) != np.array(turned), runs[1:] - runs[:-1])
+
+    def onto(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, shift: np.ndarray | float) -> np.ndarray:
+        """Points moved as little as possible: number ``vertex[i]`` to the height ``shift[i]`` over ``plane[i]``."""
+        touched, index = np.unique(vertex, return_inverse=True)
+        normal, offset = self.planes[plane, :3], self.planes[plane, 3]
+        height = shift - (np.einsum("ij,ij->i", normal, points[vertex]) + offset)
+        normals = np.zeros((len(touched), 3, 3))  # sums of n n^T
+        heights = np.zeros((len(touched), 3, 1))
+        for i in range(3):
+            heights[:, i, 0] = np.bincount(index, normal[:, i] * height)
+            for j in range(3):
+                normals[:, i, j] = np.bincount(index, normal[:, i] * normal[:, j])
+        # The least solution of least squares (Tikhonov): few planes leave directions free, many meet in one point.
+        points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
+        return points

@@ -1,0 +1,66 @@
+"""Equal keys, and boxes that overlap or touch."""
+
+from collections.abc import Hashable, Iterable, Iterator
+from typing import TypeVar
+
+import numpy as np
+
+K = TypeVar("K", bound=Hashable)
+
+
+def alike(keys: Iterable[K]) -> dict[K, list[int]]:
+    """The numbers of equal keys, from 0, by the key."""
+    groups: dict[K, list[int]] = {}
+    for number, key in enumerate(keys):
+        groups.setdefault(key, []).append(number)
+    return groups
+
+
+PAIRS = 1 << 20  # at a time
+
+
+def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of touching boxes, each once and many at a time, as two arrays of their numbers.
+
+    ``low``, ``high`` (n, 3) are their min and max corners. Pairs go by the box with the lesser x, in the order of that.
+    """
+    order = np.argsort(low[:, 0], kind="stable")
+    low, high = low[order], high[order]
+    last = np.searchsorted(low[:, 0], high[:, 0], side="right")  # sweep along x
+    counts = np.maximum(last - np.arange(len(order)) - 1, 0)
+    ends = np.cumsum(counts)
+    begin = 0
+    while begin < len(order):
+        done = ends[begin - 1] if begin else 0
+        end = max(int(np.searchsorted(ends, done + PAIRS, side="right")), begin + 1)
+        first = np.repeat(np.arange(begin, end), counts[begin:end])
+        second = np.arange(len(first)) - np.repeat(ends[begin:end] - counts[begin:end] - done, counts[begin:end])
+        second += first + 1
+        for axis in (1, 2):
+            hits = (low[second, axis] <= high[first, axis]) & (high[second, axis] >= low[first, axis])
+            first, second = first[hits], second[hits]
+        if len(first):
+            yield order[first], order[second]
+        begin = end
+
+
+def touching(low: np.ndarray, high: np.ndarray, box: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """The numbers of the boxes that touch another one, in their order."""
+    found = np.flatnonzero((low[:, 0] <= box[1][0]) & (high[:, 0] >= box[0][0]))
+    return found[((low[found, 1:] <= box[1][1:]) & (high[found, 1:] >= box[0][1:])).all(axis=1)]
+
+
+def components(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """For each of n boxes the least number of those that it is connected with by touching."""
+    label = np.arange(len(low))
+    for first, second in sweep(low, high):
+        while True:
+            a, b = label[first], label[second]
+            if (a == b).all():
+                break
+            np.minimum.at(label, np.maximum(a, b), np.minimum(a, b))
+            while (label[label] != label).any():
+                label = label[label]
+        if not label.any():
+            break  # all are connected
+    return label

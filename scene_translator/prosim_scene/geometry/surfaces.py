@@ -1,0 +1,312 @@
+"""The triangles of the whole scene, and those of them that look alike, with the normals and surface parameters of the
+primitives that they come from.
+"""
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from manifold3d import Manifold, Mesh64
+
+from ..camera import Camera
+from ..collector import still
+from ..language.document import Document
+from ..model import Leaf, Operator
+from . import csg, media
+from .grouping import components
+from .leaves import Leaves
+from .media import heights
+from .primitives import Mesh
+
+
+class MeshKey(NamedTuple):
+    """What triangles look alike by: the material of their primitive, and the media on both sides.
+
+    ``outside`` is where the normal points, None is air. Of what is opaque ``inside`` is None, and ``outside`` too if it
+    does not reflect by Fresnel's equations.
+    """
+
+    material: Hashable
+    inside: Hashable = None
+    outside: Hashable = None
+
+
+@dataclass(eq=False)
+class Triangles:
+    """Triangles of one material: the numbers ``index`` (n, 3) of their corners' ``vertices`` (k, 3), which have unit
+    ``normals`` (k, 3) and ``uv`` (k, 2). Equal corners are one vertex.
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    uv: np.ndarray
+    index: np.ndarray
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Where the corners are (n, 3, 3)."""
+        return np.asarray(self.vertices[self.index])
+
+
+@dataclass(eq=False)
+class Submesh:
+    """Triangles of a result, with the codes of the kinds of each, ``kind`` (n,), and of each vertex, ``vertex_kind``
+    (k,). No vertex is of two kinds. Those that are not ``high`` (n,) are seams of no width.
+    """
+
+    triangles: Triangles
+    kind: np.ndarray
+    vertex_kind: np.ndarray
+    high: np.ndarray
+
+
+def corner_keys(of: np.ndarray, face: np.ndarray, uv: np.ndarray, alone: np.ndarray, first: int = 0) -> np.ndarray:
+    """Keys (n, 3), equal for equal corners: those ``of`` (n, 3) the same number, ``face`` (n,) and turn of ``uv``
+    (n, 3, 2). Those that stand ``alone`` (n, 3) have keys of their own, which are numbered from ``first``.
+    """
+    wrapped = (np.floor(uv[..., 0]) > 0).astype(int)
+    keys = np.asarray((of * 8 + face[:, None]) * 2 + wrapped)
+    keys[alone] = -1 - np.arange(first, first + alone.sum())
+    return keys
+
+
+#: No triangles.
+NOTHING = Submesh(
+    Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int)),
+    *(np.empty(0, int), np.empty(0, int), np.empty(0, bool)),
+)
+
+
+@dataclass(eq=False)
+class SurfaceMesh:
+    """What a tree comes to, whatever it looks like: all triangles, and the numbers of the kinds of each, ``kind`` (n,),
+    and of each vertex, ``vertex_kind`` (k,).
+
+    ``kinds`` are the numbers of their leaf and of the media that lie inside and outside. ``seen`` (kinds,) says of
+    which there is more than seams of no width.
+    """
+
+    triangles: Triangles
+    kind: np.ndarray
+    vertex_kind: np.ndarray
+    kinds: list[tuple[int, int, int]]
+    seen: np.ndarray
+    _chosen: dict[tuple[int, ...], Triangles] = field(default_factory=dict)
+
+    def chosen(self, groups: list[tuple[int, ...]]) -> list[Triangles]:
+        """The triangles of groups of kinds; a group of the last call has the same ones again."""
+        group_of = np.full(len(self.kinds), len(groups))
+        for number, kinds in enumerate(groups):
+            group_of[list(kinds)] = number
+        triangles, begins = _sorted(group_of[self.kind], len(groups))
+        vertices, firsts = _sorted(group_of[self.vertex_kind], len(groups))
+        of = self.triangles
+        place = np.empty(len(vertices), int)
+        place[vertices] = np.arange(len(vertices))
+
+        def chosen(group: int) -> Triangles:
+            some = vertices[firsts[group] : firsts[group + 1]]
+            index = place[of.index[triangles[begins[group] : begins[group + 1]]]] - firsts[group]
+            return Triangles(of.vertices[some], of.normals[some], of.uv[some], index)
+
+        self._chosen = {kinds: self._chosen.get(kinds) or chosen(group) for group, kinds in enumerate(groups)}
+        return list(self._chosen.values())
+
+
+def joined(submeshes: Sequence[Submesh], media: int) -> SurfaceMesh:
+    """All submeshes. A kind's code is (leaf m + inside + 1) m + outside + 1, m being ``media``."""
+    begin = np.cumsum([0, *(len(submesh.vertex_kind) for submesh in submeshes)])
+    columns = zip(*((p.triangles.vertices, p.triangles.normals, p.triangles.uv) for p in submeshes))
+    vertices, normals, uv = map(np.concatenate, columns)
+    index = np.concatenate([p.triangles.index + first for p, first in zip(submeshes, begin)])
+    codes, kind = np.unique(np.concatenate([p.kind for p in submeshes]), return_inverse=True)
+    vertex_kind = np.searchsorted(codes, np.concatenate([p.vertex_kind for p in submeshes]))
+    leaf, sides = np.divmod(codes, media**2)
+    kinds = list(zip(leaf.tolist(), (sides // media - 1).tolist(), (sides % media - 1).tolist()))
+    high = np.concatenate([p.high for p in submeshes])
+    seen = np.bincount(kind[high], minlength=len(kinds)) > 0
+    return SurfaceMesh(Triangles(vertices, normals, uv, index), kind, vertex_kind, kinds, seen)
+
+
+def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of what is of some group, group by group, and where each of ``count`` groups begins and ends."""
+    return np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups + 1, minlength=count + 2))[: count + 1]
+
+
+Number = TypeVar("Number", int, np.ndarray)
+CHUNK = 1 << 16  # triangles at a time
+
+
+def anew(_: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
+    """Keeps nothing."""
+    return make()
+
+
+@still()
+def tessellate(
+    document: Document,
+    camera: Camera,
+    tolerance: float,
+    medium: Callable[[Leaf], Hashable],
+    material: Callable[[Leaf], Hashable],
+    fresnel: Callable[[Leaf], bool],
+    kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = anew,
+) -> dict[MeshKey, Triangles]:
+    """The surfaces of a document's scene.
+
+    ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
+    None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
+    ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, to which its outside matters.
+    ``kept(key, make)`` may give what ``make`` has made for an equal key before. Raises :class:`SceneError` for a
+    transform that cannot be inverted and for more triangles than memory is provided for.
+    """
+    nodes = document.scene.csg
+    leaves = csg.leaves(nodes)
+    if not leaves:
+        return {}
+    names = [None, *map(medium, leaves)]
+    media_of = _numbered(names)[1:]
+    table = Leaves(document, camera, tolerance, media.cutters(nodes, media_of))
+    symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
+    reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
+    faces = kept(
+        (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects)
+    )
+    seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
+    alike: dict[MeshKey, list[int]] = {}
+    of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
+    filling: set[int] = set()  # media that are seen behind faces of other media's
+    for number, (leaf, inside, outside) in enumerate(faces.kinds):
+        seen[leaf] |= faces.seen[number]
+        filling |= {inside, outside} - {media_of[leaf]} if faces.seen[number] else set()
+        lining[leaf] |= faces.seen[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
+        inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
+        alike.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
+    # What fills a hollow has left its face to what has cut it, and is seen all the same.
+    filling -= {media.OPAQUE, media.AIR}
+    _report_vanished(document, seen | np.isin(media_of, list(filling)))
+    _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
+    shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
+    return dict(zip(shown, faces.chosen(list(shown.values()))))
+
+
+def _numbered(keys: Iterable[Hashable]) -> list[int]:
+    """Keys numbered from 0, in the order in which they are met first."""
+    numbers: dict[Hashable, int] = {}
+    return [numbers.setdefault(key, len(numbers)) for key in keys]
+
+
+def _faces(nodes: csg.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool]) -> SurfaceMesh:
+    """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric; ``reflects[i]``:
+    it is opaque, and reflects by Fresnel's equations.
+    """
+    table.make_meshes()
+    base = int(Manifold.reserve_ids(len(media_of)))
+    boxes = table.boxes[table.of_leaf] + table.planes.step * np.array([[-1.0], [1.0]])
+    groups = components(boxes[:, 0], boxes[:, 1])
+    single = np.bincount(groups, minlength=len(groups)) == 1
+
+    def value(number: int) -> csg.Value:
+        if single[groups[number]]:
+            return {}
+        i = int(table.of_leaf[number])
+        surfaces = table.solids[i].surfaces
+        mesh = manifold(table.meshes[i], table.first[i], base + number)
+        shared = frozenset(surfaces[surfaces >= 0].tolist())
+        return {media_of[number]: csg.Body(mesh, boxes[number : number + 1], shared, table.planes, i)}
+
+    fresnel = {base + number for number, reflecting in enumerate(reflects) if reflecting}
+    boundaries: list[media.Boundary] = []
+    for group, result in csg.evaluate(nodes, groups.tolist(), value).items():
+        if single[group]:
+            i = table.of_leaf[group]
+            boundaries.append(media.whole(table.meshes[i], base + group, table.first[i], media_of[group]))
+        else:
+            boundaries += media.boundaries(result, fresnel)
+    count = max(media_of) + 2
+    submeshes = [_submesh(table, boundary, boundary.ids - base, count) for boundary in media.batches(boundaries, CHUNK)]
+    return joined([NOTHING, *submeshes], count)
+
+
+def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
+    """A primitive's mesh whose triangles bear an id and the numbers of their facets, which begin with ``first``."""
+    bearing = Mesh64(
+        mesh.vertices.astype(np.float64, copy=False),
+        mesh.triangles.astype(np.uint64),
+        run_index=np.array([0, 3 * len(mesh.triangles)], np.uint64),
+        run_original_id=np.array([original_id], np.uint32),
+        face_id=(first + mesh.facets).astype(np.uint64),
+    )
+    return csg.checked(Manifold(bearing))
+
+
+def _submesh(table: Leaves, boundary: media.Boundary, leaf: np.ndarray, count: int) -> Submesh:
+    """A boundary with the normals and surface parameters of the leaves (n,) that its triangles come from."""
+    kind = _kind(leaf, boundary.inside, boundary.outside, count)
+    codes, number = np.unique(kind, return_inverse=True)
+    corner = boundary.triangles
+    columns = []
+    alone = 0  # so far
+    for start in range(0, len(corner), CHUNK):
+        part = slice(start, start + CHUNK)
+        positions = boundary.vertices[corner[part]]
+        found = table.surface(positions, leaf[part], boundary.facets[part], boundary.sign[part])
+        of = corner[part] * len(codes) + number[part, None]
+        keys = corner_keys(of, found.face, found.uv, found.alone, alone)
+        alone += int(found.alone.sum())
+        columns.append(
+            [keys, positions + table.origin, found.normals, found.uv, heights(boundary.vertices, corner[part])]
+        )
+    keys, positions, normals, uv, height = map(np.concatenate, zip(*columns))
+    _, first, index = np.unique(keys, return_index=True, return_inverse=True)
+    triangle, at = np.divmod(first, 3)
+    triangles = Triangles(positions[triangle, at], normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
+    return Submesh(triangles, kind, kind[triangle], height > 2 * table.planes.step)
+
+
+def _kind(leaf: Number, inside: Number, outside: Number, count: int) -> Number:
+    """The code of a kind of triangles, see :func:`joined`."""
+    result: Number = (leaf * count + inside + 1) * count + outside + 1
+    return result
+
+
+def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
+    """What a face tells of the media on its sides: ``own`` is its leaf's. What is opaque tells where it lies if it
+    ``reflects`` by Fresnel's equations. A dielectric that has cut what is opaque is a dielectric's face all the same.
+    """
+    if own == media.OPAQUE:
+        return own, outside if reflects else media.AIR
+    return own if inside == media.OPAQUE else inside, outside
+
+
+def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:
+    """Warns of what is opaque and has cut glass, which it lines with its own surface; and of glass in its place."""
+    numbers = [n for n, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
+    said = set()
+    for leaf in np.flatnonzero(lining).tolist():
+        node = document.scene.csg[numbers[leaf]]
+        if isinstance(node, Leaf) and (node.shape, node.index) not in said:
+            said.add((node.shape, node.index))
+            document.warn(
+                f"{node.shape.upper()} {node.index} cuts glass, and the faces of the cut are its own: SURFACE "
+                f"{node.index} is opaque, and lines the glass; expected material dieletrico in SURFACE {node.index}"
+                if opaque[leaf]
+                else f"{node.shape.upper()} {node.index} cuts what is opaque, and the faces of the cut are its own: "
+                f"SURFACE {node.index} is a dieletrico, through which one looks into the solid; expected another "
+                f"material in SURFACE {node.index}",
+                "csg",
+                numbers[leaf],
+            )
+
+
+def _report_vanished(document: Document, seen: np.ndarray) -> None:
+    leaves = [(n, leaf) for n, leaf in enumerate(document.scene.csg) if isinstance(leaf, Leaf)]
+    gone = [leaf for leaf, s in zip(leaves, seen) if not s]
+    if len(gone) == len(leaves):
+        document.warn("the tree's result is empty: nothing is left to see", "csg")
+    elif gone:
+        names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in gone[:10]]
+        more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
+        reason = f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result"
+        document.warn(reason + document.operation(gone[0][0]), "csg", gone[0][0])

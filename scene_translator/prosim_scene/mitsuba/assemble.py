@@ -1,0 +1,173 @@
+"""Scene -> dictionary: what a scene's statements and the meshes of its tree become in Mitsuba's terms."""
+
+from collections.abc import Callable, Hashable
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Camera, camera_of, warn_of_distortion
+from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
+from ..kept import Kept
+from ..language.document import Document
+from ..model import Leaf, Scene
+from ..nodes import Comment, Default, Node
+from ..options import Options
+from . import TARGETS, Target, lights, materials
+from .context import LARGEST, Context, check, check_transforms
+from .materials import MediumInterface
+from .sensor import clipping, sensor
+
+
+def medium(scene: Scene, leaf: Leaf) -> Hashable:
+    """The medium inside a dielectric, by what it refracts and absorbs; None, the opaque one, inside anything else."""
+    surface = scene.surfaces[leaf.index]
+    if surface.material != "dielectric":
+        return None
+    return surface.eta, surface.glass, surface.abbe, surface.transmittance, surface.thickness
+
+
+def fresnel(scene: Scene, leaf: Leaf) -> bool:
+    """Whether an opaque leaf reflects by Fresnel's equations, other than in air where it lies in a dielectric."""
+    return scene.surfaces[leaf.index].material in ("conductor", "composite")
+
+
+def look(scene: Scene, leaf: Leaf) -> Hashable:
+    """Equal for leaves that look alike, and share a mesh: a solid texture is bound to its leaf's own space."""
+    surface = scene.surfaces[leaf.index]
+    slots = materials.slots(leaf, surface)
+    return surface, slots, leaf.index if slots[1] else None
+
+
+def assemble(
+    document: Document,
+    folder: Path,
+    options: Options,
+    store: Callable[[str, bytes], str],
+    image_path: Callable[[Path], str],
+    kept: Kept | None = None,
+) -> Node:
+    """A scene's dictionary.
+
+    ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
+    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
+    earlier translation has left, and this one leaves.
+    """
+    scene, target = document.scene, TARGETS[options.target]
+    kept = kept or Kept()
+    context = Context(
+        document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
+    )
+    camera = camera_of(document, options.resolution)
+    if options.resolution is None and options.target == "prosim":  # stock says what it makes of the pixels
+        warn_of_distortion(document)
+    check_transforms(document)
+    triangles = tessellate(
+        document,
+        camera,
+        options.tolerance or TOLERANCE,
+        lambda leaf: medium(scene, leaf),
+        lambda leaf: look(scene, leaf),
+        lambda leaf: fresnel(scene, leaf),
+        kept.faces,
+    )
+
+    result: Node = {"type": "scene"} | check(document, target.settings(context))
+    result["view_comment"] = _comment(document, "VIEW", "view")
+    result["view"] = check(document, _sensor(context, target, camera, list(triangles.values())), "view")
+    for i, light in enumerate(scene.lights):
+        lights.warn_of_radius(context, i, light)
+        result[f"light_{i}_comment"] = _comment(document, light.kind.upper(), "lights", i)
+        result[f"light_{i}"] = check(document, target.light(context, i, light), "lights", i)
+    return result | _shapes(context, target, triangles, kept, store)
+
+
+def looking(document: Document, options: Options, kept: Kept | None) -> Node:
+    """The sensor of a document's VIEW, before the faces that an earlier translation has left in ``kept``."""
+    context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
+    faces = kept.found if kept else None
+    bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
+    camera = camera_of(document, options.resolution)
+    return check(document, _sensor(context, TARGETS[options.target], camera, bodies), "view")
+
+
+def _shapes(
+    context: Context,
+    target: Target,
+    triangles: dict[MeshKey, Triangles],
+    kept: Kept,
+    store: Callable[[str, bytes], str],
+) -> Node:
+    """The shapes, in the order of the tree: one for each skin of leaves that look alike."""
+    document, scene = context.document, context.scene
+    skins: dict[Hashable, list[MeshKey]] = {}
+    for skin in triangles:
+        skins.setdefault(skin.material, []).append(skin)
+    alike = _alike(scene)
+    media: dict[Hashable, int] = {
+        medium(scene, leaf): leaf.index for leaves in reversed(alike) for _, leaf in leaves[:1]
+    }
+    result: Node = {}
+    for leaves in alike:
+        number, leaf = leaves[0]
+        bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
+        for skin in skins.get(look(scene, leaf), []):
+            name = f"surface_{leaf.index}"
+            while name in result:
+                name += "_"
+            if not np.abs(triangles[skin].vertices).max() <= LARGEST:
+                raise document.error(
+                    "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
+                )
+            content = kept.file(triangles[skin], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+            if content is None:
+                document.warn(
+                    f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
+                    "transforms",
+                    leaf.index,
+                )
+                continue
+            sides = MediumInterface(
+                leaf.index if skin.inside == medium(scene, leaf) else media[skin.inside],
+                None if skin.outside is None else media[skin.outside],
+            )
+            met = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
+            text = f"SURFACE {leaf.index} of {bearers}{met}"
+            result[name + "_comment"] = _comment(document, text, "surfaces", leaf.index)
+            result[name] = {
+                "type": "ply",
+                "filename": store(name, content),
+                **check(document, target.surface(context, number, leaf, sides), "surfaces", leaf.index),
+            }
+    return result
+
+
+def _comment(document: Document, text: str, *path: str | int) -> Comment:
+    return Comment(f"{text} (line {document.line(*path)})")
+
+
+def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:
+    """The leaves that look alike, with their numbers in the tree."""
+    alike: dict[Hashable, list[tuple[int, Leaf]]] = {}
+    for number, leaf in enumerate(scene.csg):
+        if isinstance(leaf, Leaf):
+            alike.setdefault(look(scene, leaf), []).append((number, leaf))
+    return list(alike.values())
+
+
+def _sensor(context: Context, target: Target, camera: Camera, bodies: list[Triangles]) -> Node:
+    camera = target.camera(context, camera)
+    width, height = camera.resolution
+    film = {
+        "type": "hdrfilm",
+        "width": Default("width", width),
+        "height": Default("height", height),
+        "pixel_format": "rgb",
+        "component_format": "float32",
+        "filter": {"type": "box"},
+    }
+    return sensor(
+        camera,
+        clipping(camera, bodies, context.scene.lights),
+        film,
+        {"type": target.SAMPLER, "sample_count": context.samples**2},
+    )

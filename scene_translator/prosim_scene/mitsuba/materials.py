@@ -1,0 +1,179 @@
+"""SURFACE -> BSDF of this project's plugins, and what both targets need of a surface."""
+
+import math
+from dataclasses import dataclass
+
+from ..language.words import INDICES, numbers
+from ..model import GREY, Leaf, Surface, Texture, Vector
+from ..nodes import Node, rgb
+from . import textures
+from .context import Context
+
+BLACK = (0.0, 0.0, 0.0)
+#: The least absorption of a channel, as a share of the largest: ``volpath`` gives no number where there is none.
+LEAST = 1e-7
+
+
+@dataclass(frozen=True)
+class MediumInterface:
+    """The media on both sides of a face, as the indices of SURFACEs; ``outside`` is None for air, and ``inside`` the
+    face's own SURFACE where that is opaque.
+    """
+
+    inside: int
+    outside: int | None = None
+
+
+def roughness(surface: Surface) -> Node:
+    """The parameters of a rough surface."""
+    if surface.exponent is not None:
+        return {"distribution": "phong", "exponent": surface.exponent}
+    if surface.slope:
+        return {"distribution": "beckmann", "alpha": surface.slope}
+    return {}
+
+
+def defaults(surface: Surface) -> tuple[Vector, Vector, Vector]:
+    """kd, ks and ka of a surface, with the defaults of its material."""
+    kd = surface.kd or GREY
+    ks = surface.ks or ((1 - kd[0], 1 - kd[1], 1 - kd[2]) if surface.material == "composite" else BLACK)
+    ka = surface.ka
+    if ka is None:
+        ka = BLACK if surface.material in ("conductor", "dielectric") else kd
+    return kd, ks, ka
+
+
+def slots(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]:
+    """The textures that have an effect on a leaf."""
+    return leaf.textures if surface.material not in ("conductor", "dielectric") else (None, None)
+
+
+def mean_index(context: Context, index: int, surface: Surface) -> float:
+    """The index of refraction as one number; per-channel ones are averaged, and said so."""
+    if surface.glass:
+        return INDICES[surface.glass]
+    assert surface.eta is not None
+    if len(set(surface.eta)) > 1:
+        context.approximate(
+            "the index of refraction differs from channel to channel: its mean is used, without dispersion "
+            "(a dieletrico disperses by abbe, or a glass's name)",
+            "surfaces",
+            index,
+        )
+    return sum(surface.eta) / 3
+
+
+def indices(context: Context, sides: MediumInterface) -> Node:
+    """The indices of refraction on both sides of a dielectric's face: numbers, or what depends on the wavelength."""
+    inside = _index(context, sides.inside, "int")
+    return inside | (
+        {"ext_ior": context.scene.air_index} if sides.outside is None else _index(context, sides.outside, "ext")
+    )
+
+
+def mean_indices(context: Context, sides: MediumInterface) -> Node:
+    """The same as one number each."""
+    inside = mean_index(context, sides.inside, context.scene.surfaces[sides.inside])
+    return {"int_ior": inside, "ext_ior": index_outside(context, sides)}
+
+
+def index_outside(context: Context, sides: MediumInterface) -> float:
+    """The index of refraction outside of a face, as one number."""
+    if sides.outside is None:
+        return context.scene.air_index
+    return mean_index(context, sides.outside, context.scene.surfaces[sides.outside])
+
+
+def invisible(indices: Node) -> bool:
+    """Whether a face has the same index on both sides: then it is smooth, whatever it is made of."""
+    inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
+    return inside == outside
+
+
+def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
+    """The BSDF of this project's plugins for a leaf, node ``number`` of the tree."""
+    surface = context.scene.surfaces[leaf.index]
+    kd, ks, ka = defaults(surface)
+
+    def textured(color: Vector) -> Node:
+        return textures.reflectance(context, number, leaf, slots(leaf, surface), color)
+
+    if surface.material == "conductor":
+        node: Node = {"type": "prosim_conductor", "ext_ior": index_outside(context, sides), **roughness(surface)}
+        if surface.metal:
+            node["material"] = surface.metal
+        elif surface.eta and surface.k:
+            node |= {"eta": rgb(surface.eta), "k": rgb(surface.k)}
+    elif surface.material == "dielectric":
+        node = {"type": "prosim_dielectric", **(both := indices(context, sides))}
+        node |= {} if invisible(both) else roughness(surface)
+    elif surface.material == "lambertian":
+        node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
+    elif surface.material == "composite":
+        node = {
+            "type": "prosim_composite",
+            "diffuse_reflectance": textured(kd),
+            "specular_reflectance": rgb(ks),
+            **mean_indices(context, sides),
+            **roughness(surface),
+        }
+    else:
+        node = {"type": "prosim_phong", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks)}
+        if (exponent := phong_exponent(surface)) is not None:
+            node["exponent"] = exponent
+    if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
+        node["ambient"] = textured(ka)
+    return node
+
+
+def _index(context: Context, index: int, side: str) -> Node:
+    surface = context.scene.surfaces[index]
+    if surface.glass:
+        return {f"{side}_material": surface.glass}
+    dispersion = {} if surface.abbe is None else {f"{side}_abbe": float(surface.abbe)}
+    return {f"{side}_ior": mean_index(context, index, surface), **dispersion}
+
+
+def absorbs(surface: Surface) -> bool:
+    """Whether light is absorbed inside."""
+    return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
+
+
+def media(context: Context, sides: MediumInterface) -> Node:
+    """What lies on the sides of a dielectric's face and absorbs, as parameters of its shape; nothing for others."""
+    result = {"interior": _medium(context.scene.surfaces[sides.inside])}
+    if sides.outside is not None:
+        result["exterior"] = _medium(context.scene.surfaces[sides.outside])
+    return {name: medium for name, medium in result.items() if medium}
+
+
+def _medium(surface: Surface) -> Node:
+    """A medium that absorbs; nothing for what is clear.
+
+    By Beer's law the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, hence the
+    scale.
+    """
+    if not absorbs(surface):
+        return {}
+    assert surface.transmittance is not None
+    sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
+    scale = max(sigma)
+    shares = rgb(max(s / scale, LEAST) for s in sigma)
+    return {"type": "homogeneous", "albedo": 0.0, "sigma_t": shares, "scale": scale}
+
+
+def phong_exponent(surface: Surface) -> float | None:
+    """Exponent of the Phong lobe, None for a mirror; an RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007).
+
+    The largest is that of the language.
+    """
+    if surface.exponent is None and surface.slope:
+        return min(max(2 / surface.slope**2 - 2, 0.0), numbers("OPTIC", "exponent").high)
+    return surface.exponent
+
+
+def beckmann_slope(surface: Surface) -> float:
+    """Beckmann's RMS slope: m itself, or that of a Phong exponent n (n = 2/m^2 - 2); 0: smooth."""
+    if surface.exponent is not None:
+        return math.sqrt(2 / (surface.exponent + 2))
+    return surface.slope or 0.0

@@ -1,0 +1,50 @@
+"""How this project's plugins say a scene."""
+
+from ..camera import Camera
+from ..model import Leaf, Light
+from ..nodes import Comment, Default, Node, rgb
+from . import lights, materials
+from .context import Context
+
+SAMPLER = "nrook"
+
+
+def settings(context: Context) -> Node:
+    """The integrator."""
+    scene = context.scene
+    background = rgb(lights.radiometric(scene.background.color))
+    if scene.background.image is not None:
+        background = {"type": "bitmap", "filename": context.image(scene.background.image, "background", "image")}
+    # What is ours alone is said only where a scene asks for it.
+    word, ours = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
+    return {
+        "comment": Comment(f"{scene.name}: SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW{word}, AMBIENT, BACKGROUND"),
+        "integrator": {
+            "type": "prosim",
+            "samples": Default("samples", context.samples),
+            "max_level": scene.max_level,
+            "shadows": scene.shadows,
+            **ours,
+            "ambient": rgb(lights.radiometric(scene.ambient)),
+            "background": background,
+            "hide_emitters": True,
+            "channels": "".join(c for c, saved in zip("rgb", scene.channels, strict=True) if saved),
+        },
+    }
+
+
+def camera(context: Context, camera: Camera) -> Camera:
+    """The camera itself: any can be said."""
+    return camera
+
+
+def light(context: Context, number: int, light: Light) -> Node:
+    """An emitter, or the sphere that bears it."""
+    if light.kind == "sky":
+        return lights.sky(context, number, light)
+    return lights.emitter(context, number, light, context.light_units)
+
+
+def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
+    """The BSDF of a leaf, and what lies on its sides."""
+    return {"bsdf": materials.bsdf(context, number, leaf, sides), **materials.media(context, sides)}

@@ -1,0 +1,95 @@
+"""Camera -> Mitsuba's sensor: exactly the rays of the language, for off-centre and oblique windows too.
+The planes between which Mitsuba's cameras see are wide enough for all of the scene, as the language clips nothing.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ..camera import Camera
+from ..geometry import Triangles
+from ..model import Light
+from ..nodes import Node
+
+#: By default, in units of the view plane's distance.
+NEAR, FAR = 1e-3, 1e5
+
+
+def clipping(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
+    """Depths of the near and the far plane that cut off no triangle of the ``bodies``, and no light.
+
+    The near plane is moved to the eye where something lies before it, but never on the eye.
+    """
+    near, far = NEAR * camera.depth, FAR * camera.depth
+    for light in lights:
+        if light.kind == "sky":
+            continue
+        far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
+    extent = 0.0
+    for body in bodies:
+        far = max(far, 2 * float(_depth(camera, body.vertices).max()))
+        extent = max(extent, float(np.abs(body.vertices - camera.eye).max()))
+    corner = np.linalg.norm(
+        [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
+    )
+    slant = float(corner / camera.depth)  # how much longer the way is in a corner of the image
+    distance = min((_distance(camera.eye, body, near * slant) for body in bodies), default=np.inf)
+    if distance < near * slant:
+        near = max(distance / (2 * slant), 1e-9 * extent)
+    return near, far
+
+
+def _depth(camera: Camera, points: np.ndarray) -> np.ndarray:
+    return np.asarray((camera.eye - points) @ camera.n)
+
+
+def _distance(point: np.ndarray, body: Triangles, reach: float) -> float:
+    """Distance from a point to the nearest triangle; infinite where none comes within ``reach``."""
+    below, above = body.vertices < point + reach, body.vertices > point - reach
+    if not (below.any(axis=0) & above.any(axis=0)).all():
+        return np.inf
+    close = np.all(below[body.index].any(axis=1) & above[body.index].any(axis=1), axis=1)
+    corners = body.vertices[body.index[close]] - point
+    if not len(corners):
+        return np.inf
+    a, b = corners, np.roll(corners, -1, axis=1)
+    edge = b - a
+    length = np.maximum(np.einsum("tij,tij->ti", edge, edge), 1e-300)
+    along = np.clip(-np.einsum("tij,tij->ti", a, edge) / length, 0, 1)
+    result = float(np.linalg.norm(a + along[..., None] * edge, axis=2).min())
+    # The foot on the plane, where it lies within the triangle: to the same side of all edges.
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    sides = np.einsum("tij,tj->ti", np.cross(edge, -a), normal)
+    within = np.all(sides >= 0, axis=1) & (np.abs(normal).max(axis=1) > 0)
+    if within.any():
+        size = np.linalg.norm(normal[within], axis=1)
+        result = min(result, float(np.abs(np.einsum("tj,tj->t", corners[within, 0], normal[within]) / size).min()))
+    return result
+
+
+def sensor(camera: Camera, planes: tuple[float, float], film: Node, sampler: Node) -> Node:
+    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others, between two ``planes``."""
+    width, height = camera.right - camera.left, camera.top - camera.bottom
+    to_world = np.eye(4)
+    # Mitsuba's camera looks along +z with x to the left of the image.
+    to_world[:3] = np.stack([-camera.u, camera.v, -camera.n, camera.eye], axis=1)
+    common = {"to_world": to_world, "near_clip": planes[0], "far_clip": planes[1], "film": film, "sampler": sampler}
+    if not camera.square_pixels:
+        return {
+            "type": "prosim_window",
+            "left": camera.left / camera.depth,
+            "right": camera.right / camera.depth,
+            "bottom": camera.bottom / camera.depth,
+            "top": camera.top / camera.depth,
+            **common,
+        }
+    return {
+        "type": "perspective",
+        "fov": 2 * math.degrees(math.atan2(width / 2, camera.depth)),
+        "fov_axis": "x",
+        # In units of the image's width and height, from its centre to where the eye looks straight at the plane.
+        "principal_point_offset_x": 0.5 + camera.left / width,
+        "principal_point_offset_y": 0.5 - camera.top / height,
+        **common,
+    }

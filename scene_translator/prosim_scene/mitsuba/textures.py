@@ -1,0 +1,89 @@
+"""Texture slots -> Mitsuba textures.
+
+Slot 1 is a pattern or an image on the surface parameters (u, v), slot 2 a pattern in the primitive's own space, a
+solid. Both modulate ka and kd: a pattern's colours are factors of these, slot 1's of slot 2's.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..geometry.solids import matrix
+from ..model import Leaf, Scene, Texture
+from ..nodes import Node, rgb_clipped
+from .context import Context
+
+#: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.
+DEFAULTS: dict[str, dict[str, Any]] = {
+    # 12 bricks with their joints along u, 26 rows along v: no seam.
+    "brick": {
+        "brick": (1.0, 0.7, 0.6),
+        "mortar": (1.4, 1.5, 1.8),
+        "brick_width": 1 / 12 - 1 / 250,
+        "brick_height": 1 / 26 - 1 / 250,
+        "mortar_width": 1 / 250,
+        "stagger": 0.5,
+    },
+    "stripes": {"color0": (1.0, 1.0, 1.0), "color1": (0.35, 0.35, 0.35), "frequency": 6.0, "duty": 0.5},
+    "fractal": {
+        "color0": (0.5, 0.5, 0.5),
+        "color1": (1.2, 1.2, 1.2),
+        "scale": 4.0,
+        "octaves": 6,
+        "gain": 0.5,
+        "lacunarity": 2.0,
+        "seed": 0,
+    },
+}
+#: Across the stripes: along v on a surface, along z (a cylinder's axis) in a solid.
+STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}
+
+COLORS = ("brick", "mortar", "color0", "color1")
+
+#: Makes of a pattern's factor the colour that it stands for, or a texture within the pattern.
+Colored = Callable[[Iterable[float]], Node]
+
+
+def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any]]:
+    """Kind and complete parameters of a texture."""
+    pattern = scene.patterns[name]
+    axis = {"axis": STRIPES_AXIS[solid]} if pattern.kind == "stripes" else {}
+    return pattern.kind, DEFAULTS[pattern.kind] | axis | dict(pattern.parameters)
+
+
+def reflectance(
+    context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]
+) -> Node:
+    """A colour of a leaf, node ``number`` of the tree, with its two texture slots: an rgb or a (nested) texture."""
+    first, second = slots
+    scene = context.scene
+
+    def product(factor: Iterable[float]) -> list[float]:
+        return [a * b for a, b in zip(color, factor, strict=True)]
+
+    def inner(factor: Iterable[float]) -> Node:
+        if second is None:
+            return rgb_clipped(product(factor))
+        node = pattern(
+            scene, second, True, lambda f: rgb_clipped(a * b for a, b in zip(product(factor), f, strict=True))
+        )
+        return node | {"solid": True, "to_local": np.linalg.inv(matrix(scene.transforms[leaf.index]))}
+
+    if first is None:
+        return inner((1, 1, 1))
+    if first.image is None:
+        return pattern(scene, first, False, inner)
+    image = {"type": "bitmap", "filename": context.image(first.image, "csg", number, "textures", 0)}
+    if np.allclose(color, 1) and second is None:
+        return image
+    return {"type": "prosim_product", "a": image, "b": inner((1, 1, 1))}
+
+
+def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> Node:
+    """A pattern's plugin, its colours made by ``colored``."""
+    assert texture.name is not None
+    kind, values = parameters(scene, texture.name, solid)
+    return {"type": "prosim_" + kind} | {
+        key: colored(value) if key in COLORS else value for key, value in values.items()
+    }

@@ -1,0 +1,321 @@
+"""The files of a translation: binary PLY, XML, and where they go.
+
+They are ``STEM.xml``, and its meshes in ``STEM-meshes``.
+
+A mesh's name ends in the digest of its content. So a mesh never changes under the XML that names it, whatever is killed
+when; translations of the same scene at the same time write the same files; and a file whose name agrees with its
+content is one that a translation wrote, and may be removed by the next one. Nothing else ever is.
+"""
+
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from .files import PART, refuse_special, replace
+from .geometry import Triangles
+from .nodes import Comment, Default, Node, Point
+
+
+def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
+    """The bytes of a PLY file.
+
+    Triangles without area in single precision are left out; None where no others are.
+    """
+    vertices, index = triangles.vertices.astype("<f4"), triangles.index
+    a, b, c = (vertices[index[:, i]] for i in range(3))
+    kept = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
+    if not kept.any():
+        return None
+    columns = [vertices, triangles.normals]
+    names = ["x", "y", "z", "nx", "ny", "nz"]
+    if with_uv:
+        columns.append(triangles.uv)
+        names += ["u", "v"]
+    vertices = np.concatenate(columns, axis=1).astype("<f4")
+    if not kept.all():
+        used, index = np.unique(index[kept], return_inverse=True)
+        vertices = vertices[used]
+    faces = np.empty(int(kept.sum()), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    faces["count"], faces["index"] = 3, index.reshape(-1, 3)
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property float {name}" for name in names),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+        "",
+    ]
+    return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
+
+
+INDENT = "    "
+UNSPEAKABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+
+#: The element of each plugin that the translator uses.
+TAGS = {
+    plugin: tag
+    for tag, plugins in {
+        "integrator": "prosim path volpath",
+        "sensor": "perspective prosim_window",
+        "film": "hdrfilm",
+        "sampler": "nrook multijitter",
+        "rfilter": "box",
+        "shape": "ply sphere",
+        "medium": "homogeneous",
+        "emitter": "prosim_area prosim_point area point spot constant envmap",
+        "texture": "bitmap prosim_brick prosim_stripes prosim_fractal prosim_product",
+        "bsdf": "prosim_conductor prosim_dielectric prosim_lambertian prosim_composite prosim_phong diffuse conductor "
+        "roughconductor dielectric roughdielectric plastic roughplastic blendbsdf",
+    }.items()
+    for plugin in plugins.split()
+}
+
+
+def plain(node: Node, transform: Callable[[np.ndarray], Any]) -> Node:
+    """The dictionary for ``mi.load_dict``: no comments, defaults by their values, ``transform`` applied to matrices."""
+
+    def value(v: Any) -> Any:
+        if isinstance(v, dict):
+            return plain(v, transform)
+        return v.value if isinstance(v, Default) else transform(v) if isinstance(v, np.ndarray) else v
+
+    return {key: value(v) for key, v in node.items() if not isinstance(v, Comment)}
+
+
+def xml(scene: Node) -> str:
+    """The XML text of a scene."""
+    root = ElementTree.Element("scene", version="3.0.0")
+    for default in {d.name: d for d in _defaults(scene)}.values():
+        ElementTree.SubElement(root, "default", name=default.name, value=number(default.value))
+    statements = []  # where they begin, each with a comment
+    for key, value in scene.items():
+        if isinstance(value, Comment):
+            statements.append(len(root))
+        if key != "type":
+            _entry(root, key, value, 1)
+    ElementTree.indent(root, INDENT)
+    for i in statements:  # a blank line before each
+        if i:
+            root[i - 1].tail = f"\n{root[i - 1].tail}"
+        else:
+            root.text = f"\n{root.text}"
+    # ElementTree writes "<a />", and the line ends in a matrix as character references.
+    text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>").replace("&#10;", "\n")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
+
+
+def can_say(text: str) -> bool:
+    """Whether a name can stand in XML: no control characters, nor bytes that were no UTF-8."""
+    return not UNSPEAKABLE.search(text)
+
+
+def number(value: float) -> str:
+    """Ten digits, more than Mitsuba's single precision keeps."""
+    return format(value, ".10g")
+
+
+def _defaults(node: Node) -> Iterator[Default]:
+    for value in node.values():
+        if isinstance(value, Default):
+            yield value
+        elif isinstance(value, dict):
+            yield from _defaults(value)
+
+
+def _entry(parent: ElementTree.Element, key: str, value: Any, depth: int) -> None:
+    """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
+    if isinstance(value, Comment):
+        text = (
+            UNSPEAKABLE.sub("?", value)
+            .replace("&", "&amp;")
+            .replace("<", "&lt;")
+            .replace(">", "&gt;")
+            .replace("--", "- -")
+        )
+        parent.append(ElementTree.Comment(f" {text} "))
+    elif isinstance(value, dict):
+        _element(parent, key, value, depth)
+    else:
+        _property(parent, key, value, depth)
+
+
+def _element(parent: ElementTree.Element, key: str, node: Node, depth: int) -> None:
+    if node["type"] == "rgb":
+        ElementTree.SubElement(parent, "rgb", name=key, value=", ".join(map(number, node["value"])))
+        return
+    element = ElementTree.SubElement(parent, TAGS[node["type"]], type=node["type"])
+    # An object in the scene is known by its id, a nested texture by the parameter that it is.
+    if parent.tag == "scene":
+        element.set("id", key)
+    elif element.tag in ("texture", "bsdf", "medium"):
+        element.set("name", key)
+    for name, value in node.items():
+        if name != "type":
+            _entry(element, name, value, depth + 1)
+
+
+def _property(parent: ElementTree.Element, name: str, value: Any, depth: int) -> None:
+    if isinstance(value, np.ndarray):
+        transform = ElementTree.SubElement(parent, "transform", name=name)
+        # The rows stand one below the other.
+        indent = "\n" + INDENT * (depth + 1) + " " * len('<matrix value="')
+        ElementTree.SubElement(transform, "matrix", value=indent.join("  ".join(map(number, row)) for row in value))
+        return
+    if isinstance(value, list | tuple):
+        x, y, z = map(number, value)
+        ElementTree.SubElement(parent, "point" if isinstance(value, Point) else "vector", name=name, x=x, y=y, z=z)
+        return
+    kind, text = _scalar(value)
+    ElementTree.SubElement(parent, kind, name=name, value=text)
+
+
+def _scalar(value: Any) -> tuple[str, str]:
+    if isinstance(value, Default):
+        return _scalar(value.value)[0], f"${value.name}"
+    if isinstance(value, bool):
+        return "boolean", str(value).lower()
+    if isinstance(value, int):
+        return "integer", str(value)
+    return ("float", number(value)) if isinstance(value, float) else ("string", value.replace("$", "\\$"))
+
+
+if sys.platform != "win32":
+    import fcntl
+
+#: Stands in each XML file that a translation writes.
+MARK = "A translation from the scene language; the next one takes its place"
+WAIT = 10.0  # seconds, for another translation to the same folder
+MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
+
+
+def mesh_name(name: str, content: bytes) -> str:
+    """The file name of a mesh."""
+    return f"{name}-{_digest(content)}.ply"
+
+
+def meshes_folder(stem: str) -> str:
+    """The name of the folder of the meshes."""
+    return f"{stem}-meshes"
+
+
+def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
+    """Writes the XML ``text`` and the ``meshes`` by their file names; returns the path of the XML.
+
+    The XML comes last, by renaming: it never stands without its meshes. Meshes of earlier translations are removed.
+    Raises OSError, FileExistsError among them where a file of the user's is in the way; then nothing has changed.
+    """
+    xml, bodies = folder / f"{stem}.xml", folder / meshes_folder(stem)
+    _make_sure_of(xml, bodies)
+    with _alone_in(bodies) as alone:
+        written: list[Path] = []
+        try:
+            for name, content in meshes.items():
+                if not _holds(bodies / name, content):
+                    replace(bodies / name, content, bodies)
+                    written.append(bodies / name)
+            replace(xml, text.encode(), bodies)
+        except BaseException:
+            for path in written:
+                path.unlink(missing_ok=True)
+            with suppress(OSError):  # it is not empty, or a link
+                bodies.rmdir()
+            raise
+        if alone:
+            _tidy(bodies, meshes)
+    return xml
+
+
+def _digest(content: bytes) -> str:
+    return blake2b(content, digest_size=8).hexdigest()
+
+
+def _make_sure_of(xml: Path, bodies: Path) -> None:
+    """Raises where what is there already is not a translation's."""
+    if xml.is_dir():
+        raise IsADirectoryError(
+            0, "this folder stands where the translation goes; move it, or choose another folder", xml
+        )
+    refuse_special(xml)
+    if xml.exists() and MARK.encode() not in xml.read_bytes():
+        raise FileExistsError(
+            0, "this file is no translation and is not overwritten; move it, or choose another folder", xml
+        )
+    if os.path.lexists(bodies) and not bodies.is_dir():
+        raise FileExistsError(
+            0,
+            "this file, or link to nowhere, stands where the folder of the meshes goes; move it, or choose another "
+            "folder",
+            bodies,
+        )
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[bool]:
+    """Makes the folder, and keeps other translations out of it as long as the context lasts: else one could remove the
+    meshes of another before the XML that names them is there. Raises TimeoutError after WAIT seconds.
+
+    Returns whether that can be done: not on Windows, nor in every network's file system. The lock is the folder's own,
+    so that nothing is left behind where a translation is killed.
+    """
+    end = time.monotonic() + WAIT
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        if sys.platform == "win32":
+            yield False
+            return
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            alone = _locked(descriptor, folder, end)
+            try:
+                if not os.path.samestat(os.fstat(descriptor), os.stat(folder)):
+                    continue  # it was removed, and perhaps made again, in the meantime
+            except FileNotFoundError:
+                continue
+            yield alone
+            return
+        finally:
+            os.close(descriptor)
+
+
+def _locked(descriptor: int, folder: Path, end: float) -> bool:
+    """Locks a folder; False where it cannot be locked. Raises TimeoutError after the time ``end``."""
+    while sys.platform != "win32":
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            if time.monotonic() > end:
+                raise TimeoutError(
+                    0, "another translation is writing to this folder; wait for it, or choose another folder", folder
+                ) from None
+            time.sleep(0.02)
+        except OSError:
+            break
+    return False
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+
+
+def _tidy(bodies: Path, meshes: dict[str, bytes]) -> None:
+    """Removes the meshes of earlier translations, and what those that were killed left unfinished."""
+    for path in bodies.iterdir():
+        if path.name not in meshes and path.is_file() and _ours(path):
+            path.unlink(missing_ok=True)
+
+
+def _ours(path: Path) -> bool:
+    match = MESH.fullmatch(path.name)
+    return bool(path.name.startswith(PART) or (match and _digest(path.read_bytes()) == match[1]))

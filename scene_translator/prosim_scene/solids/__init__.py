@@ -1,7 +1,0 @@
-"""From the CSG tree to triangles: primitives, their transforms, the tree evaluated, the surfaces of the result."""
-
-from .detail import TOLERANCE
-from .faces import Faces, Skin, Triangles
-from .triangles import tessellate
-
-__all__ = ["TOLERANCE", "Faces", "Skin", "Triangles", "tessellate"]

@@ -1,1 +1,0 @@
-"""Files: scenes as XML, meshes as PLY."""

@@ -18,8 +18,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
-from ..caustics.caustics import Which
 from ..engine.work import Local, Results, WorkItem
+from ..photons.caustics import Which
 from ..saved import origin
 from ..scene import atomic, rendering, scene_file
 from . import worker

@@ -24,13 +24,13 @@ import numpy as np
 import prosim_scene
 
 from ..alone import alone
-from ..caustics.caustics import Which
-from ..caustics.photons import Photons
 from ..compat import dr_array
 from ..engine.estimate import Estimator
 from ..engine.plan import Plan
 from ..engine.policies import POLICIES
 from ..engine.work import WorkItem
+from ..photons.caustics import Which
+from ..photons.grid import Photons
 from ..saved import origin
 from ..scene import session
 from .bundle import SceneBundle

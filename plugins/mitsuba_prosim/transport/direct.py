@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..light.table import Lamp
 from ..masks import but_not
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Points
 from . import asking, lobes
 from .absorption import beyond, transmittance
 from .indivisible import is_whole
@@ -24,7 +24,7 @@ def direct_light(
     ray: Ray,
     si: mi.SurfaceInteraction3f,
     bsdf: mi.BSDF | mi.BSDFPtr,
-    points: NRook | SamplerPoints,
+    points: Points,
     active: mi.Bool,
     scattered: mi.Bool | bool = False,
 ) -> tuple[mi.Spectrum, mi.Float | None]:

@@ -9,7 +9,8 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from ..optics import ambient
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.nrook import SamplerPoints
+from ..sampling.sobol import Points
 from .absorption import ENDLESS, before, transmittance
 from .direct import direct_light
 from .merging import share, straight
@@ -19,12 +20,7 @@ from .surroundings import background_radiance
 
 
 def shade(
-    stage: Stage,
-    ray: Ray,
-    camera: mi.Ray3f,
-    points: NRook | SamplerPoints,
-    active: mi.Bool,
-    scattered: mi.Bool | bool = False,
+    stage: Stage, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool, scattered: mi.Bool | bool = False
 ) -> tuple[mi.Spectrum, Node]:
     """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
     direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths;

@@ -7,13 +7,17 @@ of it.
 from __future__ import annotations
 
 import re
+import signal
+import threading
 from collections import Counter
 from collections.abc import MutableMapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # ---------------------------------------------------------------- transforms
 # Up to 3.9 the transform of a sensor or a shape is an AffineTransform4f. From 3.10 on it is an AnimatedTransform4f:
@@ -31,6 +35,8 @@ def world_transform(sensor: mi.Sensor, time: float | mi.Float = 0.0) -> mi.Affin
 
 def world_matrix(sensor: mi.Sensor) -> np.ndarray:
     """Matrix of :func:`world_transform` at time 0: shape (4, 4), double precision."""
+    import numpy as np  # slow to import, and not needed before the first image
+
     return np.array(world_transform(sensor).matrix, dtype=float).reshape(4, 4)
 
 
@@ -72,6 +78,8 @@ def _at(transform: Any, time: float | mi.Float) -> mi.AffineTransform4f:
 
 def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
     """Vertices of ``shape`` in the world: shape (n, 3), double precision. None where ``shape`` is no mesh."""
+    import numpy as np
+
     parameters = mi.traverse(shape)
     name = next((name for name in ("positions", "vertex_positions") if name in parameters), None)
     return None if name is None else np.array(parameters[name], dtype=np.float64).reshape(-1, 3)
@@ -104,6 +112,8 @@ def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.Emit
 
 def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]:
     """``things``, each given with its shape: first those that are no meshes."""
+    import numpy as np
+
     result = [thing for thing, shape in things if shape is None or not shape.is_mesh()]
     meshes = [(thing, shape) for thing, shape in things if shape is not None and shape.is_mesh()]
     if len(meshes) < 2:
@@ -120,8 +130,25 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
 
 def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
     """All parameters of ``shape``, its emitter and its BSDF: names and values."""
+    import numpy as np
+
     values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}
     return sorted((name, value.tobytes()) for name, value in values.items() if value.dtype != object)
+
+
+# ---------------------------------------------------------------- pointers
+# A ShapePtr has no way back to the object in Python. Its bits are the number of the shape in Dr.Jit's registry (1.5).
+
+
+def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
+    """The shape that one ray met; None for one within an instance."""
+    numbers = [_number(mi.ShapePtr(shape)) for shape in scene.shapes()]
+    met = _number(si.shape)
+    return scene.shapes()[numbers.index(met)] if met in numbers else None
+
+
+def _number(pointer: mi.ShapePtr) -> int:
+    return int(dr.reinterpret_array(mi.UInt32, pointer)[0])
 
 
 # ---------------------------------------------------------------- threads
@@ -135,6 +162,9 @@ EXR_THREADS = 3
 
 #: Suffixes of a plugin's file on Linux, macOS and Windows.
 LIBRARIES = (".so", ".dylib", ".dll")
+
+#: Names that the arguments of Mitsuba's Python parser have, so that no parameter of a scene can be given by them.
+RESERVED = ("config", "filename")
 
 #: Parameter of a plugin -> the files that its value, a name, stands for.
 DATA_FILES = {"material": ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")}
@@ -161,3 +191,34 @@ TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}
 
 #: A file ends too early, in most formats of images: bytes that are there, and bytes that should be.
 DAMAGED = re.compile(r"read (\d+) out of (\d+) bytes")
+
+
+# ---------------------------------------------------------------- arrays
+# Dr.Jit 1.5 assumes an alignment of arrays that it got from NumPy by their address, and makes it part of a kernel: the
+# same code compiles again for another address. Its own arrays begin at multiples of 64 bytes.
+ALIGNED = 64
+
+
+def dr_array(values: np.ndarray) -> Any:
+    """A Dr.Jit array of 32-bit ``values``, row by row, with memory of its own: kernels are those of any other array."""
+    import numpy as np
+
+    values = np.asarray(values)
+    room = np.empty(values.nbytes + ALIGNED, dtype=np.uint8)
+    begin = -room.ctypes.data % ALIGNED
+    own = room[begin : begin + values.nbytes].view(values.dtype)
+    own[:] = values.ravel()
+    kinds = {np.dtype(np.uint32): mi.UInt32, np.dtype(np.int32): mi.Int32}
+    return kinds.get(values.dtype, mi.Float)(own)
+
+
+# ---------------------------------------------------------------- signals
+
+
+def take_back_interrupts() -> None:
+    """Gives SIGINT back to Python, as Mitsuba (3.9) does after its own ``render``, but not where that was called within
+    another: it would take Ctrl-C for ever, for an integrator that may be gone.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, handler)

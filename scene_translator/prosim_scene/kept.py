@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable
 from weakref import WeakKeyDictionary
 
-from .geometry import Faces, Triangles
+from .geometry import SurfaceMesh, Triangles
 from .output import ply
 
 
@@ -16,11 +16,11 @@ class Kept:
 
     def __init__(self) -> None:
         self.key: Hashable = None
-        self.found: Faces | None = None
+        self.found: SurfaceMesh | None = None
         self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
         self.made = 0
 
-    def faces(self, key: Hashable, make: Callable[[], Faces]) -> Faces:
+    def faces(self, key: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
         """What ``make`` gives, or has given the last time for an equal ``key``."""
         if self.found is None or key != self.key:
             self.found = None  # before another takes its room

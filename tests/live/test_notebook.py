@@ -78,6 +78,7 @@ def test_the_scale_of_a_map_says_what_its_colours_mean():
 @pytest.mark.slow
 def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch):
     scene = mi.load_dict(prosim_scene.load(path))
+    before = dict(vars(scene.integrator()))
 
     async def notebook():
         view = mitsuba_prosim.show(scene)
@@ -88,7 +89,7 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch
         return await view, turns
 
     view, turns = asyncio.run(notebook())
-    assert turns > 2
+    assert turns > 2 and vars(scene.integrator()) == before
     assert np.array_equal(view.image, np.array(mi.render(scene)))
     assert view.layers["samples"].max() == 4 and view.layers["error"].shape == (48, 64)
 

@@ -20,7 +20,7 @@ from mitsuba_prosim.caustics.targets import Targets, merged
 from mitsuba_prosim.caustics.walk import WIDE, Landed
 from mitsuba_prosim.cli.job import job_of
 from mitsuba_prosim.engine import work
-from mitsuba_prosim.engine.pursuit import in_full_sets
+from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.transport import lobes
@@ -252,11 +252,9 @@ def test_no_photons_are_sent_out_for_a_few_pixels():
 
 def test_parts_of_a_wave_are_those_of_its_time(variant_rgb):
     """One pixel wants many samples: its last sets of photons take as long as the first, which was for both pixels."""
-    caustics = SimpleNamespace(maps=lambda n: n * n, kept=2)
+    caustics = SimpleNamespace(maps=lambda n: n * n, kept=2, count=10)
     state = SimpleNamespace(
-        estimator=SimpleNamespace(transport=SimpleNamespace(caustics=caustics)),
-        plan=SimpleNamespace(first=SimpleNamespace(n=2)),
-        set_cost=10.0,
+        estimator=SimpleNamespace(transport=SimpleNamespace(caustics=caustics)), plan=SimpleNamespace(n=2)
     )
     spans = [span for _, span in work.photon_steps(mi.UInt32(0, 0), mi.UInt32(12, 4), state, 1)]
     assert np.allclose(spans, [(0, 18 / 46), (18 / 46, 32 / 46), (32 / 46, 1)])

@@ -452,8 +452,7 @@ def test_progress_and_cancel(variant_rgb, monkeypatch, kept):
         return np.array(scene.sensors()[0].film().develop())
 
     early, late = stopped(0.1), stopped(0.3)
-    one = np.array(mi.render(scene, integrator=mi.load_dict({"type": "prosim", "time": 1e-6})))
-    assert np.array_equal(early[:12], first[:12]) and np.array_equal(early[-8:], one[-8:] if kept else 0 * one[-8:])
+    assert np.array_equal(early[:12], first[:12]) and np.all((early[-8:] > 0).any(axis=2) == (kept > 0))
     assert ((late == first) | (late == whole)).all() and (late[-8:] > 0).any()
     assert np.array_equal(np.array(mi.render(scene)), whole)
 

@@ -1,11 +1,14 @@
 """N-rook sampling (thesis, sections 4.2.1.2 and 5.3.2): exact properties of the patterns, and their statistics."""
 
+import itertools
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.sampling.hash import combine, hash32
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, epoch_key, grid_size, pixel_key
+from mitsuba_prosim.sampling.sobol import Sobol
 from scipy import stats
 
 
@@ -151,6 +154,76 @@ def test_no_epochs_key_is_that_of_a_space_or_of_another_pixel(variant_rgb):
     assert stats.poisson.sf(met - 1, epochs.size * others.size / 2.0**32) > 1e-3
 
 
+# ------------------------------------------------------------------ points without end
+
+
+def endless(n, pixels, space=3, seed=7):
+    """The first ``n`` Sobol' points of many pixels: an array (pixels, n, 2)."""
+    lane = dr.arange(mi.UInt32, pixels * n)
+    return np.array(Sobol(pixel_key(seed, lane // n), lane % n)(space)).T.reshape(pixels, n, 2)
+
+
+def test_two_to_the_k_endless_points_have_one_in_each_of_as_many_rectangles(variant_rgb):
+    """Of any shape, for any 2^k that begin at a multiple of it: a (0, 2)-sequence in base 2."""
+    points = endless(256, 100)
+    assert points.min() >= 0 and points.max() < 1
+    for k in range(9):
+        some = points.reshape(-1, 2**k, 2)
+        for across in range(k + 1):
+            cells = np.floor(some * [2**across, 2 ** (k - across)]).astype(int) @ [2 ** (k - across), 1]
+            assert np.all(np.sort(cells, axis=1) == np.arange(2**k))
+
+
+def test_endless_points_are_uniform_and_spaces_and_pixels_independent(variant_rgb):
+    """Kolmogorov's test of the first and of the eighth point of each pixel, and Pearson's correlation between spaces,
+    pixels and seeds, each at significance 0.001.
+    """
+    one, other, seed = endless(8, 4000), endless(8, 4000, space=4), endless(8, 4000, seed=8)
+    for t, axis in ((0, 0), (0, 1), (7, 0), (7, 1)):
+        values = one[:, t, axis]
+        assert stats.kstest(values, "uniform").pvalue > 0.001
+        for others in (other[:, t, axis], seed[:, t, axis], np.roll(values, 1)):
+            assert stats.pearsonr(values, others).pvalue > 0.001
+    assert stats.pearsonr(one[:, 0, 0], one[:, 0, 1]).pvalue > 0.001
+
+
+def test_endless_points_are_those_of_scalar_variants(variant_rgb):
+    points = endless(4, 3)
+    for pixel, t in itertools.product(range(3), range(4)):
+        assert np.array_equal(np.ravel(Sobol(pixel_key(7, pixel), t)(3)), points[pixel, t])
+
+
+def test_any_number_of_endless_points_beats_patterns_that_are_not_full(variant_rgb):
+    """The variance of the mean of a smooth function: 40 of them against as many of N-rook patterns of 25."""
+    lane = dr.arange(mi.UInt32, 4000 * 40)
+    rook = NRook.at(Permutations(5), pixel_key(7, lane // 40), lane % 40)(3)
+    rook = np.array(rook).T.reshape(4000, 40, 2)
+    sobol, nrook = (np.var(np.mean(p[..., 0] * p[..., 1], axis=1)) for p in (endless(40, 4000), rook))
+    assert sobol < 0.7 * nrook
+
+
+def test_the_owen_sampler_takes_these_points(variant):
+    sampler = mi.load_dict({"type": "owen", "sample_count": 24})
+    assert sampler.sample_count() == 24
+    if variant == "scalar_rgb":
+        sampler.seed(5)
+        points = []
+        for _ in range(8):
+            sampler.next_1d()
+            points.append(np.array(sampler.next_2d()))
+            sampler.advance()
+        points = np.array(points)[None]
+    else:
+        sampler.set_samples_per_wavefront(8)
+        sampler.seed(5, 8 * 10)
+        sampler.next_1d()
+        points = np.array(sampler.next_2d()).T.reshape(10, 8, 2)
+    assert np.all(np.sort(np.floor(points * 8).astype(int), axis=1) == np.arange(8)[:, None])
+
+
+# ------------------------------------------------------------------ the sampler plugins
+
+
 def test_sampler_goes_on_beyond_its_count(variant_rgb):
     sampler = mi.load_dict({"type": "nrook", "sample_count": 16})
     sampler.set_samples_per_wavefront(16)
@@ -220,10 +293,10 @@ def test_sampler_estimates_what_others_do(variant_rgb, integrator):
     scene = mi.cornell_box()
     scene["sensor"]["film"]["width"] = scene["sensor"]["film"]["height"] = 32
     images = []
-    for sampler in ("independent", "nrook"):
+    for sampler in ("independent", "nrook", "owen"):
         scene["sensor"]["sampler"] = {"type": sampler, "sample_count": 16}
         images.append(renderings(scene, 16, type=integrator))
-    assert same_expectation(*images)
+    assert same_expectation(*images[:2]) and same_expectation(*images[::2])
 
 
 @pytest.mark.parametrize("integrator", ["direct", "prb"])

@@ -19,7 +19,7 @@ def scene(tree, transforms, surfaces=()):
 
 
 def skins(text, tolerance=0.05):
-    """{Skin: Triangles} of a scene."""
+    """{MeshKey: Triangles} of a scene."""
     document = document_of(text, "test.scn")
     scene = document.scene
     return tessellate(

@@ -388,6 +388,8 @@ def test_large_files_are_refused(tmp_path):
     "text, words",
     [
         ("NSAMPLES " + "9" * 1_000_000 + " END", "9"),
+        ("NSAMPLES " + "9" * 1_000_000 + "x END", "not a number"),
+        ("AMBIENT " + "9." + "9" * 1_000_000 + "%%", "not a number"),
         ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "finite"),
         ("SURFACE " + "1" * 1_000_000 + " END", "9 digits at most"),
         ("(" * 1_000_000, "not closed"),

@@ -128,6 +128,7 @@ def test_names_stand_for_words_of_all_kinds():
         ("NSAMPLES {(1}", 13, ["the expression ends here", "expected an operator (+ - * / ^) or ')'"]),
         ("NSAMPLES {1 2}", 13, ["found '2' in an expression; expected an operator"]),
         ("NSAMPLES {0,5}", 12, ["found ','", "a fraction has a point"]),
+        ("NSAMPLES {٣}", 11, ["found '٣' in an expression; expected a number"]),
         ("NSAMPLES {1 # 2}", 13, ["found '#' in an expression"]),
         ("NSAMPLES {2 * angle}", 15, ["unknown word 'angle' in an expression; expected a name such as $angle"]),
         ("NSAMPLES {sinn(3)}", 11, ["unknown word 'sinn'", "did you mean 'sin'"]),

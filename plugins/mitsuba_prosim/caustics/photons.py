@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.record import dr_array
+from ..compat import dr_array
 from ..sampling.hash import combine
 from .footprint import Footprint
 from .walk import WIDE, Landed

@@ -12,7 +12,7 @@ import prosim_scene
 
 from ..engine.part import Part
 from ..engine.policies import POLICIES
-from ..scene import scene_file, session
+from ..scene import overrides, session
 from ..scene.errors import pointed, with_nearest
 
 #: Where the viewer tev listens by default.
@@ -88,7 +88,7 @@ def resolution(text: str) -> tuple[int, int]:
     """Width and height of an image, as large as a film can be."""
     width, height = whole_numbers(text.lower(), "x", 2)
     try:
-        scene_file.check_size(width, height)
+        overrides.check_size(width, height)
     except ValueError as error:
         raise RefusedError(str(error)) from None
     return width, height

@@ -165,24 +165,14 @@ def csv_text(facts: Facts) -> str:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["transport", "contestant", "role", "samples", "seconds", "cpu_seconds", *MEASURES])
     for section in facts["sections"]:
-        for row in section["rows"]:
-            writer.writerow(
-                [
-                    section["transport"],
-                    row["name"],
-                    row["role"],
-                    row["samples"],
-                    *(row[k]["median"] for k in ("seconds", "cpu", *MEASURES)),
-                ]
-            )
+        runs = [
+            (row, row["role"], row["samples"], [row[k]["median"] for k in ("seconds", "cpu", *MEASURES)])
+            for row in section["rows"]
+        ]
         for curve in section["curves"]:
             for point in curve["points"]:
-                writer.writerow(
-                    [
-                        section["transport"],
-                        curve["name"],
-                        f"{curve['role']} level {point['level']}",
-                        *(point[k] for k in ("samples", "seconds", "cpu", *MEASURES)),
-                    ]
-                )
+                role = f"{curve['role']} level {point['level']}"
+                runs.append((curve, role, point["samples"], [point[k] for k in ("seconds", "cpu", *MEASURES)]))
+        for run, role, samples, values in runs:
+            writer.writerow([section["transport"], run["name"], role, samples, *values])
     return file.getvalue()

@@ -9,7 +9,6 @@ import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..denoising import halves
+from ..saved import origin
 from ..scene import atomic
 
 #: Name -> function of an image and its reference.
@@ -247,24 +247,13 @@ def cache_folder() -> Path:
 
 def machine() -> dict[str, str | int | float | None]:
     """The machine in words: processor, number of cores, versions."""
-    name = platform.processor()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        name = next(
-            (
-                line.partition(":")[2].strip()
-                for line in cpuinfo.read_text().splitlines()
-                if line.startswith("model name")
-            ),
-            name,
-        )
+    here = origin.here()
     return {
-        "processor": name or platform.machine(),
+        "processor": here["processor"],
         "cores": os.cpu_count(),
         "threads": dr.thread_count(),
         "system": platform.system(),
         "python": platform.python_version(),
-        "variant": mi.variant(),
-        **{package: version(package) for package in ("mitsuba-prosim", "mitsuba", "drjit")},
+        **{name: here[name] for name in origin.EXACT},
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
     }

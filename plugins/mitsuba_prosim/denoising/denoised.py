@@ -27,7 +27,7 @@ class Denoised:
     def noise(self, error: np.ndarray) -> float:
         """Root mean square over the pixels of the error of the displayed value, white being 1, by one of the maps.
 
-        About what :class:`~mitsuba_prosim.engine.target.Target` means by noise, and more where the
+        About what :class:`~mitsuba_prosim.engine.error_target.ErrorTarget` means by noise, and more where the
         errors of a window are those of a few pixels.
         """
         light = displayed(self.final)

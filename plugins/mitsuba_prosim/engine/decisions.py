@@ -23,11 +23,10 @@ class Decisions:
     #: The counts that the wave at hand leads to; None in the first one and between two.
     wanted: mi.UInt32 | None = None
     #: Where noise or time were asked for: how many samples there are for each that is needed; and, if that is judged
-    #: once, what is needed, and the variance of a sample in display units squared.
+    #: once, what is needed.
     effort: float = 0.0
     need: mi.Float | None = None
-    variance: mi.Float | None = None
-    #: Samples of the :class:`.Twin`, of its pixels alone.
+    #: Samples of the :class:`.SecondImage`, of its pixels alone.
     twin: Estimate | None = None
     #: Where sums are not kept: the image that the wave at hand has made of the rows above the one of this number.
     rows: tuple[Image, int] | None = None

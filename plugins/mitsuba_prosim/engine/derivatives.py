@@ -45,8 +45,7 @@ class Derivatives:
         offsets = range(-reach, reach + 1)
         x, y, *_ = pixels(self.plan.region)
         with uncropped(self.sensor):
-            for plan, pixel, t in self.lanes():
-                self.estimator.plan = plan
+            for pixel, t in self.lanes():
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
                 values, _, position = self.estimator.sample(px, py, t)
                 share = dr.rcp(mi.Float(dr.gather(mi.UInt32, self.counts, pixel)))
@@ -58,22 +57,18 @@ class Derivatives:
                     spread.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
                 yield values, spread
 
-    def lanes(self) -> Iterator[tuple[Plan, mi.UInt32, mi.UInt32]]:
-        """All samples, up to ``LANES`` at a time: ``(plan, pixel, t)``, the pixels of the region and which of their
-        samples are taken, by the plan.
+    def lanes(self) -> Iterator[tuple[mi.UInt32, mi.UInt32]]:
+        """All samples, up to ``LANES`` at a time: ``(pixel, t)``, the pixels of the region and which of their samples
+        are taken.
         """
-        begin = 0
-        for plan, end in self.plan.stages():
-            own = dr.minimum(self.counts, end) - dr.minimum(self.counts, begin)
-            behind = dr.cumsum(mi.UInt64(own))
-            pixels_there, total = dr.width(behind), int(behind[dr.width(behind) - 1])
-            for first in range(0, total, LANES):
-                lane = dr.opaque(mi.UInt64, first) + dr.arange(mi.UInt64, min(LANES, total - first))
-                pixel = dr.binary_search(0, pixels_there, lambda i: dr.gather(mi.UInt64, behind, i) <= lane)  # noqa: B023
-                t = begin + mi.UInt32(lane + dr.gather(mi.UInt32, own, pixel) - dr.gather(mi.UInt64, behind, pixel))
-                dr.eval(pixel, t)
-                yield plan, pixel, t
-            begin = end
+        behind = dr.cumsum(mi.UInt64(self.counts))
+        pixels_there, total = dr.width(behind), int(behind[dr.width(behind) - 1])
+        for first in range(0, total, LANES):
+            lane = dr.opaque(mi.UInt64, first) + dr.arange(mi.UInt64, min(LANES, total - first))
+            pixel = dr.binary_search(0, pixels_there, lambda i: dr.gather(mi.UInt64, behind, i) <= lane)  # noqa: B023
+            t = mi.UInt32(lane + dr.gather(mi.UInt32, self.counts, pixel) - dr.gather(mi.UInt64, behind, pixel))
+            dr.eval(pixel, t)
+            yield pixel, t
 
     def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""

@@ -13,6 +13,7 @@ import numpy as np
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Sobol
 from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
 from .camera import ray_sampler
 from .error import error_between_passes, standard_error
@@ -73,12 +74,8 @@ class Estimate:
         return [self.total, self.squares, self.pass_squares, self.in_pass, *self.sums]
 
     def error(self, n: int) -> mi.Float:
-        """Standard error of the mean luminance: between passes (of ``n`` samples, 0 where they differ) where there are
-        two or more, all whole.
-        """
+        """Standard error of the mean luminance; between passes of ``n`` samples where there are two or more, whole."""
         count = mi.Float(self.count)
-        if n == 0:
-            return standard_error(self.total, self.squares, count)
         passes = count / n
         between = error_between_passes(self.total / n, self.pass_squares, passes)
         whole = (self.count > n) & (self.count % n == 0)
@@ -119,7 +116,7 @@ class Estimator:
         return 1.0 if self.rfilter.is_box_filter() else float(np.mean(f**2) / np.mean(f) ** 2 / (2 * r))
 
     def camera_ray(
-        self, x: mi.Int32, y: mi.Int32, points: NRook | SamplerPoints
+        self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol | SamplerPoints
     ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Camera ray through pixel (x, y): ``(ray, weight, position)``, the position being that within the pixel."""
         position = points(PIXEL)
@@ -127,7 +124,7 @@ class Estimator:
         moving = self.sensor.shutter_open_time() > 0
         other = points(TIME_AND_WAVELENGTH) if moving or mi.is_spectral else mi.Point2f(0.5)
         wavelength = other.y
-        if mi.is_spectral and isinstance(points, NRook):
+        if mi.is_spectral and not isinstance(points, SamplerPoints):
             wavelength = self._wavelength(points)
         time = mi.Float(self.sensor.shutter_open())
         if moving:
@@ -136,7 +133,7 @@ class Estimator:
         ray, weight = self.rays(time, wavelength, on_film, lens)
         return ray, weight, position
 
-    def _wavelength(self, points: NRook) -> mi.Float:
+    def _wavelength(self, points: NRook | Sobol) -> mi.Float:
         """The number in [0, 1) by which the sensor draws the wavelengths of a sample: those of its photons, or the
         pixel's own. That they go through the spectrum in the order of the samples does no harm: which strata of a space
         these have is drawn anew in each pass.
@@ -145,7 +142,7 @@ class Estimator:
             return self.transport.caustics.wavelength(points.t)
         return wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), *points.division)
 
-    def _points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook:
+    def _points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
         """The ``t``-th sample of the pixels (x, y), in every space; it divides the spectrum as its photons do."""
         points = self.plan.points(x, y, t)
         if self.transport.caustics is not None:
@@ -202,7 +199,7 @@ class Estimator:
         caustics = self.transport.caustics
         if caustics is None:
             return
-        n = plan.first.n
+        n = plan.n
         maps = caustics.maps(n)
         lacking = count < end
         least, most = dr.min(dr.select(lacking, count, end)), dr.max(end)
@@ -212,7 +209,7 @@ class Estimator:
                 yield plan.photon_seed, number, n
 
     def _take(self, x: mi.Int32, y: mi.Int32, start: Estimate, end: mi.UInt32, quiet: Quiet | None) -> Estimate:
-        n = self.plan.permutations.n
+        n = self.plan.n
         sampler = self.sampler and self._forked(self.sampler, dr.width(x), int(dr.max(end - start.count)[0]))
 
         # Which sample is next is no part of the state that Mitsuba's samplers give to a symbolic loop, but for the one

@@ -10,12 +10,12 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
+from ..compat import take_back_interrupts
 from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
 from .film import Channels, asked_aovs, with_more_channels
 from .plan import SAMPLING, Plan, Sampling
 from .policies import POLICIES
-from .scalar import take_back_interrupts
 
 if TYPE_CHECKING:
     from .derivatives import Derivatives

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import drjit as dr
 import mitsuba as mi
 
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
+from ..sampling.sobol import Sobol
 
 #: left, top, right, bottom, in pixels of the whole film.
 Rectangle = tuple[int, int, int, int]
 
-
-#: Part of a pattern's samples from which the pattern is worth while.
-WORTH_WHILE = 0.2
-
-#: First epoch of a plan that follows another.
-LATER = 1 << 16
 
 #: Most samples of a pixel where noise or time say when it is enough; and in N² where ``graded`` does.
 UNLIMITED, GRADED = 1 << 20, 4
@@ -53,16 +47,18 @@ SAMPLING = tuple(field.name for field in fields(Sampling))
 
 @dataclass(frozen=True)
 class Plan:
-    """The samples of one image."""
+    """The samples of one image: the N-rook patterns of the thesis where a pixel gets N² at most, else Owen-scrambled
+    Sobol' points, which have no end.
+    """
 
     #: N: samples of a pass.
     n: int
-    #: Samples that every pixel gets, those of a noisy pixel, and those that one may get at most: passes, of which the
-    #: very last may be cut short.
+    #: Samples that every pixel gets, those of a noisy pixel, and those that one may get at most.
     least: int
     full: int
     most: int
-    #: Places of samples in their cells, ``"multi"`` or ``"uniform"``.
+    #: Whether the points have no end; and places of N-rook samples in their cells, ``"multi"`` or ``"uniform"``.
+    endless: bool
     jitter: str
     permutations: Permutations
     seed: mi.UInt32
@@ -76,10 +72,6 @@ class Plan:
     band: int
     #: What was asked for.
     sampling: Sampling
-    #: The plan of the first samples of every pixel, where this one is for those that follow; and how many these are.
-    before: Plan | None = None
-    begin: int = 0
-    skipped: mi.UInt32 | None = None  # the same for kernels
     #: Seed of the photons, where that of the samples may differ from pixel to pixel.
     own_photon_seed: int | None = None
 
@@ -105,6 +97,7 @@ class Plan:
             min(sampling.min_passes * n, most),
             min(full, most),
             most,
+            bool(spp) or sampling.aims or sampling.adaptive == "graded" or most > n * n,
             sampling.jitter,
             Permutations(n),
             seed,
@@ -116,11 +109,6 @@ class Plan:
         )
 
     @property
-    def first(self) -> Plan:
-        """The plan of the first samples of every pixel."""
-        return self.before or self
-
-    @property
     def region(self) -> Rectangle:
         """The pixels whose samples reach the window."""
         return widened(self.window, self.reach, self.domain)
@@ -130,35 +118,23 @@ class Plan:
         """Seed of the photons, for all pixels."""
         return int(self.seed[0]) if self.own_photon_seed is None else self.own_photon_seed
 
-    def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook:
+    def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
         """The ``t``-th sample of the pixels (x, y), in every space: a pure function of seed, pixel and ``t``."""
         # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         key = pixel_key(self.seed, pixel)
-        if self.before is None and self.most <= self.n**2:
-            points = NRook.in_first_epoch(self.permutations, key, t, self.jitter)
-        elif self.before is None:
-            points = NRook.at(self.permutations, key, t, self.jitter)
-        else:
-            points = NRook.at(self.permutations, key, t - self.skipped, self.jitter, LATER)
-        points.t = t
-        return points
+        if self.endless:
+            return Sobol(key, t, dr.opaque(mi.UInt32, self.n))
+        return NRook.in_first_epoch(self.permutations, key, t, self.jitter)
 
-    def continued(self, n: int, begin: int) -> Plan:
-        """The plan by which all samples after the first ``begin`` are patterns of ``n``²."""
-        skipped = dr.opaque(mi.UInt32, begin)
-        return replace(self, n=n, permutations=Permutations(n, True), before=self, begin=begin, skipped=skipped)
-
-    def stages(self) -> Iterator[tuple[Plan, int]]:
-        """The plans of a pixel's samples in their order: ``(plan, number of the sample that is no more its own)``."""
-        if self.before is not None:
-            yield self.before, self.begin
-        yield self, 0xFFFFFFFF
-
-    @property
-    def pass_size(self) -> int:
-        """Samples of a pass; 0 where there are passes of two sizes."""
-        return self.n if self.before is None else 0
+    def counts(self, need: mi.Float) -> mi.UInt32:
+        """Counts for the samples that are needed: those of the first pass, or a power of two, where Sobol' points are
+        best, within what the plan allows.
+        """
+        # Opaque, as the kernel is to serve every plan.
+        least, most = (dr.opaque(mi.UInt32, v) for v in (self.least, self.most))
+        power = 32 - dr.lzcnt(mi.UInt32(dr.ceil(dr.clip(need, 1, UNLIMITED))) - 1)
+        return dr.minimum(dr.select(need <= mi.Float(least), least, mi.UInt32(1) << power), most)
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
@@ -191,19 +167,3 @@ def area(rectangle: Rectangle) -> int:
     """Number of the pixels of a rectangle."""
     left, top, right, bottom = rectangle
     return (right - left) * (bottom - top)
-
-
-def in_patterns(plan: Plan, need: mi.Float) -> mi.UInt32:
-    """Counts for the samples that are needed: those of the first wave, or whole patterns of N², within what the plan
-    allows.
-
-    N² samples that fill their pattern can be ten times as good as as many that do not, so between the two there is
-    nothing; and a pattern is worth while long before all of its samples are needed.
-    """
-    first, enough = plan.begin or plan.least, plan.begin + WORTH_WHILE * plan.n**2
-    # Opaque, as the kernel is to serve every plan.
-    size, begin, first, most = (dr.opaque(mi.UInt32, v) for v in (plan.n**2, plan.begin, first, plan.most))
-    enough = dr.opaque(mi.Float, max(enough, plan.least, plan.begin))
-    patterns = dr.maximum(dr.round((dr.minimum(need, float(UNLIMITED)) - mi.Float(begin)) / mi.Float(size)), 1)
-    counts = dr.select(need <= enough, first, begin + mi.UInt32(patterns) * size)
-    return dr.minimum(counts, most)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
+from ..compat import dr_array
 from .decisions import Decisions
 from .estimate import Estimate
 from .part import Part, Tiles
@@ -28,10 +28,7 @@ ENDS = ("noise", "noise_99", "time")
 STATISTICS = ("total", "squares", "pass_squares", "in_pass")
 
 #: Names of what was decided of each pixel.
-DECIDED = ("need", "variance", "wanted")
-
-#: Bytes that the beginnings of arrays are multiples of.
-ALIGNED = 64
+DECIDED = ("need", "wanted")
 
 
 @dataclass(frozen=True)
@@ -60,9 +57,9 @@ class Record:
             "sampling": {name: value for name, value in asdict(plan.sampling).items() if name not in FREE},
             "part": None if state.part is None else (state.part.number, state.part.of),
             "region": state.plan.region,
+            "endless": state.plan.endless,
             "tiles": None if state.tiles is None else (state.tiles.columns, state.tiles.rows),
             "known": state.outer,
-            "later": None if plan.before is None else (plan.n, plan.begin),
             "noise": state.noise,
             "noise_99": state.noise_99,
             "judged": decisions.judged,
@@ -129,9 +126,9 @@ class Record:
                 "max_samples or adaptive are not what they were"
             )
         state.keeps = any(name not in (*STATISTICS, "count", *DECIDED) for name in self.pixels)
-        if self.facts["later"]:
-            state.follow(state.plan.continued(*self.facts["later"]))
         state.estimate = estimate({name: self._placed(self.pixels[name], state) for name in names(state)}, state)
+        # Further samples may be of an endless sequence where the first ones are N-rook patterns, but not the reverse.
+        state.plan = replace(state.plan, endless=state.plan.endless or self.facts["endless"])
         state.noise, state.noise_99 = self.facts["noise"], self.facts["noise_99"]
         state.decisions = Decisions(twin=estimate(self.twin, state) if self.twin else None)
         if decided:
@@ -164,7 +161,7 @@ class Record:
 
 def identity(state: State) -> dict[str, Any]:
     """What says which samples an image takes, and what is kept of them, in words for people."""
-    first, caustics = state.plan.first, state.estimator.transport.caustics
+    first, caustics = state.plan, state.estimator.transport.caustics
     return {
         "samples of a pass": first.n,
         "samples that every pixel gets": first.least,
@@ -204,16 +201,3 @@ def estimate(arrays: Mapping[str, np.ndarray], state: State) -> Estimate:
     statistics = {name: dr_array(arrays[name]) for name in (*STATISTICS, "count")}
     sums = [dr_array(arrays[name]) for name in names(state)[len(statistics) :]]
     return Estimate(sums=sums, **statistics)
-
-
-def dr_array(values: np.ndarray) -> mi.Float | mi.UInt32 | mi.Int32:
-    """A Dr.Jit array of these values, row by row. It has memory of its own, else a state would grow into its record;
-    and begins where Dr.Jit's own arrays do, else kernels that read it would be others.
-    """
-    values = np.asarray(values)
-    room = np.empty(values.nbytes + ALIGNED, dtype=np.uint8)
-    begin = -room.ctypes.data % ALIGNED
-    own = room[begin : begin + values.nbytes].view(values.dtype)
-    own[:] = values.ravel()
-    kinds = {np.dtype(np.uint32): mi.UInt32, np.dtype(np.int32): mi.Int32}
-    return kinds.get(values.dtype, mi.Float)(own)

@@ -14,14 +14,13 @@ import numpy as np
 
 from ..alone import alone
 from .error import in_display_units
+from .error_target import ErrorTarget, Refinement
 from .estimate import Estimator
 from .part import Part
-from .plan import Plan, in_patterns, index_within, pixels
+from .plan import Plan, index_within, pixels
 from .policies import POLICIES
-from .pursuit import Pursuit
 from .record import Record
 from .state import State
-from .target import Target
 from .work import Executor, Local, Pass, Step, WorkItem, image_pass
 
 #: A pass over the image takes so many times the samples that a pixel has, at most.
@@ -68,7 +67,7 @@ class Render:
         self.policy, self.executor = policy, executor or Local()
         self.state = State(plan, estimator, own_aovs or [], policy.judgements * policy.reach, part)
         self.film = estimator.sensor.film()
-        self.target = Target.of(plan, 0.0 if begin is None else begin.facts["seconds"])
+        self.target = ErrorTarget.of(plan, 0.0 if begin is None else begin.facts["seconds"])
         #: Whether it has ended; and whether the image has then all that was asked for.
         self.ended = self.finished = False
         self._stopped, self._put, self._before, self._done = False, own_aovs is not None, False, 0.0
@@ -184,15 +183,14 @@ class Render:
                 return
         if target:
             decisions.judged = 1
-            pursuit = Pursuit(target, state, policy, self.executor.sets, self.image_pass, self._limit)
-            yield from pursuit.passes()
+            yield from Refinement(target, state, policy, self.executor.sets, self.image_pass, self._limit).passes()
             return
         while decisions.wanted is not None or decisions.judged < policy.judgements:
             left = policy.judgements - decisions.judged
             if decisions.wanted is None:
                 left -= 1
                 # What is to be judged again must be known as far as those after it look.
-                wanted = in_patterns(plan, state.judge(policy.need, policy.reach, left * policy.reach))
+                wanted = plan.counts(state.judge(policy.need, policy.reach, left * policy.reach))
                 if left:
                     wanted = dr.minimum(wanted, soon(plan, state.estimate.count))
                 decisions.wanted, decisions.judged = state.share(wanted, left * policy.reach), decisions.judged + 1
@@ -264,7 +262,7 @@ class Render:
     @alone()
     def error(self) -> np.ndarray:
         """Standard error of the luminance of each pixel as its own samples show it, shape (height, width)."""
-        return self._picture(self.state.estimate.error(self.state.plan.pass_size))
+        return self._picture(self.state.estimate.error(self.state.plan.n))
 
     @alone()
     def counts(self) -> np.ndarray:
@@ -296,7 +294,7 @@ class Render:
         state = self.state
         x, y, *_ = pixels(state.plan.region)
         estimate = replace(state.estimate, sums=[]).at(state.index(x, y))
-        error = in_display_units(estimate.error(state.plan.pass_size), estimate.total / mi.Float(estimate.count))
+        error = in_display_units(estimate.error(state.plan.n), estimate.total / mi.Float(estimate.count))
         values = np.array(error, dtype=np.float64)
         result = float(np.sqrt(np.mean(values**2))) * state.estimator.smoothing
         return result if int(dr.min(estimate.count)[0]) > 1 and np.isfinite(result) else float("nan")

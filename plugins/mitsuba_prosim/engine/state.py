@@ -40,17 +40,11 @@ class State:
         # Of parts they are always kept, as it is by them that these are put together.
         self.keeps = part is not None or 4 * estimator.values * pixel_count <= KEPT
         self.estimate = Estimate.nothing(estimator.values if self.keeps else 0, pixel_count)
-        #: The noise, if it was measured (see :class:`.Twin`).
+        #: The noise, if it was measured (see :class:`.SecondImage`).
         self.noise = self.noise_99 = float("nan")
         self.decisions = Decisions()
-        #: A set of photons takes as long as so many samples, as far as is known.
-        self.set_cost = 0.0
         #: What the last whole wave has made, where sums are not kept.
         self.made: Image | None = None
-
-    def follow(self, plan: Plan) -> None:
-        """Takes all further samples by ``plan``."""
-        self.plan = self.estimator.plan = plan
 
     def share(self, counts: mi.UInt32, reach: int = 0) -> mi.UInt32:
         """``counts`` for the pixels within ``reach`` of this part's, none for the others."""
@@ -102,7 +96,7 @@ class State:
 
     def add(self, image: Image, outer: Rectangle, band: Rectangle, estimate: Estimate) -> None:
         """Adds the pixels of ``band`` to ``image``; ``estimate`` is laid out over ``outer``."""
-        aovs = [own_channel(name, estimate, self.plan.pass_size) for name in self.own_aovs]
+        aovs = [own_channel(name, estimate, self.plan.n) for name in self.own_aovs]
         image.add(outer, band, estimate.sums, estimate.count, aovs, self.plan.reach)
 
     # ---------------------------------------------------------------- what it knows

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -12,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..alone import alone
+from ..compat import dr_array
 from .camera import has_own_rays, uncropped
 from .estimate import Estimate, Estimator
 from .plan import Plan, Rectangle, area, index_within, pixels
@@ -20,8 +22,8 @@ if TYPE_CHECKING:
     from .estimate import Quiet
     from .state import State
 
-#: Pixels of a work item at least, where the number of their samples bounds it.
-FEWEST = 4096
+#: Pixels count as lacking about as many samples within a factor of two to one over this.
+CLASSES = 4
 
 #: From the samples that are still to be asked for: how many the next work item may have; None for any number.
 Limit = Callable[[int], "int | None"]
@@ -38,15 +40,16 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class WorkItem:
-    """The pixels (x, y), whose samples continue from ``start`` in stages, each until they have the counts of its end,
-    or are ``quiet``. All arrays are evaluated, with one entry a pixel.
+    """The pixels (x, y), whose samples by ``plan`` continue from ``start`` to the counts of ``end``, or until they are
+    ``quiet``. All arrays are evaluated, with one entry a pixel.
     """
 
     estimator: Estimator
     x: mi.Int32
     y: mi.Int32
     start: Estimate
-    stages: Sequence[tuple[Plan, mi.UInt32]]
+    plan: Plan
+    end: mi.UInt32
     quiet: Quiet | None
     #: Number of samples, about; and the part of the pass that is done before it and with it.
     work: int
@@ -56,25 +59,14 @@ class WorkItem:
 
     def sets(self) -> list[tuple[int, int, int]]:
         """The photon sets that it needs, see :meth:`.Estimator.sets`."""
-        found: list[tuple[int, int, int]] = []
-        count = self.start.count
-        for plan, end in self.stages:
-            found += self.estimator.sets(plan, count, end)
-            count = dr.maximum(count, end)
-        return found
+        return list(self.estimator.sets(self.plan, self.start.count, self.end))
 
     def take(self) -> Estimate:
         """Takes the samples, in this process."""
-        sums, sensor = self.start, self.estimator.sensor
-        with alone():
-            for plan, end in self.stages:
-                self.estimator.plan = plan
-                if has_own_rays(sensor):
-                    sums = self.estimator.take(self.x, self.y, sums, end, self.quiet)
-                else:
-                    with uncropped(sensor):
-                        sums = self.estimator.take(self.x, self.y, sums, end, self.quiet)
-        return sums
+        sensor = self.estimator.sensor
+        with alone(), nullcontext() if has_own_rays(sensor) else uncropped(sensor):
+            self.estimator.plan = self.plan
+            return self.estimator.take(self.x, self.y, self.start, self.end, self.quiet)
 
 
 #: Work items with their sums; None where there is nothing yet: the caller may stop then.
@@ -176,7 +168,8 @@ def _portions(
 ) -> Iterator[WorkItem]:
     """The pixels that lack samples, where sums are kept."""
     for done, some, work in portions(state.estimate.count, wanted, state, span, limit):
-        whole = dr.width(some) == dr.width(wanted)  # all: spares two copies of the state
+        # All, in their order: spares two copies of the state.
+        whole = dr.width(some) == dr.width(wanted) and dr.all(some == dr.arange(mi.UInt32, dr.width(some)))
 
         def put(sums: Estimate, some: mi.UInt32 = some, whole: bool = whole) -> None:
             if whole:
@@ -189,7 +182,7 @@ def _portions(
         start = state.estimate if whole else state.estimate.at(some)
         end = wanted if whole else dr.gather(mi.UInt32, wanted, some)
         dr.eval(x, y, start, end)
-        yield WorkItem(state.estimator, x, y, start, [(state.plan, end)], quiet, work, done, put)
+        yield WorkItem(state.estimator, x, y, start, state.plan, end, quiet, work, done, put)
 
 
 def _bands(state: State, wanted: mi.UInt32, quiet: Quiet | None, limit: Limit) -> Iterator[WorkItem]:
@@ -209,10 +202,7 @@ def _bands(state: State, wanted: mi.UInt32, quiet: Quiet | None, limit: Limit) -
         x, y, *_ = pixels(band)
         some = index_within(state.outer, x, y)
         count, end = (dr.gather(mi.UInt32, counts, some) for counts in (state.estimate.count, wanted))
-        stages = [
-            (plan, dr.minimum(dr.maximum(count, end), dr.opaque(mi.UInt32, until)))
-            for plan, until in state.plan.stages()
-        ]
+        end = dr.maximum(count, end)
         start = Estimate.nothing(state.estimator.values, area(band))
 
         def put(sums: Estimate, band: Rectangle = band, some: mi.UInt32 = some) -> None:
@@ -223,9 +213,9 @@ def _bands(state: State, wanted: mi.UInt32, quiet: Quiet | None, limit: Limit) -
             if state.made is None or band[3] == bottom:
                 state.made = image
 
-        dr.eval(x, y, start, stages)
+        dr.eval(x, y, start, end)
         span = ((band[1] - top) / (bottom - top), (band[3] - top) / (bottom - top))
-        yield WorkItem(state.estimator, x, y, start, stages, quiet, area(band) * most, span, put)
+        yield WorkItem(state.estimator, x, y, start, state.plan, end, quiet, area(band) * most, span, put)
 
 
 def photon_steps(
@@ -235,13 +225,13 @@ def photon_steps(
 
     There is one step, but for caustics: each photon set is drawn once then. In one process (``sets`` 1) all pixels
     proceed alike, and a render can stop between two sets; elsewhere a step has as many sets as a process keeps (None).
-    The parts are those of the time: a set takes as long for few samples as for many.
+    The parts are those of the time, where a photon counts as a sample: a set takes as long for few samples as for many.
     """
     caustics = state.estimator.transport.caustics
     if caustics is None:
         yield wanted, (0.0, 1.0)
         return
-    maps = caustics.maps(state.plan.first.n)
+    maps = caustics.maps(state.plan.n)
     further = maps * (sets or caustics.kept)
     have, want = (np.array(values, dtype=np.int64) for values in (count, wanted))
     lacking = want > have
@@ -251,7 +241,7 @@ def photon_steps(
     begun = int(have.min()) // maps * maps
     ends = range(begun + further, int(want.max()) + further, further)
     taken = [0, *(int(np.sum(np.maximum(np.minimum(want, end) - have, 0))) for end in ends)]
-    costs = [samples + state.set_cost * further / maps * number for number, samples in enumerate(taken)]
+    costs = [samples + caustics.count * further / maps * number for number, samples in enumerate(taken)]
     for number, end in enumerate(ends):
         span = costs[number] / costs[-1], costs[number + 1] / costs[-1]
         yield dr.minimum(wanted, dr.opaque(mi.UInt32, end)), span
@@ -262,46 +252,24 @@ def portions(
 ) -> Iterator[tuple[tuple[float, float], mi.UInt32, int]]:
     """Indices of the pixels that lack samples, as many at a time as ``limit`` and the plan's ``band`` allow: ``((part
     done before, then), indices, samples)``. ``span``: the part done before and after all of them.
-    """
-    plan, sampled = state.plan, state.estimator.sampler is not None
-    # A sampler that is given takes whole patterns only, and its portions must not depend on the time.
-    classes = by_lack(count, wanted, 1.0 if sampled else 1.5)
-    work, finished = sum(size * each for _, size, each in classes), 0
-    for where, size, each in classes:
-        most = lanes = max(min(plan.band, FEWEST), plan.band * min(plan.n**2, each) // each)
-        begin = end = 0
-        while end < size:
-            bound = None if sampled else limit(work - finished)
-            if bound is not None:  # it may change on the way
-                lanes = max(1, min(most, bound // each))
-            begin, end = end, min(end + lanes, size)
-            some = where
-            if end - begin < size:
-                some = dr.gather(mi.UInt32, where, dr.arange(mi.UInt32, end - begin) + dr.opaque(mi.UInt32, begin))
-            before, finished = finished, finished + (end - begin) * each
-            first, last = (span[0] + (span[1] - span[0]) * part / work for part in (before, finished))
-            yield (first, last), some, finished - before
 
-
-def by_lack(count: mi.UInt32, wanted: mi.UInt32, ratio: float) -> list[tuple[mi.UInt32, int, int]]:
-    """Pixels that lack samples, in classes that lack about as many, so that few lanes wait for others: ``(indices,
-    number of pixels, most samples that one lacks)``. ``ratio``: of the most to the fewest in a class. The class that
-    lacks most comes first: a render that stops has improved what is noisiest.
+    Pixels that lack most come first: a render that stops has improved what is noisiest. Pixels that lack about as many
+    are together, row by row: the lanes of a kernel wait for the last of some neighbours.
     """
-    lacking = wanted - dr.minimum(count, wanted)
-    dr.eval(lacking)
-    sizes = np.bincount(np.array(lacking))
-    sizes[0] = 0
-    classes, low = [], 0
-    for fewest in map(int, np.flatnonzero(sizes)):
-        if fewest <= low:
-            continue
-        low = int(fewest * ratio)
-        size = int(sizes[fewest : low + 1].sum())
-        if size == dr.width(wanted):
-            where = dr.arange(mi.UInt32, size)
-        else:
-            first, last = dr.opaque(mi.UInt32, fewest), dr.opaque(mi.UInt32, low)
-            where = dr.compress((lacking >= first) & (lacking <= last))
-        classes.append((where, size, min(low, len(sizes) - 1)))
-    return classes[::-1]
+    lack = np.array(wanted, dtype=np.int64) - np.array(count)
+    order = np.flatnonzero(lack > 0)
+    sampled, begin, before = state.estimator.sampler is not None, 0, 0
+    rank = lack[order] if sampled else np.floor(CLASSES * np.log2(lack[order]))
+    order = order[np.argsort(-rank, kind="stable")]
+    lack = lack[order]
+    ends = np.cumsum(lack)
+    while begin < len(order):
+        end = min(begin + state.plan.band, len(order))
+        if sampled:  # it is told how many samples follow; and its work items must not depend on the time
+            end = begin + int(np.sum(lack[begin:end] == lack[begin]))
+        elif (most := limit(int(ends[-1]) - before)) is not None:
+            end = min(end, max(begin + 1, int(np.searchsorted(ends, before + most, side="right"))))
+        work = int(ends[end - 1]) - before
+        first, last = (span[0] + (span[1] - span[0]) * part / ends[-1] for part in (before, before + work))
+        yield (float(first), float(last)), dr_array(order[begin:end].astype(np.uint32)), work
+        begin, before = end, before + work

@@ -39,7 +39,7 @@ class Prosim(ProgressiveIntegrator):
      * - adaptive
        - |string|
        - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the 24 pixels around it are noisy.
-         :monosp:`graded`: it gets as many patterns of :math:`N^2` as the variance within the 48 pixels around asks for,
+         :monosp:`graded`: it gets as many samples as the variance within the 48 pixels around asks for, a power of two,
          or the first passes alone. :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet.
          :monosp:`none`: always :math:`N^2`. (Default: :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or
          :monosp:`time`)
@@ -52,15 +52,14 @@ class Prosim(ProgressiveIntegrator):
      * - min_passes, max_samples
        - |int|
        - Passes that every pixel gets (Default: 1) and the most samples that one may get; where it is no multiple of
-         :math:`N`, the last pass is cut short. More than :math:`N^2` begin new patterns. (Default: :math:`N^2`,
-         four times as many for :monosp:`graded`, and any with :monosp:`noise` or :monosp:`time`)
+         :math:`N`, the last pass is cut short. (Default: :math:`N^2`, four times as many for :monosp:`graded`, and any
+         with :monosp:`noise` or :monosp:`time`)
 
      * - noise, noise_99, time
        - |float|
        - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
          at most :monosp:`noise`, and that of 99 pixels in 100 at most :monosp:`noise_99`, or so many seconds have
-         passed, whichever is first; in larger patterns than :math:`N^2`, if it takes many samples. Not with
-         :monosp:`thesis`. (Default: 0, not asked for)
+         passed, whichever is first. Not with :monosp:`thesis`. (Default: 0, not asked for)
 
      * - max_level
        - |int|
@@ -159,8 +158,10 @@ class Prosim(ProgressiveIntegrator):
     :monosp:`diffuse_bounces` their specular lobes send photons on too, to other materials than their like. Not in
     scalar variants, not nested in another integrator, and without derivatives.
 
-    Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook patterns. A
-    sample is a pure function of seed, pixel, space, pass and index: crop windows, :monosp:`band` and the number of
+    Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook pattern; with
+    :monosp:`graded`, :monosp:`noise`, :monosp:`time`, a nonzero :monosp:`spp` and more than :math:`N^2` samples by its
+    own Owen-scrambled Sobol' points (see :ref:`sampler-owen`), of which there may be any number. A
+    sample is a pure function of seed, pixel, space and index: crop windows, :monosp:`band` and the number of
     threads do not change a bit of the image (with :monosp:`noise`, crop windows do; with :monosp:`time`, all may). The
     film's reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's
     sampler is not used. A nonzero :monosp:`spp` given to ``render()`` stands for :math:`N^2`, in the place of

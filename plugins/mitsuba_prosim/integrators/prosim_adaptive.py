@@ -31,7 +31,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
      * - (Nested plugin)
        - :paramtype:`sampler`
        - What it draws from, in the place of our patterns; each wave takes a pattern of its own, whose sample count is
-         that of the wave. (Default: the patterns of :ref:`sampler-nrook`, each sample a pure function of seed, pixel,
+         that of the wave. (Default: the points of :ref:`integrator-prosim`, each sample a pure function of seed, pixel,
          dimension and index)
 
      * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, time, jitter, channels, aovs, band

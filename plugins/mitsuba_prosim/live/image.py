@@ -20,7 +20,7 @@ from ..transport.dispersion import disperses
 from .picture import of_render, over
 
 #: Seconds that a work item takes, about. Between two of them the viewer hears of new requests.
-SECONDS = 0.25
+SECONDS = 0.4
 
 
 class ProgressiveImage:

@@ -9,7 +9,6 @@ from math import ceil, radians, sqrt, tan
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from prosim_scene import Document, Leaf
@@ -143,10 +142,8 @@ class LoadedScene:
         si = self.scene.ray_intersect(ray)
         if not bool(si.is_valid()[0]):
             return "background"
-        met = dr.reinterpret_array(mi.UInt32, si.shape)[0]
-        shapes = self.scene.shapes()
-        numbers = [dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0] for shape in shapes]
-        return self._words(shapes[numbers.index(met)]) if met in numbers else "a shape within another"
+        shape = compat.met_shape(self.scene, si)
+        return self._words(shape) if shape is not None else "a shape within another"
 
     def _words(self, shape: mi.Shape) -> str:
         name = shape.id()

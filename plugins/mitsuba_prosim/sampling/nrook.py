@@ -50,21 +50,18 @@ class Permutations:
     places, so that every element is equally likely to stand in every place. (``mi.permute_kensler`` is five times
     slower, and its permutations of few elements are far from equally likely.)
 
-    ``n``: number of elements, at least 1; ``shared``: whether the kernels are to be the same for every ``n``, which
-    makes them a little slower.
+    ``n``: number of elements, at least 1.
     """
 
     ALL_UP_TO = 6
 
-    def __init__(self, n: int, shared: bool = False) -> None:
+    def __init__(self, n: int) -> None:
         table = self._rows(n)
-        self.n, self.count, self.turned = n, len(table), shared or n > self.ALL_UP_TO
+        self.n, self.count, self.turned = n, len(table), n > self.ALL_UP_TO
         self.table = table.ravel()
         if dr.is_jit_v(mi.UInt32):
             self.table = mi.UInt32(self.table)
             dr.make_opaque(self.table)
-            if shared:
-                self.n, self.count = dr.opaque(mi.UInt32, n), dr.opaque(mi.UInt32, len(table))
 
     @classmethod
     @functools.cache
@@ -120,21 +117,12 @@ class NRook:
         self.division = r * permutations.n + i, permutations.n
 
     @classmethod
-    def at(
-        cls,
-        permutations: Permutations,
-        key: int | mi.UInt32,
-        t: int | mi.UInt32,
-        jitter: str = "multi",
-        first_epoch: int = 0,
-    ) -> NRook:
-        """The ``t``-th samples of all (from 0): N samples a pass, N passes an epoch, as many epochs as are wanted,
-        beginning with ``first_epoch``.
-        """
+    def at(cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi") -> NRook:
+        """The ``t``-th samples of all (from 0): N samples a pass, N passes an epoch, as many epochs as are wanted."""
         n = permutations.n
         r = t // n
         epoch = r // n
-        return cls(permutations, epoch_key(key, epoch + first_epoch), r - epoch * n, t - r * n, jitter)
+        return cls(permutations, epoch_key(key, epoch), r - epoch * n, t - r * n, jitter)
 
     @classmethod
     def in_first_epoch(
@@ -142,7 +130,9 @@ class NRook:
     ) -> NRook:
         """What :meth:`at` gives for ``t`` < N², for less."""
         r = t // permutations.n
-        return cls(permutations, key, r, t - r * permutations.n, jitter)
+        points = cls(permutations, key, r, t - r * permutations.n, jitter)
+        points.t = t
+        return points
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
         """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/stage.py``)."""

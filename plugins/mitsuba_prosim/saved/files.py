@@ -19,7 +19,7 @@ from ..scene import atomic
 from . import origin
 
 #: Names of the attributes that hold all that is no pixels, and the CRC-32 of this; the number of this way to write it.
-ATTRIBUTE, SUM, FORMAT = "prosim.state", "prosim.state.checksum", 5
+ATTRIBUTE, SUM, FORMAT = "prosim.state", "prosim.state.checksum", 6
 
 #: What there is one of for each of some pixels is folded into rows of so many.
 FOLD = 1024

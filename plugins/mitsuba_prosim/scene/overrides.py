@@ -1,8 +1,9 @@
-"""The integrator of a parsed scene: other parameters, and ours around one that has none of them."""
+"""What is changed in a parsed scene: its film, and its integrator, which may get ours around it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import mitsuba as mi
@@ -17,11 +18,57 @@ SAMPLING = ("samples", "threshold", "noise", "noise_99", "time", "max_samples", 
 ENOUGH = ("noise", "noise_99", "time", "max_samples", "adaptive")
 
 
-def complete(state: mi.parser.ParserState) -> None:
-    """Gives a scene that has no integrator Mitsuba's default one."""
+#: Limits of a film: pixels a side, and pixels. Its values are counted in 32 bits, several a pixel.
+LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What is changed in a scene."""
+
+    #: Values of its ``$names``; of XML those of its parameters.
+    definitions: Mapping[str, str] = field(default_factory=dict)
+    #: (width, height), and (x, y, width, height), both in pixels; N of the N-rook sampling.
+    resolution: tuple[int, int] | None = None
+    crop: tuple[int, int, int, int] | None = None
+    samples: int | None = None
+    #: Other parameters of the integrator ``prosim`` or ``prosim_adaptive``; None takes one away. Those of
+    #: :data:`ENOUGH` put any other integrator within ``prosim_adaptive``.
+    integrator: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.resolution:
+            check_size(*self.resolution)
+
+
+def apply(state: mi.parser.ParserState, changes: Changes) -> str | None:
+    """Changes a parsed scene; returns the name of the integrator that was put within ``prosim_adaptive``, or None.
+    Raises ValueError.
+    """
+    window, crop = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), changes.crop
+    for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
+        _give(props, dict(zip(("width", "height"), changes.resolution or ())) | dict(zip(window, crop or ())))
+        width, height = props.get("width", 768), props.get("height", 576)
+        check_size(width, height)
+        if crop is not None and (crop[0] + crop[2] > width or crop[1] + crop[3] > height):
+            raise ValueError(
+                f"a crop window of {crop[2]} x {crop[3]} pixels from ({crop[0]}, {crop[1]}) on, in an image of {width} "
+                f"x {height}: it has to be within"
+            )
     if state.root.type == mi.ObjectType.Scene and _outermost(state) is None:
-        index = _add(state, mi.Properties("path"), state.root)
+        index = _add(state, mi.Properties("path"), state.root)  # Mitsuba's default
         state.root.props["integrator"] = mi.Properties.ResolvedReference(index)
+    samples = {"samples": changes.samples} if changes.samples else {}
+    return change(state, samples | dict(changes.integrator))
+
+
+def check_size(width: int, height: int) -> None:
+    """Raises ValueError for an image that no film can hold."""
+    if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
+        raise ValueError(
+            f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
+            f"{MOST_PIXELS // 10**6} million in all"
+        )
 
 
 def change(state: mi.parser.ParserState, parameters: Mapping[str, Any]) -> str | None:

@@ -34,8 +34,8 @@ def references(path: str | Path, definitions: Mapping[str, str], resolver: mi.Fi
     """The references of the scene at ``path`` and of the files that it includes, in the parser's order.
 
     ``definitions``: values of parameters; ``resolver``: search path at the beginning, which stays as it is. An included
-    file is read only when the next reference is asked for. Stops where Mitsuba's parser fails. Raises UnreadableError,
-    and OSError for a file that can't be read.
+    file is read only when the next reference is asked for. Raises UnreadableError, and OSError for a file that can't be
+    read.
     """
     # `<default>` gives a value to a parameter that has none, so the first one counts.
     defaults = [(name, value.replace("$", "\\$")) for name, value in definitions.items()]
@@ -55,7 +55,7 @@ def _references(
         try:
             name = substituted(name, defaults)
         except RuntimeError:
-            return
+            raise UnreadableError(f"Error while loading {place}: a parameter of {name!r} has no value") from None
         if tag == "spectrum":
             yield Reference(tag, name, Path(str(resolver.resolve(name))), place)
         elif tag == "path":

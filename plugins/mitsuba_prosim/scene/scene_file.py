@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,13 +15,11 @@ import prosim_scene
 from prosim_scene import Document, misfit
 
 from .. import registry
+from ..compat import RESERVED
 from . import overrides, session
 from .confinement import Confinement
 from .digest import digest, named_files, strings
 from .errors import check_images
-
-#: What a film can have at most: pixels a side, and pixels. A film's values are counted in 32 bits, several a pixel.
-LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 
 #: How an OpenEXR file begins.
 EXR = b"v/1\x01"
@@ -34,60 +33,42 @@ class SceneFile:
         path: str | Path,
         folder: str | Path,
         *,
-        definitions: Mapping[str, str] | None = None,
-        resolution: tuple[int, int] | None = None,
-        crop: tuple[int, int, int, int] | None = None,
-        samples: int | None = None,
-        integrator: Mapping[str, Any] | None = None,
         kept: prosim_scene.Kept | None = None,
         confined: bool = False,
         document: Document | None = None,
-        **language: Any,
+        **how: Any,
     ):
         """Reads ``path``, as XML if that is its suffix.
 
         ``folder``
             Where a translation is written; it has to stay as long as scenes are made.
-        ``definitions``
-            Values of the scene's ``$names``; of XML those of its parameters.
-        ``resolution``, ``crop``, ``samples``
-            (width, height), (x, y, width, height), both in pixels, and N of the N-rook sampling instead of the scene's.
-        ``integrator``
-            Other parameters of the integrator ``prosim`` or ``prosim_adaptive`` instead of the scene's; None takes one
-            away. Those that say how much is sampled put any other integrator within ``prosim_adaptive``, see
-            :func:`.overrides.change`.
         ``kept``
             What an earlier translation has left to this one.
         ``confined``
             Whether it can name no file outside its folder, see :class:`.confinement.Confinement`.
         ``document``
-            What the text says, where it has been read already.
-        ``language``
-            Further options of :func:`prosim_scene.translate`.
+            The text, where it has been read already.
+        ``how``
+            The :class:`.overrides.Changes`, and further options of :func:`prosim_scene.translate`.
 
         Raises :class:`prosim_scene.SceneError`, ValueError where the scene can't be changed so, what the confinement
-        raises, or whatever Mitsuba's parser does. Warns if ``resolution`` distorts the scene's window.
+        raises, or whatever Mitsuba's parser does. Warns if another resolution distorts the scene's window.
         """
-        if resolution:
-            check_size(*resolution)
+        given = {field.name: how.pop(field.name, None) for field in fields(overrides.Changes)}
+        changes = overrides.Changes(**{name: value for name, value in given.items() if value is not None})
         self.path = self.xml = Path(path)
-        self.resolution, self.definitions = resolution, dict(definitions or {})
-        #: What the text says, and where; None for XML.
+        self.definitions = changes.definitions
+        #: The text and the places in it; None for XML.
         self.document = document
         self._kept = kept
+        resolution = changes.resolution
         if self.path.suffix.lower() != ".xml":
             self.document = document or self.read()
-            self._language = language | {"resolution": resolution, "samples": samples}
+            self._language = how | {"resolution": resolution, "samples": changes.samples}
             self.xml = prosim_scene.translate(self.document, Path(folder), kept=kept, **self._language)
-            resolution = samples = None  # said in the translation
+            changes = replace(changes, definitions={}, resolution=None, samples=None)  # which the translation has
         #: What makes the same of the XML file alone.
-        self.changes: dict[str, Any] = {
-            "definitions": self.definitions if self.xml is self.path else {},
-            "resolution": resolution,
-            "crop": crop,
-            "samples": samples,
-            "integrator": dict(integrator or {}),
-        }
+        self.changes = asdict(changes)
         confinement = Confinement([self.path.parent, self.xml.parent]) if confined else None
         #: Search path before parsing; afterwards it also has the folders of the scene's ``<path>``.
         folders = [self.xml.parent, self.path.parent]
@@ -101,18 +82,13 @@ class SceneFile:
             if confinement is not None:
                 confinement.check_state(self.state, files, self._resolver)
         self._parsed = mi.parser.ParserState(self.state)
-        for node in self.state.nodes:
-            if node.type == mi.ObjectType.Film:
-                _override(node.props, ("width", "height"), resolution)
-                _override(node.props, ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop)
-                width, height = node.props.get("width", 768), node.props.get("height", 576)
-                check_size(width, height)
-                check_crop(crop, width, height)
-        overrides.complete(self.state)
-        #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
-        self.wrapped = self._change_integrator(({"samples": samples} if samples else {}) | dict(integrator or {}))
-        if self.resolution:
-            self._warn_of_distortion(*self.resolution)
+        try:
+            #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
+            self.wrapped = overrides.apply(self.state, changes)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {error}") from None
+        if resolution:
+            self._warn_of_distortion(*resolution)
 
     def read(self) -> Document:
         """What the text of a scene in the thesis's language says by now. Raises :class:`prosim_scene.SceneError`."""
@@ -160,12 +136,6 @@ class SceneFile:
                     ) from None
                 raise
 
-    def _change_integrator(self, parameters: Mapping[str, Any]) -> str | None:
-        try:
-            return overrides.change(self.state, parameters)
-        except ValueError as error:
-            raise ValueError(f"{self.path}: {error}") from None
-
     def _warn_of_distortion(self, width: int, height: int) -> None:
         """Warns where pixels of this resolution are not square; see :func:`prosim_scene.misfit`."""
         for node in self.state.nodes:
@@ -180,27 +150,9 @@ class SceneFile:
                     warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=3)
 
 
-def check_size(width: int, height: int) -> None:
-    """Raises ValueError for an image that no film can hold."""
-    if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
-        raise ValueError(
-            f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
-            f"{MOST_PIXELS // 10**6} million in all"
-        )
-
-
-def check_crop(crop: tuple[int, int, int, int] | None, width: int, height: int) -> None:
-    """Raises ValueError for a crop window (x, y, width, height) that is not within the image."""
-    if crop is not None and (crop[0] + crop[2] > width or crop[1] + crop[3] > height):
-        raise ValueError(
-            f"a crop window of {crop[2]} x {crop[3]} pixels from ({crop[0]}, {crop[1]}) on, in an image of {width} x "
-            f"{height}: it has to be within"
-        )
-
-
 def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
     """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
-    if taken := {"config", "filename"} & set(parameters):
+    if taken := set(RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba's Python parser keeps this name for itself; choose another")
     return mi.parser.parse_file(_config(), str(path), **parameters)
 
@@ -282,9 +234,3 @@ def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
 
 def _config():
     return mi.parser.ParserConfig(mi.variant() or "")
-
-
-def _override(props: mi.Properties, names: Iterable[str], values: Iterable[int] | None) -> None:
-    """Sets named properties, if values are given."""
-    for name, value in zip(names, values or ()):
-        props[name] = value

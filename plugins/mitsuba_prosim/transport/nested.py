@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Sobol
 from .stage import CAMERA_SPACES
 
 
@@ -27,7 +28,7 @@ class Nested:
         self.aov_names = list(integrator.aov_names())
 
     def __call__(
-        self, ray: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool
+        self, ray: mi.Ray3f, points: NRook | Sobol | SamplerPoints, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         """Radiance of the camera ray ``ray``: ``(L, hit, others)``, with points for each dimension in turn: those of
         ``points``, in the spaces after the camera's.
@@ -62,10 +63,13 @@ def is_differential(integrator: mi.Integrator) -> bool:
     return dr.is_jit_v(mi.Float) and isinstance(integrator, mi.CppADIntegrator)
 
 
-def sampler_of(points: NRook) -> Any:
+def sampler_of(points: NRook | Sobol) -> Any:
     """A ``mi.Sampler`` that gives ``points``, space by space."""
-    sampler = create("nrook", jitter=points.jitter)
-    sampler.permutations, n = points.permutations, points.permutations.n
-    sampler.pixel, sampler.index = points.key, points.r * n + points.i  # the key is the epoch's
+    if isinstance(points, Sobol):
+        sampler = create("owen")
+    else:
+        sampler = create("nrook", jitter=points.jitter)
+        sampler.permutations = points.permutations
+    sampler.pixel, sampler.index = points.key, points.t
     sampler.dimension = mi.UInt32(CAMERA_SPACES)
     return sampler

@@ -54,7 +54,7 @@ def shade(
     direct, estimates = direct_light(stage, ray, si, bsdf, points, surface_inside, scattered)
     L += direct
     if stage.caustics is not None:
-        assert isinstance(points, NRook)
+        assert not isinstance(points, SamplerPoints)
         L += stage.caustics(si, bsdf, points.t, surface_inside)
         if stage.merging is not None:
             glossy = but_not(surface_inside, scattered)

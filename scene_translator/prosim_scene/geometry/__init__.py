@@ -1,6 +1,6 @@
 """From the CSG tree to triangles: primitives, their transforms, the tree evaluated, the surfaces of the result."""
 
 from .detail import TOLERANCE
-from .surfaces import Faces, Skin, Triangles, tessellate
+from .surfaces import MeshKey, SurfaceMesh, Triangles, tessellate
 
-__all__ = ["TOLERANCE", "Faces", "Skin", "Triangles", "tessellate"]
+__all__ = ["TOLERANCE", "MeshKey", "SurfaceMesh", "Triangles", "tessellate"]

@@ -12,7 +12,6 @@ from manifold3d import Manifold, Mesh64
 
 from ..model import Leaf
 from . import csg
-from .coincidence import Planes
 from .csg import Body, Value, beneath, checked, combined
 from .primitives import Mesh
 
@@ -21,11 +20,11 @@ AIR = -1  # what is outside of all
 
 
 @dataclass
-class Shell:
+class Boundary:
     """Triangles of a result: ``vertices`` (n, 3), ``triangles`` (m, 3), and for each the original id of its primitive,
-    the number of its facet, and a ``sign``, -1 where it is the surface of a primitive that was taken away. It is
-    ``settled`` when its vertices lie on the planes of its facets. ``inside`` and ``outside`` (m,) are the media on the
-    two sides of each triangle, the latter being where its normal points.
+    the number of its facet, and a ``sign``, -1 where it is the surface of a primitive that was taken away.
+    ``inside`` and ``outside`` (m,) are the media on the two sides of each triangle, the latter being where its normal
+    points.
     """
 
     vertices: np.ndarray
@@ -35,32 +34,31 @@ class Shell:
     sign: np.ndarray
     inside: np.ndarray
     outside: np.ndarray
-    settled: bool = True
 
-    def between(self, inside: int, outside: int) -> "Shell":
+    def between(self, inside: int, outside: int) -> "Boundary":
         """The same with these media on its sides."""
         return replace(self, inside=np.full(len(self.ids), inside), outside=np.full(len(self.ids), outside))
 
-    def bearing(self, ids: np.ndarray, originals: np.ndarray) -> "Shell":
+    def bearing(self, ids: np.ndarray, originals: np.ndarray) -> "Boundary":
         """The triangles that bear one of some ``ids``, which ascend, with the ``originals`` of these in their place."""
         at = np.searchsorted(ids, self.ids)
         chosen = np.flatnonzero(ids[np.minimum(at, len(ids) - 1)] == self.ids)
         triangles, facets, sign = self.triangles[chosen], self.facets[chosen], self.sign[chosen]
         sides = self.inside[chosen], self.outside[chosen]
-        return Shell(self.vertices, triangles, originals[at[chosen]], facets, sign, *sides, self.settled)
+        return Boundary(self.vertices, triangles, originals[at[chosen]], facets, sign, *sides)
 
-    def turned(self) -> "Shell":
+    def turned(self) -> "Boundary":
         """Its back side."""
         return replace(
             self, triangles=self.triangles[:, ::-1], sign=-self.sign, inside=self.outside, outside=self.inside
         )
 
 
-def whole(mesh: Mesh, original_id: int, first: int, medium: int) -> Shell:
+def whole(mesh: Mesh, original_id: int, first: int, medium: int) -> Boundary:
     """The surface of a primitive that nothing touches; its facets are numbered from ``first``."""
     count = len(mesh.triangles)
     ids, inside, outside = (np.full(count, number) for number in (original_id, medium, AIR))
-    return Shell(mesh.vertices, mesh.triangles, ids, first + mesh.facets, np.ones(count), inside, outside)
+    return Boundary(mesh.vertices, mesh.triangles, ids, first + mesh.facets, np.ones(count), inside, outside)
 
 
 def cutters(nodes: csg.Nodes, media_of: list[int]) -> np.ndarray:
@@ -91,10 +89,10 @@ class _Layer:
     ids: np.ndarray
     originals: np.ndarray
     total: Body
-    interfaces: list[Shell]
+    interfaces: list[Boundary]
 
 
-def shells(value: Value, fresnel: Collection[int] = ()) -> list[Shell]:
+def boundaries(value: Value, fresnel: Collection[int] = ()) -> list[Boundary]:
     """The surfaces to render. Media are numbers in their order of precedence, OPAQUE first.
 
     An opaque solid is bounded by its whole surface. A dielectric gives way to opaque solids, and to dielectrics that
@@ -116,12 +114,12 @@ def shells(value: Value, fresnel: Collection[int] = ()) -> list[Shell]:
         total = layers[-1].total
         known = [layer for layer in layers if layer.medium != OPAQUE or fresnel]
         if known:
-            shell = _shell(beneath(total, own))
+            boundary = _boundary(beneath(total, own))
             for layer in known:
-                face = shell.between(medium, layer.medium).bearing(layer.ids, layer.originals).turned()
+                face = boundary.between(medium, layer.medium).bearing(layer.ids, layer.originals).turned()
                 layer.interfaces += [face] if len(face.ids) else []
         layers.append(_Layer(medium, ids, originals, combined("+", total, own), []))
-    result: list[Shell] = []
+    result: list[Boundary] = []
     for layer in layers:
         width = 2 * layer.total.planes.step
         touched = any(  # and not in seams alone
@@ -131,10 +129,10 @@ def shells(value: Value, fresnel: Collection[int] = ()) -> list[Shell]:
             ).any()
             for face in layer.interfaces
         )
-        found = [_shell((layers[-1] if touched else layer).total).between(layer.medium, AIR)]
+        found = [_boundary((layers[-1] if touched else layer).total).between(layer.medium, AIR)]
         if touched or layer is not layers[0]:
-            found = [shell.bearing(layer.ids, layer.originals) for shell in found]
-        result += [shell for shell in found + layer.interfaces * touched if len(shell.ids)]
+            found = [boundary.bearing(layer.ids, layer.originals) for boundary in found]
+        result += [boundary for boundary in found + layer.interfaces * touched if len(boundary.ids)]
     return result
 
 
@@ -142,35 +140,26 @@ def _ids(part: Body) -> list[int]:
     return [int(i) for i in part.manifold.to_mesh64().run_original_id]
 
 
-def batches(shells: Iterable[Shell], size: int, planes: Planes) -> Iterator[Shell]:
-    """The same triangles in few shells, all settled: small ones are put together until they have ``size`` triangles."""
-    waiting: list[Shell] = []
+def batches(boundaries: Iterable[Boundary], size: int) -> Iterator[Boundary]:
+    """The same triangles in few boundaries: small ones are put together until they have ``size`` triangles."""
+    waiting: list[Boundary] = []
     count = 0
-    for shell in shells:
-        waiting.append(shell)
-        count += len(shell.triangles)
+    for boundary in boundaries:
+        waiting.append(boundary)
+        count += len(boundary.triangles)
         if count >= size:
-            yield _joined(waiting, planes)
+            yield _joined(waiting)
             waiting, count = [], 0
     if waiting:
-        yield _joined(waiting, planes)
+        yield _joined(waiting)
 
 
-def _joined(shells: list[Shell], planes: Planes) -> Shell:
-    vertices = np.concatenate([s.vertices for s in shells])
-    begin = np.cumsum([0, *(len(s.vertices) for s in shells)])
-    triangles = np.concatenate([s.triangles + first for s, first in zip(shells, begin)])
-    facets = np.concatenate([s.facets for s in shells])
-    unsettled = np.repeat([not s.settled for s in shells], [len(s.triangles) for s in shells])
-    return Shell(
-        planes.settled(vertices, triangles[unsettled], facets[unsettled]),
-        triangles,
-        np.concatenate([s.ids for s in shells]),
-        facets,
-        np.concatenate([s.sign for s in shells]),
-        np.concatenate([s.inside for s in shells]),
-        np.concatenate([s.outside for s in shells]),
-    )
+def _joined(boundaries: list[Boundary]) -> Boundary:
+    begin = np.cumsum([0, *(len(b.vertices) for b in boundaries)])
+    triangles = np.concatenate([b.triangles + first for b, first in zip(boundaries, begin)])
+    columns = zip(*((b.vertices, b.ids, b.facets, b.sign, b.inside, b.outside) for b in boundaries))
+    vertices, *others = map(np.concatenate, columns)
+    return Boundary(vertices, triangles, *others)
 
 
 def heights(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -180,13 +169,13 @@ def heights(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))
 
 
-def _shell(part: Body) -> Shell:
+def _boundary(part: Body) -> Boundary:
     mesh = checked(part.planes.snap(checked(part.manifold), part.surfaces)).to_mesh64()
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     runs = ends[1:] - ends[:-1]
     ids = np.repeat(np.asarray(mesh.run_original_id, dtype=np.int64), runs)
     nowhere = np.full(len(ids), AIR)
-    return Shell(
+    return Boundary(
         np.array(mesh.vert_properties)[:, :3],
         np.array(mesh.tri_verts, dtype=np.int64),
         ids,

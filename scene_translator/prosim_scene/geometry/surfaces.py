@@ -20,7 +20,7 @@ from .media import heights
 from .primitives import Mesh
 
 
-class Skin(NamedTuple):
+class MeshKey(NamedTuple):
     """What triangles look alike by: the material of their primitive, and the media on both sides.
 
     ``outside`` is where the normal points, None is air. Of what is opaque ``inside`` is None, and ``outside`` too if it
@@ -50,7 +50,7 @@ class Triangles:
 
 
 @dataclass(eq=False)
-class Piece:
+class Submesh:
     """Triangles of a result, with the codes of the kinds of each, ``kind`` (n,), and of each vertex, ``vertex_kind``
     (k,). No vertex is of two kinds. Those that are not ``high`` (n,) are seams of no width.
     """
@@ -72,14 +72,14 @@ def corner_keys(of: np.ndarray, face: np.ndarray, uv: np.ndarray, alone: np.ndar
 
 
 #: No triangles.
-NOTHING = Piece(
+NOTHING = Submesh(
     Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int)),
     *(np.empty(0, int), np.empty(0, int), np.empty(0, bool)),
 )
 
 
 @dataclass(eq=False)
-class Faces:
+class SurfaceMesh:
     """What a tree comes to, whatever it looks like: all triangles, and the numbers of the kinds of each, ``kind`` (n,),
     and of each vertex, ``vertex_kind`` (k,).
 
@@ -114,19 +114,19 @@ class Faces:
         return list(self._chosen.values())
 
 
-def joined(pieces: Sequence[Piece], media: int) -> Faces:
-    """All pieces. A kind's code is (leaf m + inside + 1) m + outside + 1, m being ``media``."""
-    begin = np.cumsum([0, *(len(piece.vertex_kind) for piece in pieces)])
-    columns = zip(*((p.triangles.vertices, p.triangles.normals, p.triangles.uv) for p in pieces))
+def joined(submeshes: Sequence[Submesh], media: int) -> SurfaceMesh:
+    """All submeshes. A kind's code is (leaf m + inside + 1) m + outside + 1, m being ``media``."""
+    begin = np.cumsum([0, *(len(submesh.vertex_kind) for submesh in submeshes)])
+    columns = zip(*((p.triangles.vertices, p.triangles.normals, p.triangles.uv) for p in submeshes))
     vertices, normals, uv = map(np.concatenate, columns)
-    index = np.concatenate([p.triangles.index + first for p, first in zip(pieces, begin)])
-    codes, kind = np.unique(np.concatenate([p.kind for p in pieces]), return_inverse=True)
-    vertex_kind = np.searchsorted(codes, np.concatenate([p.vertex_kind for p in pieces]))
+    index = np.concatenate([p.triangles.index + first for p, first in zip(submeshes, begin)])
+    codes, kind = np.unique(np.concatenate([p.kind for p in submeshes]), return_inverse=True)
+    vertex_kind = np.searchsorted(codes, np.concatenate([p.vertex_kind for p in submeshes]))
     leaf, sides = np.divmod(codes, media**2)
     kinds = list(zip(leaf.tolist(), (sides // media - 1).tolist(), (sides % media - 1).tolist()))
-    high = np.concatenate([p.high for p in pieces])
+    high = np.concatenate([p.high for p in submeshes])
     seen = np.bincount(kind[high], minlength=len(kinds)) > 0
-    return Faces(Triangles(vertices, normals, uv, index), kind, vertex_kind, kinds, seen)
+    return SurfaceMesh(Triangles(vertices, normals, uv, index), kind, vertex_kind, kinds, seen)
 
 
 def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +138,7 @@ Number = TypeVar("Number", int, np.ndarray)
 CHUNK = 1 << 16  # triangles at a time
 
 
-def anew(_: Hashable, make: Callable[[], Faces]) -> Faces:
+def anew(_: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
     """Keeps nothing."""
     return make()
 
@@ -151,8 +151,8 @@ def tessellate(
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
     fresnel: Callable[[Leaf], bool],
-    kept: Callable[[Hashable, Callable[[], Faces]], Faces] = anew,
-) -> dict[Skin, Triangles]:
+    kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = anew,
+) -> dict[MeshKey, Triangles]:
     """The surfaces of a document's scene.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
@@ -174,7 +174,7 @@ def tessellate(
         (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects)
     )
     seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
-    alike: dict[Skin, list[int]] = {}
+    alike: dict[MeshKey, list[int]] = {}
     of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
     filling: set[int] = set()  # media that are seen behind faces of other media's
     for number, (leaf, inside, outside) in enumerate(faces.kinds):
@@ -182,7 +182,7 @@ def tessellate(
         filling |= {inside, outside} - {media_of[leaf]} if faces.seen[number] else set()
         lining[leaf] |= faces.seen[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
         inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
-        alike.setdefault(Skin(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
+        alike.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
     # What fills a hollow has left its face to what has cut it, and is seen all the same.
     filling -= {media.OPAQUE, media.AIR}
     _report_vanished(document, seen | np.isin(media_of, list(filling)))
@@ -197,7 +197,7 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _faces(nodes: csg.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool]) -> Faces:
+def _faces(nodes: csg.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool]) -> SurfaceMesh:
     """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric; ``reflects[i]``:
     it is opaque, and reflects by Fresnel's equations.
     """
@@ -217,16 +217,16 @@ def _faces(nodes: csg.Nodes, table: Leaves, media_of: list[int], reflects: Seque
         return {media_of[number]: csg.Body(mesh, boxes[number : number + 1], shared, table.planes, i)}
 
     fresnel = {base + number for number, reflecting in enumerate(reflects) if reflecting}
-    shells: list[media.Shell] = []
+    boundaries: list[media.Boundary] = []
     for group, result in csg.evaluate(nodes, groups.tolist(), value).items():
         if single[group]:
             i = table.of_leaf[group]
-            shells.append(media.whole(table.meshes[i], base + group, table.first[i], media_of[group]))
+            boundaries.append(media.whole(table.meshes[i], base + group, table.first[i], media_of[group]))
         else:
-            shells += media.shells(result, fresnel)
+            boundaries += media.boundaries(result, fresnel)
     count = max(media_of) + 2
-    pieces = [_piece(table, shell, shell.ids - base, count) for shell in media.batches(shells, CHUNK, table.planes)]
-    return joined([NOTHING, *pieces], count)
+    submeshes = [_submesh(table, boundary, boundary.ids - base, count) for boundary in media.batches(boundaries, CHUNK)]
+    return joined([NOTHING, *submeshes], count)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
@@ -241,26 +241,28 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
     return csg.checked(Manifold(bearing))
 
 
-def _piece(table: Leaves, shell: media.Shell, leaf: np.ndarray, count: int) -> Piece:
-    """A shell with the normals and surface parameters of the leaves (n,) that its triangles come from."""
-    kind = _kind(leaf, shell.inside, shell.outside, count)
+def _submesh(table: Leaves, boundary: media.Boundary, leaf: np.ndarray, count: int) -> Submesh:
+    """A boundary with the normals and surface parameters of the leaves (n,) that its triangles come from."""
+    kind = _kind(leaf, boundary.inside, boundary.outside, count)
     codes, number = np.unique(kind, return_inverse=True)
-    corner = shell.triangles
+    corner = boundary.triangles
     columns = []
     alone = 0  # so far
     for start in range(0, len(corner), CHUNK):
         part = slice(start, start + CHUNK)
-        positions = shell.vertices[corner[part]]
-        found = table.surface(positions, leaf[part], shell.facets[part], shell.sign[part])
+        positions = boundary.vertices[corner[part]]
+        found = table.surface(positions, leaf[part], boundary.facets[part], boundary.sign[part])
         of = corner[part] * len(codes) + number[part, None]
         keys = corner_keys(of, found.face, found.uv, found.alone, alone)
         alone += int(found.alone.sum())
-        columns.append([keys, positions + table.origin, found.normals, found.uv, heights(shell.vertices, corner[part])])
+        columns.append(
+            [keys, positions + table.origin, found.normals, found.uv, heights(boundary.vertices, corner[part])]
+        )
     keys, positions, normals, uv, height = map(np.concatenate, zip(*columns))
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
     triangles = Triangles(positions[triangle, at], normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
-    return Piece(triangles, kind, kind[triangle], height > 2 * table.planes.step)
+    return Submesh(triangles, kind, kind[triangle], height > 2 * table.planes.step)
 
 
 def _kind(leaf: Number, inside: Number, outside: Number, count: int) -> Number:

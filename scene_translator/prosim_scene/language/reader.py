@@ -17,7 +17,7 @@ from .. import model
 from . import checks, words
 from .diagnostics import CLIP, MOST, Diagnostic, SceneError, Source, Span, diagnostic, listing, quote
 from .document import Path
-from .suggestions import TEXTURES, hint, hint_within, meant, nearest, of_mark, spaced, unknown_name
+from .suggestions import NUMBER, TEXTURES, hint, hint_within, meant, nearest, of_mark, spaced, unknown_name
 from .tokens import Definitions, Scanner, Token, UndefinedError
 from .words import STATEMENTS, Numbers, normalise, row
 
@@ -52,7 +52,7 @@ SEPARATED = re.compile(r"[-+.e\d]*[,;][-+.e\d,;]*", re.IGNORECASE)
 #: Sizes as they are written elsewhere: 320x240; and shares: 60%.
 BY_SIGN = re.compile("[x×]", re.IGNORECASE)
 BY = re.compile(r"[-+.\d]+([x×][-+.\d]+)+", re.IGNORECASE)
-PERCENT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))%")
+PERCENT = re.compile(rf"({NUMBER})%")
 #: An operator, but for the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 BRACES = "; arithmetic stands in braces, as in {360 * $frame / 48}"

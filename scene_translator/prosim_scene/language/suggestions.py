@@ -6,7 +6,8 @@ import re
 from .diagnostics import CLIP, listing, quote
 from .words import ALIASES, BUILT_IN, GLASSES, METALS, canonical, normalise, of_role, spellings
 
-NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?"
+#: Each digit can be matched in one way only: a long number that ends in a letter takes no longer than others.
+NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
 BRACES = "braces hold arithmetic, as in {360 * $frame / 48}"
 NO_BLOCKS = f"{BRACES}, and blocks need none: a statement goes on up to the next one"
 SPACED = "expected numbers with nothing but spaces between them"

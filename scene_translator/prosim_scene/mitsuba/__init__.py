@@ -12,7 +12,7 @@ from ..model import Leaf, Light
 from ..nodes import Node
 from . import prosim, stock
 from .context import Context
-from .materials import Sides
+from .materials import MediumInterface
 
 
 class Target(Protocol):
@@ -30,7 +30,7 @@ class Target(Protocol):
     def light(self, context: Context, number: int, light: Light) -> Node:
         """An emitter, or the shape that bears it."""
 
-    def surface(self, context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
+    def surface(self, context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
         """The entries of a shape that give it the look of a leaf, node ``number`` of the tree. ``sides`` are the media
         on both sides.
         """

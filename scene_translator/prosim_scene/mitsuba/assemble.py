@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..camera import Camera, camera_of, warn_of_distortion
-from ..geometry import TOLERANCE, Skin, Triangles, tessellate
+from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
 from ..kept import Kept
 from ..language.document import Document
 from ..model import Leaf, Scene
@@ -14,7 +14,7 @@ from ..nodes import Comment, Default, Node
 from ..options import Options
 from . import TARGETS, Target, lights, materials
 from .context import LARGEST, Context, check, check_transforms
-from .materials import Sides
+from .materials import MediumInterface
 from .sensor import clipping, sensor
 
 
@@ -91,11 +91,15 @@ def looking(document: Document, options: Options, kept: Kept | None) -> Node:
 
 
 def _shapes(
-    context: Context, target: Target, triangles: dict[Skin, Triangles], kept: Kept, store: Callable[[str, bytes], str]
+    context: Context,
+    target: Target,
+    triangles: dict[MeshKey, Triangles],
+    kept: Kept,
+    store: Callable[[str, bytes], str],
 ) -> Node:
     """The shapes, in the order of the tree: one for each skin of leaves that look alike."""
     document, scene = context.document, context.scene
-    skins: dict[Hashable, list[Skin]] = {}
+    skins: dict[Hashable, list[MeshKey]] = {}
     for skin in triangles:
         skins.setdefault(skin.material, []).append(skin)
     alike = _alike(scene)
@@ -122,7 +126,7 @@ def _shapes(
                     leaf.index,
                 )
                 continue
-            sides = Sides(
+            sides = MediumInterface(
                 leaf.index if skin.inside == medium(scene, leaf) else media[skin.inside],
                 None if skin.outside is None else media[skin.outside],
             )

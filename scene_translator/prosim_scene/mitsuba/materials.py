@@ -15,7 +15,7 @@ LEAST = 1e-7
 
 
 @dataclass(frozen=True)
-class Sides:
+class MediumInterface:
     """The media on both sides of a face, as the indices of SURFACEs; ``outside`` is None for air, and ``inside`` the
     face's own SURFACE where that is opaque.
     """
@@ -63,7 +63,7 @@ def mean_index(context: Context, index: int, surface: Surface) -> float:
     return sum(surface.eta) / 3
 
 
-def indices(context: Context, sides: Sides) -> Node:
+def indices(context: Context, sides: MediumInterface) -> Node:
     """The indices of refraction on both sides of a dielectric's face: numbers, or what depends on the wavelength."""
     inside = _index(context, sides.inside, "int")
     return inside | (
@@ -71,13 +71,13 @@ def indices(context: Context, sides: Sides) -> Node:
     )
 
 
-def mean_indices(context: Context, sides: Sides) -> Node:
+def mean_indices(context: Context, sides: MediumInterface) -> Node:
     """The same as one number each."""
     inside = mean_index(context, sides.inside, context.scene.surfaces[sides.inside])
     return {"int_ior": inside, "ext_ior": index_outside(context, sides)}
 
 
-def index_outside(context: Context, sides: Sides) -> float:
+def index_outside(context: Context, sides: MediumInterface) -> float:
     """The index of refraction outside of a face, as one number."""
     if sides.outside is None:
         return context.scene.air_index
@@ -90,7 +90,7 @@ def invisible(indices: Node) -> bool:
     return inside == outside
 
 
-def bsdf(context: Context, number: int, leaf: Leaf, sides: Sides) -> Node:
+def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
     """The BSDF of this project's plugins for a leaf, node ``number`` of the tree."""
     surface = context.scene.surfaces[leaf.index]
     kd, ks, ka = defaults(surface)
@@ -139,7 +139,7 @@ def absorbs(surface: Surface) -> bool:
     return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
 
 
-def media(context: Context, sides: Sides) -> Node:
+def media(context: Context, sides: MediumInterface) -> Node:
     """What lies on the sides of a dielectric's face and absorbs, as parameters of its shape; nothing for others."""
     result = {"interior": _medium(context.scene.surfaces[sides.inside])}
     if sides.outside is not None:

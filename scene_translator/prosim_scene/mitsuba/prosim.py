@@ -45,6 +45,6 @@ def light(context: Context, number: int, light: Light) -> Node:
     return lights.emitter(context, number, light, context.light_units)
 
 
-def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -> Node:
+def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
     """The BSDF of a leaf, and what lies on its sides."""
     return {"bsdf": materials.bsdf(context, number, leaf, sides), **materials.media(context, sides)}

@@ -123,7 +123,7 @@ def _along(position: Vector, direction: Vector) -> np.ndarray:
     return to_world
 
 
-def surface(context: Context, number: int, leaf: Leaf, sides: materials.Sides) -> Node:
+def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
     """BSDF, what lies on its sides, and the emitter that stands for the ambient term."""
     scene = context.scene
     surface = scene.surfaces[leaf.index]
@@ -162,7 +162,9 @@ def _mean(kind: str, values: dict[str, Any]) -> np.ndarray:
     return np.asarray(share * np.array(first) + (1 - share) * np.array(second))
 
 
-def _bsdf(context: Context, index: int, surface: Surface, sides: materials.Sides, diffuse: Node, ks: Vector) -> Node:
+def _bsdf(
+    context: Context, index: int, surface: Surface, sides: materials.MediumInterface, diffuse: Node, ks: Vector
+) -> Node:
     path = "surfaces", index
     alpha = materials.beckmann_slope(surface)
     if alpha:

@@ -1,0 +1,58 @@
+"""The Owen-scrambled Sobol' sampler, for any integrator."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from ..parameters import describe
+from ..registry import plugin
+from ..sampling.sampler import PureSampler
+from ..sampling.sobol import Sobol
+
+
+@plugin("sampler", "owen")
+class OwenSampler(PureSampler):
+    r"""
+    .. _sampler-owen:
+
+    Owen-scrambled Sobol' sampler (:monosp:`owen`)
+    ----------------------------------------------
+
+    .. pluginparameters::
+
+     * - sample_count
+       - |int|
+       - Number of samples per pixel (Default: 4)
+
+     * - seed
+       - |int|
+       - Seed offset (Default: 0)
+
+    Takes the samples of every pixel and dimension from Sobol's sequence in two dimensions, each shuffled and scrambled
+    by a hash of its own (Burley 2020). The sequence has no end: any number of samples is well distributed, powers of
+    two a little better. A sample is a pure function of seed, pixel, dimension and sample index; no state of a random
+    generator is kept.
+
+    .. tabs::
+        .. code-tab:: xml
+
+            <sampler type="owen">
+                <integer name="sample_count" value="24"/>
+            </sampler>
+
+        .. code-tab:: python
+
+            'type': 'owen',
+            'sample_count': 24
+    """
+
+    def set_sample_count(self, spp: int) -> None:
+        """Sets the number of samples per pixel, any."""
+        mi.Sampler.set_sample_count(self, spp)
+        self.samples_per_wavefront = None  # until told
+
+    def points(self) -> Sobol:
+        return Sobol(self.pixel, self.index)
+
+    def to_string(self) -> str:
+        return describe(self, sample_count=self.sample_count())

@@ -1,4 +1,4 @@
-"""Python's garbage collector, kept still while what is made is no garbage."""
+"""Python's garbage collector, paused while many objects are made."""
 
 import gc
 from collections.abc import Iterator
@@ -6,11 +6,11 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def still() -> Iterator[None]:
-    """Keeps the collector from running.
+def paused() -> Iterator[None]:
+    """Pauses the collector.
 
-    It runs again and again while many objects are made, and looks at all of them: a third of the time of reading a
-    scene, in which nothing is made that refers to itself.
+    It would look at all objects again and again while a scene is read, for a third of the time; nothing that is made
+    there refers to itself.
     """
     enabled = gc.isenabled()
     gc.disable()

@@ -9,20 +9,18 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.caustics.caustics import Caustics, placed
-from mitsuba_prosim.caustics.footprint import Footprint
-from mitsuba_prosim.caustics.gathering import Gathering
-from mitsuba_prosim.caustics.merging import expected
-from mitsuba_prosim.caustics.photons import Photons
-from mitsuba_prosim.caustics.random import starts
-from mitsuba_prosim.caustics.sources import Sources, Start, left_out
-from mitsuba_prosim.caustics.targets import Targets, merged
-from mitsuba_prosim.caustics.walk import WIDE, Landed
 from mitsuba_prosim.cli.job import job_of
 from mitsuba_prosim.engine import work
 from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.engine.record import Record
 from mitsuba_prosim.light.table import Lights
+from mitsuba_prosim.photons.caustics import Caustics, placed
+from mitsuba_prosim.photons.emission import Sources, Start, left_out, start_points
+from mitsuba_prosim.photons.footprint import Footprint
+from mitsuba_prosim.photons.gathering import Gathering
+from mitsuba_prosim.photons.grid import WIDE, Landed, Photons
+from mitsuba_prosim.photons.mis import expected
+from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
 from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
@@ -209,7 +207,7 @@ def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
     """
     drawn = []
     monkeypatch.setattr(Photons, "of", lambda *rest, of=Photons.of: (drawn.append(len(drawn)), of(*rest))[1])
-    monkeypatch.setattr("mitsuba_prosim.caustics.caustics.KEPT", 3 << 10)
+    monkeypatch.setattr("mitsuba_prosim.photons.caustics.KEPT", 3 << 10)
     more = {"samples": 2, "max_samples": 32, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 10}
     world = small(12, integrator={"type": "prosim", "band": 40} | more)
     integrator = world.integrator()
@@ -351,7 +349,7 @@ def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb
     i = dr.arange(mi.UInt32, sources.pairs * n)
     cell = i * edge**2 // n
     shares = 100 + 50 * dr.arange(mi.Float, sources.pairs * edge**2)
-    start = sources.start(cell, shares, *starts(mi.UInt32(5), i), mi.Color0f())
+    start = sources.start(cell, shares, *start_points(mi.UInt32(5), i), mi.Color0f())
     own = dr.gather(mi.EmitterPtr, sources.pointers, i // (2 * n))
     origin = dr.zeros(mi.Interaction3f)
     origin.p = start.ray(dr.select(own.is_environment(), 0, 0.1))
@@ -465,7 +463,7 @@ def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(varian
         caustics = Caustics.of(world, world.sensors()[0], 1, 7, True)
         i = dr.arange(mi.UInt32, 4096)
         pair = i // 4096 + next(k for k in range(2) if abs(caustics.sources.targets.radii[k] - 0.8) < 0.01)
-        start = caustics.sources.start(pair, mi.Float(1, 1), *starts(mi.UInt32(5), i), mi.Color0f())
+        start = caustics.sources.start(pair, mi.Float(1, 1), *start_points(mi.UInt32(5), i), mi.Color0f())
         lying.append(dr.count(caustics.walk(start, i)[1].lies)[0])
     assert lying[0] > 0.9 * lying[1] > 900
 
@@ -488,7 +486,7 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
     shares, _, cell = placed(np.linspace(0.3, 1.7, cells) * (1 << 17) / cells if cells > 1 else np.array([1 << 17]))
     i = dr.arange(mi.UInt32, dr.width(cell))
-    start = caustics.sources.start(cell, shares, *starts(mi.UInt32(7), i), mi.Color0f())
+    start = caustics.sources.start(cell, shares, *start_points(mi.UInt32(7), i), mi.Color0f())
     landed, _ = caustics.walk(start, i)
     power = dr.sum(dr.select(landed.lies, landed.flux.x, 0))[0]
     place = (

@@ -8,8 +8,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import compat
-from mitsuba_prosim.caustics.footprint import Footprint
-from mitsuba_prosim.caustics.targets import sphere
+from mitsuba_prosim.photons.footprint import Footprint
+from mitsuba_prosim.photons.targets import sphere
 from mitsuba_prosim.scene.black import why
 from scenes import mesh, penumbra
 

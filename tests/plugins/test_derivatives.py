@@ -568,7 +568,7 @@ def test_the_collector_does_not_run_while_a_kernel_is_traced():
     script = """
         import gc
         import mitsuba as mi, mitsuba_prosim
-        from mitsuba_prosim.transport import walk
+        from mitsuba_prosim.transport import loop
 
         mi.set_variant("llvm_ad_rgb")
 
@@ -580,11 +580,11 @@ def test_the_collector_does_not_run_while_a_kernel_is_traced():
                          "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180)},
                 "light": {"type": "sphere", "center": [1, 2, 0], "radius": .3, "emitter": {"type": "area"}}})
 
-        def end(*args, last=walk.end):
+        def end(*args, last=loop.end):
             many = [[] for _ in range(200_000)]  # the collector would run
             return last(*args)
 
-        walk.end = end
+        loop.end = end
         alive = scene({"type": "roughconductor"})
         gc.collect()
         gc.disable()

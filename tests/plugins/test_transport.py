@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.transport import path, scene_facts, tree
+from mitsuba_prosim.transport import context, path, tree
 from scenes import penumbra
 
 
@@ -209,10 +209,8 @@ def test_a_scene_without_surfaces_shows_its_background(monkeypatch, variant, lig
 def test_a_scene_is_looked_through_once_a_render_in_scalar_variants(monkeypatch):
     mi.set_variant("scalar_rgb")
     looked = []
-    of = scene_facts.SceneFacts.of.__func__
-    monkeypatch.setattr(
-        scene_facts.SceneFacts, "of", classmethod(lambda cls, *args: looked.append(1) or of(cls, *args))
-    )
+    of = context.SceneFacts.of.__func__
+    monkeypatch.setattr(context.SceneFacts, "of", classmethod(lambda cls, *args: looked.append(1) or of(cls, *args)))
     mi.render(mi.load_dict(penumbra(size=4, type="prosim")), spp=4)
     assert len(looked) == 1
 

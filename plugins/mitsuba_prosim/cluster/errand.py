@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..caustics.caustics import Which
 from ..engine.work import WorkItem
+from ..photons.caustics import Which
 from . import message, worker
 from .parcel import Parcel
 

@@ -10,8 +10,8 @@ from typing import Any
 import distributed
 import mitsuba as mi
 
-from ..caustics.caustics import Which
 from ..engine.work import Results, WorkItem
+from ..photons.caustics import Which
 from . import worker
 from .desk import Desk, Ticket
 from .errand import Errand, Whole

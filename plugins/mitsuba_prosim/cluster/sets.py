@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..caustics.caustics import Which
+from ..photons.caustics import Which
 
 if TYPE_CHECKING:
     import distributed

@@ -22,10 +22,10 @@ import drjit as dr
 import mitsuba as mi
 import prosim_scene
 
-from ..caustics.caustics import Which
-from ..caustics.photons import Photons
 from ..engine.plan import Plan
 from ..engine.policies import POLICIES
+from ..photons.caustics import Which
+from ..photons.grid import Photons
 from ..saved import origin
 from ..scene import session
 from . import message

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..transport import lobes
-from ..transport.scene_facts import scene_flags
+from ..transport.context import scene_flags
 from . import measures
 from .runs import Part
 from .scenes import Scene, Spec

@@ -14,7 +14,7 @@ from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import NRook, SamplerPoints
 from ..sampling.sobol import Sobol
-from ..transport.stage import LENS, PIXEL, TIME_AND_WAVELENGTH
+from ..transport.context import LENS, PIXEL, TIME_AND_WAVELENGTH
 from .camera import ray_sampler
 from .error import error_between_passes, standard_error
 from .film import Channels, luminance

@@ -14,12 +14,12 @@ from ..light.emission import read_emission
 from ..parameters import expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
-from ..transport.settings import DEEPEST_TREE, Settings
+from ..transport.context import DEEPEST_TREE, Settings
 from ..transport.transport import Transport
 
 if TYPE_CHECKING:
-    from ..caustics.caustics import Caustics
     from ..engine.derivatives import Derivatives
+    from ..photons.caustics import Caustics
 
 
 @plugin("integrator", "prosim")
@@ -311,7 +311,7 @@ class Prosim(ProgressiveIntegrator):
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
         """The photons; None where nothing is specular, or nothing shines."""
-        from ..caustics.caustics import Caustics  # with the first image, as all that makes images
+        from ..photons.caustics import Caustics  # with the first image, as all that makes images
 
         # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31

@@ -16,7 +16,7 @@ from ..denoising import halves
 from ..engine.work import Local, Step, samples_of_a_second
 from ..registry import create
 from ..sampling.hash import combine, hash32
-from ..transport.dispersion import disperses
+from ..transport.scattering import disperses
 from .picture import of_render, over
 
 #: Seconds that a work item takes, about. Between two of them the viewer hears of new requests.

@@ -1,4 +1,4 @@
-"""BSDFs within BSDFs."""
+"""The parts of BSDFs and scenes: BSDFs within BSDFs, shapes within instances."""
 
 from __future__ import annotations
 
@@ -42,3 +42,12 @@ def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
     for part in parts(bsdf).values():
         if isinstance(part, mi.BSDF):
             yield from all_within(part)
+
+
+def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
+    """The shapes of ``scene``, and those that it has instances of."""
+    shapes = list(scene.shapes())
+    if any(shape.class_name() == "Instance" for shape in shapes):
+        groups = [part for part in parts(scene).values() if isinstance(part, mi.Shape)]
+        shapes += [s for group in groups for s in parts(group).values() if isinstance(s, mi.Shape)]
+    return shapes

@@ -8,7 +8,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..transport.settings import DEEPEST_TREE
+from ..transport.context import DEEPEST_TREE
 
 #: How it is sampled: parameters of ``prosim`` and ``prosim_adaptive``, which has any other integrator within.
 SAMPLING = ("samples", "threshold", "noise", "noise_99", "time", "max_samples", "adaptive")

@@ -10,13 +10,13 @@ import mitsuba as mi
 from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import NRook, SamplerPoints
-from . import asking, lobes
-from .absorption import beyond, transmittance
-from .indivisible import is_whole
+from . import lobes, workarounds
+from .context import NODE_SPACES, Stage
+from .media import beyond, transmittance
 from .merging import beside
-from .moving import carried_sample
 from .ray import Ray, mis, viewer_side
-from .stage import NODE_SPACES, Stage
+from .reparameterised import carried_sample
+from .workarounds import is_whole
 
 
 def direct_light(
@@ -60,7 +60,7 @@ def direct_light(
             f = dr.select(scattered, bsdf.eval(lobes.diffuse(), si, wo, lit & scattered), f)
             glossy = but_not(lit, scattered)
         for lobe in stage.facts.partners:
-            f_lobe, pdf_lobe = asking.eval_pdf(lobe, si, bsdf, wo, glossy, stage.facts.careful)
+            f_lobe, pdf_lobe = workarounds.eval_pdf(lobe, si, bsdf, wo, glossy, stage.facts.careful)
             pdf_others = other(sample.ds, f_lobe, pdf_lobe, but_not(glossy, sample.delta))
             f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_others))
         if stage.facts.indivisible:

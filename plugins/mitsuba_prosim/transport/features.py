@@ -9,9 +9,9 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
-from . import dispersion, lobes
-from .absorption import ENDLESS, before, beyond, media_of, transmittance
-from .asking import any_careful
+from . import lobes, scattering
+from .media import ENDLESS, before, beyond, media_of, transmittance
+from .workarounds import any_careful
 
 #: Names of the values that :func:`features` gives, channel by channel.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
@@ -52,7 +52,7 @@ def features(
     looks past them. ``around``: the medium that it is in.
     """
     media = around is not None or any(True for _ in media_of(scene))
-    careful = dispersion.disperses(scene) or any_careful(scene)
+    careful = scattering.disperses(scene) or any_careful(scene)
     diffuse, specular = lobes.diffuse(), lobes.specular()
 
     def step(state: State) -> State:
@@ -127,7 +127,7 @@ def draw(
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
     if careful:
-        bs, weight = dispersion.sample(lobe, si, si.bsdf(), choice, point, None, active)
+        bs, weight = scattering.sample(lobe, si, si.bsdf(), choice, point, None, active)
     else:
         bs, weight = si.bsdf().sample(lobe, si, choice, point, active)
     belongs = active & (bs.pdf > 0) & ((bs.sampled_type & lobe.type_mask) != 0)

@@ -1,4 +1,4 @@
-"""What a ray of the eye knows of the photons that would have found the same light: see :mod:`..caustics.merging`."""
+"""What a ray of the eye knows of the photons that would have found the same light: see :mod:`..photons.merging`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
+from ..optics.nested import all_shapes
 from . import lobes
+from .context import Stage
 from .narrow import LIES, Narrow
 from .ray import Node, Ray
-from .shapes import all_shapes
-from .stage import Stage
 
 
 def possible(scene: mi.Scene, narrow: Narrow) -> bool:

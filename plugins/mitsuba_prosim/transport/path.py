@@ -9,11 +9,11 @@ import mitsuba as mi
 
 from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
-from .following import follow
-from .node import shade
+from .context import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Stage
+from .loop import walk
+from .next_ray import follow
 from .ray import Node, Ray
-from .stage import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Stage
-from .walk import walk
+from .vertex import shade
 
 
 @dataclass

@@ -9,9 +9,7 @@ import mitsuba as mi
 
 from ..sampling.nrook import NRook, SamplerPoints
 from . import path, tree
-from .scene_facts import SceneFacts
-from .settings import Settings
-from .stage import Stage
+from .context import SceneFacts, Settings, Stage
 
 #: Diffuse reflections of paths without end.
 ANY = (1 << 31) - 1
@@ -20,9 +18,10 @@ ANY = (1 << 31) - 1
 class Transport:
     """Estimates radiance in ``scene`` under ``settings``; made once a render.
 
-    ``attached``: whether derivatives are wanted; directions are then fixed, or carried along with a source
-    (:mod:`.moving`), and their weights evaluated anew. ``around``: the medium that the camera is in; ``caustics``: what
-    gathers light that comes to diffuse surfaces by way of specular ones, in the place of the rays (:mod:`..caustics`).
+    ``attached``: whether derivatives are wanted. Directions are then fixed, or move with a source
+    (:mod:`.reparameterised`), and their weights are evaluated again. ``around``: the medium of the camera.
+    ``caustics``: gathers the light that reaches diffuse surfaces through specular ones, instead of the rays
+    (:mod:`..photons`).
     """
 
     def __init__(

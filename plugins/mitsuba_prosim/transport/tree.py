@@ -10,11 +10,11 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.nrook import NRook, SamplerPoints
 from . import lobes
-from .following import follow
-from .node import shade
+from .context import REFLECTED, REFRACTED, ROULETTE, Stage
+from .loop import walk
+from .next_ray import follow
 from .ray import Ray
-from .stage import REFLECTED, REFRACTED, ROULETTE, Stage
-from .walk import walk
+from .vertex import shade
 
 
 @dataclass

@@ -10,7 +10,7 @@ import numpy as np
 from manifold3d import Manifold, Mesh64
 
 from ..camera import Camera
-from ..collector import still
+from ..collector import paused
 from ..language.document import Document
 from ..model import Leaf, Operator
 from . import csg, media
@@ -143,7 +143,7 @@ def anew(_: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
     return make()
 
 
-@still()
+@paused()
 def tessellate(
     document: Document,
     camera: Camera,

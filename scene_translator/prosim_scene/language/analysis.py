@@ -8,7 +8,7 @@ from itertools import count, islice
 from os import PathLike
 from pathlib import PurePath
 
-from ..collector import still
+from ..collector import paused
 from ..model import Leaf, Operator, Pattern, Scene, Transform, Vector
 from .diagnostics import MOST, Diagnostic, SceneError, SceneWarning, Span, listing, quote, together
 from .document import Document
@@ -65,7 +65,7 @@ def analyse(
     """
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
-    with still():
+    with paused():
         reader = Reader(text, str(filename), define, tolerant)
         return reader, *_analyse(reader)
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..compat import mesh_positions, shapes_in_order
 from ..light.beam import sample_falloff, total
 from ..transport import lobes
-from ..transport.indivisible import is_indivisible
+from ..transport.workarounds import is_indivisible
 
 #: Most spheres; where there are more surfaces, neighbours share one.
 MOST = 64

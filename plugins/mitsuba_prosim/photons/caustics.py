@@ -11,15 +11,14 @@ import numpy as np
 
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
-from . import random
+from .emission import Sources, start_points
 from .footprint import Footprint
 from .gathering import Gathering
+from .grid import Landed, Photons
 from .importance import Importance
-from .merging import Merging
-from .photons import Photons
-from .sources import Sources
+from .mis import Merging
 from .targets import Targets, left_dark
-from .walk import Landed, Walk
+from .tracing import Walk
 
 #: Most maps of a set.
 MAPS = 64
@@ -160,7 +159,7 @@ class Caustics:
         of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
         wanted = self._wavelengths(seed, t, n)
-        start = self.sources.start(pair, shares, *random.starts(combine(key, pair), of_pair), wanted)
+        start = self.sources.start(pair, shares, *start_points(combine(key, pair), of_pair), wanted)
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, pair)
         return landed, map_of, pair

@@ -8,16 +8,17 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
-from ..transport import asking, dispersion, lobes
-from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
-from ..transport.asking import any_careful
-from ..transport.indivisible import any_indivisible, belongs_to, is_whole
+from ..sampling.hash import combine
+from ..sampling.nrook import to_unit
+from ..transport import lobes, scattering, workarounds
+from ..transport.media import before, beyond, media_of, only_absorbs, transmittance
 from ..transport.merging import onward, possible
 from ..transport.narrow import LIES, Narrow
-from . import random
+from ..transport.workarounds import any_careful, any_indivisible, belongs_to, is_whole
+from .emission import Start
 from .footprint import Footprint
-from .passing import Passing
-from .sources import Start
+from .grid import WIDE, Landed
+from .mis import Passing
 
 #: Numbers that a photon is given for each surface.
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
@@ -33,34 +34,9 @@ FAINT = 0.5
 #: hundreds. About a thousandth of the light that a ball of facets gathers is lost by this bound.
 MOST = 8
 
-
-#: Reach of a photon of a wide glossy lobe, in pixel widths. A lobe is wide if this part of its width is more, where its
-#: width is the distance times the root of the solid angle 1 / pdf.
-WIDE, PART = 4, 0.2
-
-
-@dataclass
-class Landed:
-    """Photons where they have come to lie."""
-
-    p: mi.Point3f
-    #: Unit direction that it came along.
-    d: mi.Vector3f
-    #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
-    flux: mi.Spectrum
-    #: Whether it lies on a surface, after one specular surface or more: a diffuse one, or one that is taken whole.
-    lies: mi.Bool
-    #: Whether it counts within :data:`WIDE` pixel widths, as the light of its glossy lobe varies slowly.
-    wide: mi.Bool
-    #: On glossy surfaces: how close together photons are there (:attr:`.Start.density`) ...
-    density: mi.Float | None = None
-    #: ... and by way of how many surfaces they came.
-    level: mi.UInt32 | None = None
-
-    @classmethod
-    def nowhere(cls) -> Landed:
-        """Photons that have not landed."""
-        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False), mi.Bool(False))
+#: A lobe is wide if this part of its width is more than the reach :data:`.grid.WIDE`, where its width is the distance
+#: times the root of the solid angle 1 / pdf.
+PART = 0.2
 
 
 @dataclass
@@ -98,7 +74,7 @@ class Walk:
         self.specular = lobes.specular()
         self.everything = lobes.everything()
         self.specular.mode = self.everything.mode = mi.TransportMode.Importance
-        self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), dispersion.disperses(scene)
+        self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), scattering.disperses(scene)
         self.careful = any_careful(scene)
         self.wholes, self.indivisible = wholes, any_indivisible(scene)
         self.narrow = Narrow.of(scene)
@@ -155,7 +131,7 @@ class Walk:
             if times is not None:
                 later = but_not(surface & self.narrow(bsdf, surface), state.level == 0)
                 times = dr.select(later, times / LIES, times)
-                meets = but_not(meets, later & (random.number(key, LOT + state.level) >= LIES))
+                meets = but_not(meets, later & (number(key, LOT + state.level) >= LIES))
                 share = as_shaded * times
             here = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True), mi.Bool(False), density, state.level)
             glossy = dr.select(meets, here, glossy)
@@ -174,7 +150,7 @@ class Walk:
         p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(state.level < 4, 1, 0.95)))
         if density is not None:  # Too few would come back from a varnish for what gathers them beside its own rays.
             p = dr.select((state.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
-        goes &= random.number(key, first + ROULETTE) < p
+        goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
         lands &= true > 0
         wide = PART * state.lobe * si.t > WIDE * self.footprint.at(self.footprint.distance(si.p))
@@ -212,15 +188,15 @@ class Walk:
         It is importance that spreads from the sources: it is not divided by the square of an index as radiance is, and
         where a surface is shaded by other normals than its own, cosines of both are exchanged (Veach 1997, 5.3).
         """
-        choice, sample = random.number(key, first + CHOICE), random.point(key, first + DIRECTION)
+        choice, sample = number(key, first + CHOICE), point(key, first + DIRECTION)
         if self.disperses or self.careful:
             carried = flux if self.disperses else None
-            bs, weight = dispersion.sample(self.specular, si, bsdf, choice, sample, carried, active)
+            bs, weight = scattering.sample(self.specular, si, bsdf, choice, sample, carried, active)
         else:
             bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
         belongs, sent = (bs.sampled_type & self.specular.type_mask) != 0, mi.Bool(False)
         if self.indivisible:
-            of_all, weight_of_all = asking.sample_all(
+            of_all, weight_of_all = workarounds.sample_all(
                 self.everything, si, bsdf, choice, sample, active & whole, self.careful
             )
             bs, weight = dr.select(whole, of_all, bs), dr.select(whole, weight_of_all, weight)
@@ -241,3 +217,13 @@ class Walk:
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:
     """a / b, but no more than :data:`MOST`."""
     return dr.select(a < MOST * b, a / dr.maximum(b, 1e-30), MOST)
+
+
+def number(key: mi.UInt32, k: mi.UInt32) -> mi.Float:
+    """The ``k``-th number in [0, 1) under a photon's ``key``."""
+    return to_unit(combine(key, k))
+
+
+def point(key: mi.UInt32, k: mi.UInt32) -> mi.Point2f:
+    """Two of them: the ``k``-th and the next."""
+    return mi.Point2f(number(key, k), number(key, k + 1))

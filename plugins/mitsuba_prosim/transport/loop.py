@@ -9,8 +9,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .node import end
-from .stage import Stage
+from .context import Stage
+from .vertex import end
 
 
 def walk(

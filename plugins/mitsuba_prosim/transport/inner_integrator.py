@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
 from ..sampling.sobol import Sobol
-from .stage import CAMERA_SPACES
+from .context import CAMERA_SPACES
 
 
 class Nested:

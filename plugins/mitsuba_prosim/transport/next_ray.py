@@ -10,13 +10,13 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from ..sampling.nrook import NRook, SamplerPoints
-from . import asking, dispersion, lobes
-from .absorption import beyond
-from .indivisible import belongs_to, is_whole
+from . import lobes, scattering, workarounds
+from .context import CHOICE, REFRACTED, Stage
+from .media import beyond
 from .merging import with_reach
-from .moving import carried_ray
 from .ray import Node, Ray, viewer_side
-from .stage import CHOICE, REFRACTED, Stage
+from .reparameterised import carried_ray
+from .workarounds import belongs_to, is_whole
 
 
 def follow(
@@ -34,7 +34,7 @@ def follow(
     # Only whole BSDFs choose among lobes often enough for strata to pay, and glass that disperses.
     stratified = lobes.is_everything(lobe) or stage.facts.disperses
     choice = points(space, active).x if stratified else points.choice(space)
-    choice = dispersion.evenly(points, space, choice) if stage.facts.disperses else choice
+    choice = scattering.evenly(points, space, choice) if stage.facts.disperses else choice
     sample = points(stage.space(ray.node, k), active)
     counts, whole = None if ray.counts is None else mi.Bool(True), mi.Bool(False)
     with dr.suspend_grad(when=stage.attached):
@@ -51,7 +51,7 @@ def follow(
     if stage.attached:
         drawn = but_not(active, ideal)
         moved, jacobian = carried_ray(stage.scene, lights, si, viewer_side(si), d, drawn)
-        f, pdf = asking.eval_pdf(lobe, si, bsdf, si.to_local(moved), drawn, stage.facts.careful)
+        f, pdf = workarounds.eval_pdf(lobe, si, bsdf, si.to_local(moved), drawn, stage.facts.careful)
         if stage.facts.indivisible:
             f_whole, pdf_whole = bsdf.eval_pdf(lobes.everything(), si, si.to_local(moved), but_not(whole, ideal))
             f, pdf = dr.select(whole, f_whole, f), dr.select(whole, pdf_whole, pdf)
@@ -109,7 +109,7 @@ def sample_lobe(
     """A sample of ``lobe``, in glass that disperses of a wavelength that ``ray`` still carries."""
     if stage.facts.disperses or stage.facts.careful:
         throughput = ray.throughput if stage.facts.disperses else None
-        return dispersion.sample(lobe, si, bsdf, choice, sample, throughput, active)
+        return scattering.sample(lobe, si, bsdf, choice, sample, throughput, active)
     return bsdf.sample(lobe, si, choice, sample, active)
 
 
@@ -128,5 +128,5 @@ def sample_whole(
     """
     if idle(whole):
         return others
-    bs, weight = asking.sample_all(lobes.everything(), si, bsdf, choice, sample, whole, stage.facts.careful)
+    bs, weight = workarounds.sample_all(lobes.everything(), si, bsdf, choice, sample, whole, stage.facts.careful)
     return tuple(dr.select(whole, a, b) for a, b in zip((bs, weight, belongs_to(lobe, si.wi, bs)), others))

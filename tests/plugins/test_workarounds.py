@@ -4,7 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.transport import asking, lobes
+from mitsuba_prosim.transport import lobes, workarounds
 
 MIRROR = {"type": "conductor"}
 BLACK = {"type": "diffuse", "reflectance": 0.0}
@@ -123,7 +123,7 @@ def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi = mi.Vector3f(0.6, 0, z)
     choice = (dr.arange(mi.Float, n) + 0.5) / n
-    bs, weight = asking.sample(lobes.everything(), si, bsdf, choice, mi.Point2f(0.3, 0.6), mi.Bool(True))
+    bs, weight = workarounds.sample(lobes.everything(), si, bsdf, choice, mi.Point2f(0.3, 0.6), mi.Bool(True))
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (bs.pdf > 0)
     brought = dr.mean(dr.select(ideal, weight.x, 0))
     assert brought[0] == pytest.approx(through + 0.5 * (1 - through) * 0.4, abs=2e-3)
@@ -144,7 +144,7 @@ def test_a_map_around_a_blend_that_dims_is_told_of(variant_rgb, monkeypatch):
 
     good = blended(bumped(WHOLE), bumped(MIRROR), 0.4)
     for bsdf in (good, bumped(blended(BLACK, MIRROR)), two_sided(bumped(blended(WHOLE, MIRROR)))):
-        asking.left_dim(mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}}))
+        workarounds.left_dim(mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}}))
     assert [level for level, _ in said] == [mi.LogLevel.Warn]
     assert "'card'" in said[0][1] and "Put the blendbsdf outside" in said[0][1]
     mean, _ = quarters((good, WHOLE, MIRROR, MIRROR), -1, {"type": "constant", "radiance": 1.0}, samples=8)

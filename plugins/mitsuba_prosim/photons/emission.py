@@ -21,8 +21,9 @@ from ..compat import emitter_pointers, emitters_in_order
 from ..light.balls import Balls, ball
 from ..masks import but_not
 from ..optics.nested import parts
+from ..sampling import sobol
+from ..sampling.hash import combine
 from . import targets as aim
-from .facing import on_ball, per_area_of_ball
 from .targets import Targets
 
 #: A density that no other comes near, and that can still be reckoned with.
@@ -69,6 +70,9 @@ class Start:
     #: ... and of what.
     emitter: mi.EmitterPtr
 
+
+#: How many of the photons of a ball start on the side that faces their way; the others start anywhere on it.
+FACING = 0.9
 
 #: Kinds of sources, by how their photons start: all go out from one point; from a surface to all sides, or along its
 #: normals alone; or come from far away.
@@ -326,3 +330,32 @@ def beam(emitter: mi.Emitter, si: mi.SurfaceInteraction3f, active: mi.Bool) -> m
     """
     radiance = parts(emitter).get("radiance")
     return mi.Spectrum(0) if radiance is None else mi.Spectrum(radiance.eval(si, active))
+
+
+def on_ball(
+    ps: mi.PositionSample3f, middle: mi.Point3f, radius: mi.Float, d: mi.Vector3f, sample: mi.Point2f
+) -> mi.PositionSample3f:
+    """A point on a ball: most on the side that faces the direction ``d``, uniform as seen from there."""
+    faces = sample.x < FACING
+    u = mi.Point2f(dr.select(faces, sample.x / FACING, (sample.x - FACING) / (1 - FACING)), sample.y)
+    front = mi.Frame3f(d).to_world(mi.warp.square_to_cosine_hemisphere(u))
+    n = dr.select(faces, front, mi.warp.square_to_uniform_sphere(u))
+    result = mi.PositionSample3f(ps)
+    result.p, result.n = middle + n * radius, mi.Normal3f(n)
+    return result
+
+
+def per_area_of_ball(n: mi.Normal3f, radius: mi.Float, d: mi.Vector3f) -> mi.Float:
+    """Density per area with which :func:`on_ball` takes the point with the normal ``n``."""
+    facing = dr.maximum(dr.dot(n, d), 0)
+    return (FACING * 4 * facing + (1 - FACING)) / (4 * dr.pi * dr.square(radius))
+
+
+def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
+    """Two points in [0, 1)² for the ``i``-th photon under ``key``.
+
+    Both are Owen-scrambled Sobol' points, so that any aligned 2^k photons have one in each of 2^k rectangles of any
+    shape.
+    """
+    i = sobol.reverse(i)
+    return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

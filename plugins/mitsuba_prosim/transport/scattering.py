@@ -5,11 +5,11 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from ..optics.nested import all_shapes
 from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import NRook, SamplerPoints
-from . import asking
-from .shapes import all_shapes
+from . import workarounds
 
 
 def disperses(scene: mi.Scene) -> bool:
@@ -35,8 +35,10 @@ def sample(
     throughput: mi.Spectrum | None,
     active: mi.Bool,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """A sample of the ``lobe`` of ``bsdf``, as :func:`.asking.sample` has it. What an ideally smooth surface refracts
-    goes on with a wavelength that the ray still carries, by its ``throughput``; without one (None) all go the same way.
+    """Samples the ``lobe`` of ``bsdf`` like :func:`.workarounds.sample`.
+
+    Dispersive, ideally smooth glass refracts one wavelength. It chooses among those that the ray still carries, by its
+    ``throughput``. Without a throughput (None) all wavelengths go the same way.
     """
     weights = None
     if throughput is not None:
@@ -55,7 +57,7 @@ def sample(
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         if getattr(one, "disperses", False):
             return one.sample_carried(lobe, si, choice, point, weights, active)
-        return asking.sample(lobe, si, one, choice, point, active)
+        return workarounds.sample(lobe, si, one, choice, point, active)
 
     if not dr.is_jit_v(mi.Float):
         return sampled(bsdf, si, choice, point, weights, active)

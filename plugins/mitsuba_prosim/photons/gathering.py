@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import drjit as dr
 import mitsuba as mi
 
 from ..optics.nested import all_within
 from ..transport import lobes
-from ..transport.indivisible import any_indivisible, is_whole
-from ..transport.scene_facts import scene_flags
-from . import photons as grid
+from ..transport.context import scene_flags
+from ..transport.workarounds import any_indivisible, is_whole
 from .footprint import Footprint
-from .photons import Photons
-from .walk import WIDE
-
-#: How far a photon may lie off the plane of the surface, over the reach: beyond the edge of a wall is another wall.
-OFF = 0.25
+from .grid import WIDE, Photons, within_reach
 
 #: Class names of BSDFs whose diffuse lobe is Lambert's, and of those around others that change nothing in it. (Mitsuba
 #: knows no class of ours.)
@@ -74,64 +67,6 @@ class Gathering:
             lit = active & (dr.max(L) > 0)
             L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
         return L
-
-
-def within_reach(
-    photons: Photons,
-    number: mi.UInt32,
-    footprint: Footprint,
-    si: mi.SurfaceInteraction3f,
-    light: Callable[[mi.UInt32, mi.Float, mi.Bool], mi.Spectrum],
-    active: mi.Bool,
-    times: int = 1,
-) -> tuple[mi.Spectrum, mi.Float]:
-    """``(sum, per_area)``: that of ``light(i, kernel, near)`` over the photons i of the map ``number`` within reach of
-    ``si``, and what makes it a density, the kernel being 1 in the middle. ``near``: where there is one. ``times``: the
-    reach, in pixel widths; only photons of this reach count.
-    """
-    distance = footprint.distance(si.p)
-    reach = times * footprint.at(distance)
-    # What lies within reach is seen at about the same distance: mostly from one grid, seldom from two.
-    first = grid.level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
-    last = grid.level_of(times * footprint.at(distance + reach))
-    inv_reach2 = dr.rcp(dr.square(reach))
-    # They lie between two planes beside the surface: along its normal mostly in one cell, not in two.
-    n2 = dr.square(si.n)
-    off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + OFF * dr.sqrt(n2), 1) * (reach * (1 + 1e-3))
-    low_corner, high_corner = si.p - off_axis, si.p + off_axis
-
-    def second(axis: int) -> mi.UInt32:
-        """1 where they lie in two cells along ``axis``, else 0."""
-        two = mi.Bool(False)
-        for level in (first, last):
-            two |= grid.cell(low_corner, level)[axis] != grid.cell(high_corner, level)[axis]
-        return dr.select(two, mi.UInt32(1), 0)
-
-    more_y, more_z = second(1), second(2)
-    rows = dr.select(active, mi.UInt32(last - first + 1) << (more_y + more_z), 0)
-    of_map, size = photons.of_map(number, active)
-
-    def photon(i: mi.UInt32, end: mi.UInt32, key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-        there = i < end
-        k = dr.select(i < of_map + size, i, i - size)
-        place = dr.gather(mi.Vector4f, photons.places, k, there)
-        off = mi.Point3f(place.x, place.y, place.z) - si.p
-        d2 = dr.squared_norm(off) * inv_reach2
-        # Rows that share a bucket are met in turn: the photons of each, with it alone.
-        near = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == key)
-        near &= dr.square(dr.dot(off, si.n)) * inv_reach2 < OFF**2
-        return i + 1, L + light(k, 1 - d2, near)
-
-    def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-        level = first + mi.Int32(k >> (more_y + more_z))
-        x, y, z = grid.cell(low_corner, level)
-        key = grid.key(level, y + mi.Int32(k & more_y), z + mi.Int32((k >> more_y) & more_z))
-        i, end = photons.run(number, key, x, grid.cell(high_corner, level)[0], size, k < rows)
-        _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, key, L), labels=("i", "L"))
-        return k + 1, L
-
-    _, L = dr.while_loop((mi.UInt32(0), mi.Spectrum(0)), lambda k, L: k < rows, row, labels=("k", "L"))
-    return L, 2 * dr.inv_pi * inv_reach2
 
 
 def is_lambertian(bsdf: mi.BSDF) -> bool:

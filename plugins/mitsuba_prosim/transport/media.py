@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from .shapes import all_shapes
+from ..optics.nested import all_shapes
 
 #: Wavelengths (nm) at which a medium is asked whether it scatters.
 ASKED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)

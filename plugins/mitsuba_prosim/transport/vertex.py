@@ -10,12 +10,11 @@ import mitsuba as mi
 from ..masks import but_not, idle
 from ..optics import ambient
 from ..sampling.nrook import NRook, SamplerPoints
-from .absorption import ENDLESS, before, transmittance
+from .context import Stage
 from .direct import direct_light
+from .media import ENDLESS, before, transmittance
 from .merging import share, straight
 from .ray import Node, Ray, mis
-from .stage import Stage
-from .surroundings import background_radiance
 
 
 def shade(
@@ -163,3 +162,17 @@ def ambient_term(
     else:
         ka = ambient.reflectance(bsdf, si, active)
     return ka * stage.settings.ambient.eval(si, active)
+
+
+def background_radiance(
+    background: mi.Texture, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool
+) -> mi.UnpolarizedSpectrum:
+    """Radiance of the texture ``background`` in the direction of ``ray``; ``si``: what the ray has met, i.e. nothing.
+
+    An image is looked up by latitude and longitude as Mitsuba's ``envmap`` has them: y is up, u = 0 towards +z.
+    """
+    d = ray.d
+    si = mi.SurfaceInteraction3f(si)  # whoever called still needs its own uv
+    u = dr.atan2(d.x, -d.z) * dr.inv_two_pi
+    si.uv = mi.Point2f(u - dr.floor(u), dr.safe_acos(d.y) * dr.inv_pi)
+    return background.eval(si, active)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +13,40 @@ import numpy as np
 from ..compat import dr_array
 from ..sampling.hash import combine
 from .footprint import Footprint
-from .walk import WIDE, Landed
 
 #: Sizes of cells to an octave. There is a grid for each size, and a photon lies in that which fits the size of a pixel
 #: where it is, so that a search comes upon about as many photons near the eye as far away.
 SIZES = 4
+
+#: How far a photon may lie off the plane of the surface, over the reach: beyond the edge of a wall is another wall.
+OFF = 0.25
+
+#: Reach of a photon of a wide glossy lobe, in pixel widths.
+WIDE = 4
+
+
+@dataclass
+class Landed:
+    """Photons where they have come to lie."""
+
+    p: mi.Point3f
+    #: Unit direction that it came along.
+    d: mi.Vector3f
+    #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
+    flux: mi.Spectrum
+    #: Whether it lies on a surface, after one specular surface or more: a diffuse one, or one that is taken whole.
+    lies: mi.Bool
+    #: Whether it counts within :data:`WIDE` pixel widths, as the light of its glossy lobe varies slowly.
+    wide: mi.Bool
+    #: On glossy surfaces: how close together photons are there (:attr:`.Start.density`) ...
+    density: mi.Float | None = None
+    #: ... and by way of how many surfaces they came.
+    level: mi.UInt32 | None = None
+
+    @classmethod
+    def nowhere(cls) -> Landed:
+        """Photons that have not landed."""
+        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False), mi.Bool(False))
 
 
 @dataclass(frozen=True)
@@ -138,3 +167,61 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
     ``mask`` + 1; the next cell has the next one, but for the last, and cells of other rows share it.
     """
     return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)
+
+
+def within_reach(
+    photons: Photons,
+    number: mi.UInt32,
+    footprint: Footprint,
+    si: mi.SurfaceInteraction3f,
+    light: Callable[[mi.UInt32, mi.Float, mi.Bool], mi.Spectrum],
+    active: mi.Bool,
+    times: int = 1,
+) -> tuple[mi.Spectrum, mi.Float]:
+    """``(sum, per_area)``: that of ``light(i, kernel, near)`` over the photons i of the map ``number`` within reach of
+    ``si``, and what makes it a density, the kernel being 1 in the middle. ``near``: where there is one. ``times``: the
+    reach, in pixel widths; only photons of this reach count.
+    """
+    distance = footprint.distance(si.p)
+    reach = times * footprint.at(distance)
+    # What lies within reach is seen at about the same distance: mostly from one grid, seldom from two.
+    first = level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
+    last = level_of(times * footprint.at(distance + reach))
+    inv_reach2 = dr.rcp(dr.square(reach))
+    # They lie between two planes beside the surface: along its normal mostly in one cell, not in two.
+    n2 = dr.square(si.n)
+    off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + OFF * dr.sqrt(n2), 1) * (reach * (1 + 1e-3))
+    low_corner, high_corner = si.p - off_axis, si.p + off_axis
+
+    def second(axis: int) -> mi.UInt32:
+        """1 where they lie in two cells along ``axis``, else 0."""
+        two = mi.Bool(False)
+        for level in (first, last):
+            two |= cell(low_corner, level)[axis] != cell(high_corner, level)[axis]
+        return dr.select(two, mi.UInt32(1), 0)
+
+    more_y, more_z = second(1), second(2)
+    rows = dr.select(active, mi.UInt32(last - first + 1) << (more_y + more_z), 0)
+    of_map, size = photons.of_map(number, active)
+
+    def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+        there = i < end
+        k = dr.select(i < of_map + size, i, i - size)
+        place = dr.gather(mi.Vector4f, photons.places, k, there)
+        off = mi.Point3f(place.x, place.y, place.z) - si.p
+        d2 = dr.squared_norm(off) * inv_reach2
+        # Rows that share a bucket are met in turn: the photons of each, with it alone.
+        near = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
+        near &= dr.square(dr.dot(off, si.n)) * inv_reach2 < OFF**2
+        return i + 1, L + light(k, 1 - d2, near)
+
+    def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+        level = first + mi.Int32(k >> (more_y + more_z))
+        x, y, z = cell(low_corner, level)
+        row_key = key(level, y + mi.Int32(k & more_y), z + mi.Int32((k >> more_y) & more_z))
+        i, end = photons.run(number, row_key, x, cell(high_corner, level)[0], size, k < rows)
+        _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, row_key, L), labels=("i", "L"))
+        return k + 1, L
+
+    _, L = dr.while_loop((mi.UInt32(0), mi.Spectrum(0)), lambda k, L: k < rows, row, labels=("k", "L"))
+    return L, 2 * dr.inv_pi * inv_reach2

@@ -10,11 +10,11 @@ from ..engine.camera import uncropped
 from ..masks import but_not
 from ..sampling.hash import combine
 from ..transport import lobes
-from . import photons as grid
-from . import random
+from . import grid
+from .emission import Start, start_points
 from .footprint import Footprint
-from .sources import Start
-from .walk import WIDE, Landed, Walk
+from .grid import WIDE, Landed
+from .tracing import Walk
 
 #: Camera rays, and entries of the hash table that they are counted in.
 RAYS, ENTRIES = 1 << 16, 1 << 18
@@ -35,7 +35,7 @@ class Importance:
         self.scale = dr.opaque(mi.Float, REACH * max(sensor.film().size()))
         i = dr.arange(mi.UInt32, RAYS)
         with uncropped(sensor):
-            ray, _ = sensor.sample_ray(sensor.shutter_open(), 0.5, *random.starts(mi.UInt32(0), i))
+            ray, _ = sensor.sample_ray(sensor.shutter_open(), 0.5, *start_points(mi.UInt32(0), i))
         si = scene.ray_intersect(ray)
         start = Start(ray, mi.Spectrum(1), mi.Float(0), dr.zeros(mi.PositionSample3f), dr.zeros(mi.EmitterPtr, RAYS))
         beyond, _ = walk(start, combine(mi.UInt32(0), i))

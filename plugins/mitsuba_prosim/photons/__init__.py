@@ -1,0 +1,16 @@
+"""Photon maps: light that reaches diffuse and glossy surfaces through specular ones (sections 5.4.1, 6).
+
+The ray tree follows no ray from a diffuse lobe. It finds E S* D L, but not E S* D S+ L, the caustics. Photons find that
+light, after Arvo's illumination maps (1986), which the thesis names, in Jensen's form (1996):
+
+- :mod:`.targets`, :mod:`.emission`: the sources emit photons towards spheres around the specular surfaces;
+- :mod:`.tracing`: specular surfaces reflect or refract them, until they land on a diffuse or glossy surface;
+- :mod:`.grid`: landed photons are sorted into cells, about as large as a pixel's footprint (:mod:`.footprint`);
+- :mod:`.gathering`: a diffuse surface that the eye sees collects the photons within a pixel's width;
+- :mod:`.mis`: so does a glossy one, which shares that light with the rays that its lobes draw;
+- :mod:`.caustics`: each sample of a pixel has its own photon map. So photons are noise like any other: adaptive
+  sampling sees it, and more samples reduce it.
+
+Paths leave this light to the photons (:mod:`..transport.path`). All of it is a pure function of the seed. Sums have the
+order of the photons, so that no bit depends on bands, crops or threads.
+"""

@@ -1,0 +1,305 @@
+"""Asking BSDFs for some of their lobes, where Mitsuba's answer otherwise.
+
+Its ``mask`` samples nothing but what passes straight through when it is asked for all else, so it is always asked for
+that too. Its ``blendbsdf`` takes the probability of an ideal lobe for a density, and mixes it with that of the other
+BSDF's glossy or diffuse lobe, which takes light from the ideal one or adds some; so it is asked for either the ideal
+lobes or the others, each as often. Where that does not help, as one of its BSDFs does not tell lobes apart, what it
+mixes is sampled itself. (All as of Mitsuba 3.9.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+
+from ..masks import but_not
+from ..optics.nested import all_shapes, all_within, parts
+from . import lobes
+
+#: Class names of what mixes BSDFs.
+MASK, BLEND, TWO_SIDED = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF"
+
+#: Class names of what turns the surface by a texture.
+MAPS = ("BumpMap", "NormalMap")
+
+
+def any_careful(scene: mi.Scene) -> bool:
+    """Whether any surface of ``scene``, those of instances included, is a ``mask`` or a ``blendbsdf``, or holds one."""
+    bsdfs = (shape.bsdf() for shape in all_shapes(scene))
+    return any(any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND)) for bsdf in bsdfs if bsdf is not None)
+
+
+def left_dim(scene: mi.Scene) -> None:
+    """Warns of ideal lobes that are darker than their share: a ``bumpmap`` or ``normalmap`` does not say which way it
+    turns a surface, so that what is mixed within cannot be sampled one by one.
+    """
+    everything = lobes.everything()
+    dim = [
+        shape.id()
+        for shape in all_shapes(scene)
+        if shape.bsdf() is not None
+        and _of_leaves(everything, shape.bsdf())
+        and any(_mixes(everything, one) for name in MAPS for one in _within(shape.bsdf(), name))
+    ]
+    if dim:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: the ideal lobes of {', '.join(map(repr, dim))} come out too dark: a bumpmap or normalmap holds a "
+            "blendbsdf that mixes them with what does not tell its lobes apart (principled and the like). Put the "
+            "blendbsdf outside, of two BSDFs with a bumpmap or normalmap each.",
+        )
+
+
+def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
+    return (one for one in all_within(bsdf) if one.class_name() == name)
+
+
+def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
+    """Whether ``bsdf``, or one within it, is a ``blendbsdf`` with ideal and other lobes among those of ``lobe``."""
+    flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
+    return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
+
+
+def _of_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
+    """Whether ``bsdf`` is asked for all that it mixes, of which some does not tell its lobes apart."""
+    return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_indivisible(bsdf)
+
+
+def sample(
+    lobe: mi.BSDFContext,
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDF,
+    choice: mi.Float,
+    point: mi.Point2f,
+    active: mi.Bool,
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """A sample of the ``lobe`` of one ``bsdf``, as its own method has it; ``pdf`` is 0 where it is of another lobe."""
+    if _of_leaves(lobe, bsdf):
+        return sample_leaves(lobe, si, bsdf, choice, point, active)
+    masks = any(_within(bsdf, MASK))
+
+    def part(asked: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        bs, weight = bsdf.sample(lobes.and_through(asked) if masks else asked, si, choice, point, active)
+        ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
+        weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
+        bs.pdf = dr.select((bs.sampled_type & asked.type_mask) != 0, bs.pdf, 0)
+        return bs, weight
+
+    if not _mixes(lobe, bsdf):
+        return part(lobe, choice)
+    ideal = part(lobes.only(lobe, *lobes.IDEAL), choice * 2)
+    smooth = part(lobes.only(lobe, *lobes.SMOOTH), choice * 2 - 1)
+    bs, weight = (dr.select(choice < 0.5, a, b) for a, b in zip(ideal, smooth))
+    bs.pdf *= 0.5
+    return bs, weight * 2
+
+
+def sample_all(
+    everything: mi.BSDFContext,
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDF | mi.BSDFPtr,
+    choice: mi.Float,
+    point: mi.Point2f,
+    active: mi.Bool,
+    careful: bool,
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """A sample of all lobes of ``bsdf``. ``careful``: whether anything in the scene has to be asked with care."""
+    if not careful:
+        return bsdf.sample(everything, si, choice, point, active)
+    if not dr.is_jit_v(mi.Float):
+        return sample(everything, si, bsdf, choice, point, active)
+    return dr.dispatch(
+        bsdf,
+        lambda one, si, choice, point, active: sample(everything, si, one, choice, point, active),
+        si,
+        choice,
+        point,
+        active,
+    )
+
+
+def eval_pdf(
+    lobe: mi.BSDFContext,
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDF | mi.BSDFPtr,
+    wo: mi.Vector3f,
+    active: mi.Bool,
+    careful: bool,
+) -> tuple[mi.Spectrum, mi.Float]:
+    """What the ``lobe`` of ``bsdf`` scatters from ``wo``, and the density of :func:`sample` there. ``careful``: whether
+    anything in the scene has to be asked with care.
+    """
+    if not careful:
+        return bsdf.eval_pdf(lobe, si, wo, active)
+
+    def evaluated(
+        one: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.Spectrum, mi.Float]:
+        if _of_leaves(lobe, one):
+            return one.eval_pdf(lobe, si, wo, active)
+        mixes = _mixes(lobe, one)
+        asked = lobes.only(lobe, *lobes.SMOOTH) if mixes else lobe
+        f, pdf = one.eval_pdf(lobes.and_through(asked) if any(_within(one, MASK)) else asked, si, wo, active)
+        return f, pdf * 0.5 if mixes else pdf
+
+    if not dr.is_jit_v(mi.Float):
+        return evaluated(bsdf, si, wo, active)
+    return dr.dispatch(bsdf, evaluated, si, wo, active)
+
+
+#: Class names of Mitsuba's BSDFs that have components by name, but evaluate all of them.
+BY_NAME_ONLY = ("Principled", "PrincipledThin")
+
+
+def is_indivisible(bsdf: mi.BSDF) -> bool:
+    """Whether ``bsdf``, or one within it, is of this kind: known to be, or with a component of several lobes (hair)."""
+    return any(
+        one.class_name() in BY_NAME_ONLY or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
+        for one in all_within(bsdf)
+    )
+
+
+def any_indivisible(scene: mi.Scene) -> bool:
+    """Whether any surface of ``scene``, those of instances included, is of this kind."""
+    return any(is_indivisible(shape.bsdf()) for shape in all_shapes(scene) if shape.bsdf() is not None)
+
+
+def is_whole(bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
+    """Which of the BSDFs ``bsdf`` (``mi.BSDFPtr``, or one in scalar variants) are taken whole."""
+    if not dr.is_jit_v(mi.Float):
+        return is_indivisible(bsdf)
+    return dr.dispatch(bsdf, lambda one, active: mi.Bool(is_indivisible(one)), active)
+
+
+def _lobes_of(flags: int) -> int:
+    return sum(bool(lobes.has_any(int(flags), *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE))
+
+
+def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
+    """Whether the sample ``bs`` of a whole BSDF counts for ``lobe``: each sample does for just one of the lobes that
+    are followed apart, a specular one by the side that it goes to.
+    """
+    diffuse = but_not(
+        lobes.has_any(bs.sampled_type, *lobes.DIFFUSE),
+        lobes.has_any(bs.sampled_type, *lobes.REFLECTED, *lobes.REFRACTED),
+    )
+    through = mi.Frame3f.cos_theta(wi) * mi.Frame3f.cos_theta(bs.wo) < 0
+    asked = [bool(lobes.has_any(lobe.type_mask, *names)) for names in (lobes.DIFFUSE, lobes.REFRACTED, lobes.REFLECTED)]
+    is_diffuse, is_refracted, is_reflected = (
+        diffuse,
+        but_not(through, diffuse),
+        but_not(but_not(mi.Bool(True), through), diffuse),
+    )
+    return (is_diffuse & asked[0]) | (is_refracted & asked[1]) | (is_reflected & asked[2])
+
+
+class Leaf(NamedTuple):
+    """A BSDF that others mix; None for what passes straight through."""
+
+    share: mi.Float
+    bsdf: mi.BSDF | None
+    #: Whether it is asked as if it were seen from the front, wherever it is seen from.
+    turns: bool = False
+
+    def of(self, part: mi.Float) -> Leaf:
+        """The leaf with a ``part`` of its share."""
+        return self._replace(share=part * self.share)
+
+
+def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
+    """The BSDFs that ``bsdf`` mixes at ``si``, with shares that sum up to 1."""
+    kind, inner = bsdf.class_name(), parts(bsdf)
+    if kind == BLEND:
+        weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
+        halves = (1 - weight, inner["bsdf_0"]), (weight, inner["bsdf_1"])
+        return [leaf.of(part) for part, half in halves for leaf in leaves(half, si, active)]
+    if kind == MASK:
+        opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
+        nested = [leaf.of(opacity) for leaf in leaves(inner["nested_bsdf"], si, active)]
+        return [*nested, Leaf(1 - opacity, None)]
+    if kind == TWO_SIDED:
+        return [
+            leaf._replace(turns=True).of(part)
+            for part, side in sides(bsdf, si)
+            for leaf in leaves(side, turned(si), active)
+        ]
+    return [Leaf(mi.Float(1), bsdf)]
+
+
+def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
+    """What a ``twosided`` consists of: each with 1 where ``si`` is seen from its side, else 0."""
+    inner = parts(bsdf)
+    front, back = inner["brdf_0"], inner["brdf_1"]
+    if front is back:
+        return [(mi.Float(1), front)]
+    in_front = mi.Frame3f.cos_theta(si.wi) > 0
+    return [(dr.select(in_front, mi.Float(1), 0), front), (dr.select(in_front, mi.Float(0), 1), back)]
+
+
+def turned(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
+    """``si`` as if it were seen from the front."""
+    other = mi.SurfaceInteraction3f(si)
+    other.wi.z = dr.abs(si.wi.z)
+    return other
+
+
+def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
+    """The share of that which ``bsdf`` itself samples by the number ``choice``, within its blends."""
+    kind, inner = bsdf.class_name(), parts(bsdf)
+    if kind == BLEND:
+        weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
+        w = dr.detach(weight)
+        first = blend_share(inner["bsdf_0"], si, (choice - w) / dr.maximum(1 - w, 1e-8), active)
+        second = blend_share(inner["bsdf_1"], si, choice / dr.maximum(w, 1e-8), active)
+        return dr.select(choice > w, (1 - weight) * first, weight * second)
+    if kind == MASK:  # which knows of the derivative by its own opacity
+        a = dr.clip(dr.detach(inner["opacity"].eval_1(si, active)), 0, 1)
+        nested = blend_share(inner["nested_bsdf"], si, choice / dr.maximum(a, 1e-8), active)
+        return dr.select(choice < a, nested, 1)
+    if kind == TWO_SIDED:
+        return sum(
+            (part * blend_share(side, turned(si), choice, active) for part, side in sides(bsdf, si)), mi.Float(0)
+        )
+    return mi.Float(1)
+
+
+def sample_leaves(
+    ctx: mi.BSDFContext,
+    si: mi.SurfaceInteraction3f,
+    bsdf: mi.BSDF,
+    choice: mi.Float,
+    point: mi.Point2f,
+    active: mi.Bool,
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """A sample of all of ``bsdf``: of an ideal lobe with the probability as ``pdf``, of others with the density of all
+    that are not ideal.
+    """
+    bs, weight, below = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
+    bs.wo = -si.wi
+    mixed = leaves(bsdf, si, active)
+    for known, leaf, turns in mixed:
+        part = dr.detach(known)
+        chosen = active & (choice >= below) & (part > 0)
+        if leaf is None:
+            one, value = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
+            one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, mi.Float(1), mi.Float(1), mi.UInt32(+mi.BSDFFlags.Null)
+        else:
+            rest = dr.clip((choice - below) / dr.select(part > 0, part, 1), 0, 1)
+            one, value = leaf.sample(ctx, turned(si) if turns else si, rest, point, chosen)
+            if turns:
+                one.wo.z = dr.mulsign(one.wo.z, si.wi.z)
+        one.pdf *= part
+        bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(known), weight)
+        below += part
+    smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
+    f, pdf = mi.Spectrum(0), mi.Float(0)
+    for part, leaf, turns in mixed:
+        if leaf is not None:
+            wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if turns else bs.wo
+            f_leaf, pdf_leaf = leaf.eval_pdf(ctx, turned(si) if turns else si, wo, smooth)
+            f, pdf = f + part * f_leaf, pdf + part * pdf_leaf
+    bs.pdf = dr.select(smooth, pdf, bs.pdf)
+    return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)

@@ -64,12 +64,16 @@ class Leaves:
         for s in self.solids:
             s.to_world = s.to_world - offset
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
-        self.shape = np.array([list(PRIMITIVES).index(s.primitive.name) for s in self.solids])
+        self.primitives = list(dict.fromkeys(s.primitive for s in self.solids))
+        self.shape = np.array([self.primitives.index(s.primitive) for s in self.solids])
 
     def _share(self, cutters: np.ndarray | None) -> None:
         """Finds the surfaces that leaves which may touch have in common, and the solids that are the same."""
         bearing = np.bincount(self.of_leaf) + (0 if cutters is None else np.bincount(self.of_leaf, cutters))
-        at = np.array([(i, f) for i, s in enumerate(self.solids) for f in range(len(s.primitive.quadrics))])
+        counts = [len(s.primitive.quadrics) for s in self.solids]
+        if not any(counts):
+            return
+        at = np.array([(i, f) for i, count in enumerate(counts) for f in range(count)])
         surface = same_surfaces(
             np.concatenate([s.primitive.quadrics for s in self.solids]),
             np.array([s.to_world for s in self.solids])[at[:, 0]],
@@ -77,8 +81,8 @@ class Leaves:
         surface = self._connected(surface, *at.T)
         bearers = np.bincount(surface, bearing[at[:, 0]])
         shared = np.where(bearers[surface] > 1, surface, -1)
-        for s, surfaces in zip(self.solids, np.split(shared, np.flatnonzero(np.diff(at[:, 0])) + 1)):
-            s.surfaces = surfaces
+        for s, surfaces in zip(self.solids, np.split(shared, np.cumsum(counts)[:-1])):
+            s.surfaces = surfaces if len(surfaces) else s.surfaces
             if s.curved_surface >= 0 and self.solids[at[s.curved_surface, 0]] is not s:
                 s.frame = np.linalg.solve(s.to_world, self.solids[at[s.curved_surface, 0]].to_world)
         same: dict[Hashable, int] = {}
@@ -162,7 +166,7 @@ class Leaves:
         local = positions @ inverse[:, :, :3].transpose(0, 2, 1) + inverse[:, None, :, 3]
         normals, uv = np.zeros_like(local), np.zeros((*local.shape[:2], 2))
         alone = np.zeros(local.shape[:2], bool)
-        for number, primitive in enumerate(PRIMITIVES.values()):
+        for number, primitive in enumerate(self.primitives):
             chosen = self.shape[solid] == number
             if chosen.any():
                 c = primitive.corners(local[chosen], face[chosen])

@@ -55,7 +55,8 @@ class Primitive(ABC):
 
     #: The name that the language gives it.
     name: ClassVar[str]
-    #: The surfaces of its faces as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face.
+    #: The surfaces of its faces as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face; none, and face 0
+    #: for all triangles, where no face is meant to coincide with another solid's.
     quadrics: ClassVar[np.ndarray]
     #: Its bounding box, min and max corner.
     box: ClassVar[np.ndarray]

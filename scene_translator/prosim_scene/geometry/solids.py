@@ -73,7 +73,7 @@ class Solid:
     primitive: Primitive
     to_world: np.ndarray
     segments: int = 0
-    surfaces: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    surfaces: np.ndarray = field(default_factory=lambda: np.array([-1]))
     frame: np.ndarray = field(default_factory=lambda: IDENTITY)
     shrink: float = 1.0
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 import signal
 import threading
-from collections.abc import MutableMapping
+from collections import Counter
+from collections.abc import MutableMapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -82,6 +83,57 @@ def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
     parameters = mi.traverse(shape)
     name = next((name for name in ("positions", "vertex_positions") if name in parameters), None)
     return None if name is None else np.array(parameters[name], dtype=np.float64).reshape(-1, 3)
+
+
+# ---------------------------------------------------------------- the order of meshes
+# Mitsuba joins the meshes of a scene that have one BSDF (shape "merge"). It gives the scene what results in the order
+# of a hash of addresses, which is another one in every process (3.9 and 3.10, src/shapes/merge.cpp). What is no mesh
+# is in the order of the scene's description.
+
+#: Where meshes lie is compared in this many steps of the scene: machines round transforms differently.
+STEPS = 4096
+
+
+def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
+    """The shapes of ``scene`` in an order that is the same in every process: meshes last, by their ids and places."""
+    return _meshes_in_order([(shape, shape) for shape in scene.shapes()])
+
+
+def emitters_in_order(scene: mi.Scene) -> list[mi.Emitter]:
+    """The emitters of ``scene`` in an order that is the same in every process: those that are meshes last."""
+    return _meshes_in_order([(emitter, emitter.get_shape()) for emitter in scene.emitters()])
+
+
+def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.EmitterPtr:
+    """The ``emitters`` of ``scene`` as one Dr.Jit array."""
+    numbers = {emitter: i for i, emitter in enumerate(scene.emitters())}
+    return dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32([numbers[emitter] for emitter in emitters]))
+
+
+def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]:
+    """``things``, each given with its shape: first those that are no meshes."""
+    import numpy as np
+
+    result = [thing for thing, shape in things if shape is None or not shape.is_mesh()]
+    meshes = [(thing, shape) for thing, shape in things if shape is not None and shape.is_mesh()]
+    if len(meshes) < 2:
+        return result + [thing for thing, _ in meshes]
+    boxes = np.array([[*shape.bbox().min, *shape.bbox().max] for _, shape in meshes], dtype=float)
+    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    places = np.rint((boxes - np.tile(low, 2)) * (STEPS / max(float((high - low).max()), 1e-30))).tolist()
+    keys = [(s.id(), *place, s.primitive_count()) for (_, s), place in zip(meshes, places)]
+    times = Counter(keys)
+    contents = [_content(shape) if times[key] > 1 else [] for (_, shape), key in zip(meshes, keys)]
+    order = sorted(range(len(meshes)), key=lambda i: (keys[i], contents[i]))
+    return result + [meshes[i][0] for i in order]
+
+
+def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
+    """All parameters of ``shape``, its emitter and its BSDF: names and values."""
+    import numpy as np
+
+    values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}
+    return sorted((name, value.tobytes()) for name, value in values.items() if value.dtype != object)
 
 
 # ---------------------------------------------------------------- pointers

@@ -13,7 +13,7 @@ import numpy as np
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import NRook, SamplerPoints
-from ..sampling.sobol import Sobol
+from ..sampling.sobol import Points, Sobol
 from ..transport.context import LENS, PIXEL, TIME_AND_WAVELENGTH
 from .camera import ray_sampler
 from .error import error_between_passes, standard_error
@@ -115,9 +115,7 @@ class Estimator:
         f = np.array(self.rfilter.eval(mi.Float(x)), dtype=np.float64)
         return 1.0 if self.rfilter.is_box_filter() else float(np.mean(f**2) / np.mean(f) ** 2 / (2 * r))
 
-    def camera_ray(
-        self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol | SamplerPoints
-    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
+    def camera_ray(self, x: mi.Int32, y: mi.Int32, points: Points) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Camera ray through pixel (x, y): ``(ray, weight, position)``, the position being that within the pixel."""
         position = points(PIXEL)
         lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)

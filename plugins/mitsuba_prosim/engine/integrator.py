@@ -110,7 +110,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        self.progressive(scene, sensor, seed, spp).run()
+        for _ in self.progressive(scene, sensor, seed, spp):
+            pass
         film = sensor.film()
         with alone():
             image = film.develop() if develop else mi.TensorXf()

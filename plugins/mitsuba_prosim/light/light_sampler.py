@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import emitter_pointers
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 
@@ -219,9 +220,7 @@ def draw(
     elif dr.is_jit_v(mi.Float):
         i, emitter = dr.arange(mi.UInt32, count), emitters[0]
         if together:
-            in_scene = scene.emitters()
-            order = dr.gather(mi.UInt32, mi.UInt32([in_scene.index(e) for e in emitters]), i // RAYS)
-            emitter = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
+            emitter = dr.gather(mi.EmitterPtr, emitter_pointers(scene, emitters), i // RAYS)
         drawn = sample(scene, emitter, combine(hash32(dr.opaque(mi.UInt32, 0)), i % RAYS))
         columns = [np.array(array, dtype=float).T for array in drawn]
     else:

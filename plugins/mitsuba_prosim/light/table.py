@@ -11,6 +11,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import emitter_pointers, emitters_in_order
 from ..masks import but_not, idle
 from .balls import Balls
 from .light_sampler import LightSampler
@@ -124,8 +125,8 @@ WHOLE = Others(())
 
 
 class Lights:
-    """All emitters of ``scene``, one after the other, grouped by strategy; a constant sky, which is a sphere around
-    everything, is apart and last.
+    """All emitters of ``scene``, grouped by strategy, in an order that is the same in every process; a constant sky,
+    which is a sphere around everything, is apart and last.
 
     The sky is sampled for lobes that no ray is drawn from: a ray that is drawn finds it at least as well, alone.
 
@@ -138,7 +139,7 @@ class Lights:
     UNROLLED = 4
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
-        emitters = list(scene.emitters())
+        emitters = emitters_in_order(scene)
         skies = [e for e in emitters if Sky.takes(e)]
         groups = [
             (s, [e for e in emitters if e not in skies and s is next(t for t in STRATEGIES if t.takes(e))])
@@ -176,9 +177,7 @@ class Lights:
 
         That table's size has to be waited for.
         """
-        in_scene = scene.emitters()
-        order = mi.UInt32([in_scene.index(emitter) for emitter in self.emitters])
-        self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), order)
+        self.pointers = emitter_pointers(scene, self.emitters)
         if self.lamps > self.UNROLLED:
             identity = dr.reinterpret_array(mi.UInt32, self.pointers)
             self.numbers = dr.full(mi.UInt32, self.lamps, dr.max(identity)[0] + 1)

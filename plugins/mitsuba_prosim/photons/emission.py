@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import emitter_pointers, emitters_in_order
 from ..light.balls import Balls, ball
 from ..masks import but_not
 from ..optics.nested import parts
@@ -110,15 +111,14 @@ class Sources:
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets
-        all_emitters = list(scene.emitters())
+        all_emitters = emitters_in_order(scene)
         left_out(all_emitters)
-        chosen = [(i, e) for i, e in enumerate(all_emitters) if kind(e) is not None]
-        self.emitters = [e for _, e in chosen]
-        self.count = len(chosen)
+        self.emitters = [e for e in all_emitters if kind(e) is not None]
+        self.count = len(self.emitters)
         self.kinds = {kind(e) for e in self.emitters}
-        if not chosen:
+        if not self.emitters:
             return
-        self.pointers = dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32([i for i, _ in chosen]))
+        self.pointers = emitter_pointers(scene, self.emitters)
         self.kind = mi.UInt32([KINDS.index(str(kind(e))) for e in self.emitters])
         balls = [ball(e) if kind(e) == "surface" and Balls.takes(e) else None for e in self.emitters]
         self.has_balls = any(balls)

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import mesh_positions
+from ..compat import mesh_positions, shapes_in_order
 from ..light.beam import sample_falloff, total
 from ..transport import lobes
 from ..transport.workarounds import is_indivisible
@@ -32,7 +32,7 @@ class Targets:
     @classmethod
     def of(cls, scene: mi.Scene, wholes: bool = False) -> Targets | None:
         """Those around the specular surfaces of ``scene``; None where there is none. ``wholes``: of :class:`.Walk`."""
-        spheres = [sphere(shape) for shape in scene.shapes() if is_specular(shape, wholes)]
+        spheres = [sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, wholes)]
         if not spheres:
             return None
         # Lists: memory of NumPy's would be used as it is, and kernels differ by how that lies.

@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .hash import combine
-from .nrook import to_unit
+from .nrook import NRook, SamplerPoints, to_unit
 
 
 class Sobol:
@@ -64,3 +64,7 @@ def scrambled(x: Any, key: Any) -> Any:
 def reverse(x: Any) -> Any:
     """The 32 bits of ``x`` in reverse order."""
     return int(f"{x:032b}"[::-1], 2) if isinstance(x, int) else dr.brev(x)
+
+
+#: The samples of all spaces: of either sequence, or of a sampler of Mitsuba's.
+Points = NRook | Sobol | SamplerPoints

@@ -100,7 +100,10 @@ def about(path: str | Path) -> dict[str, Any]:
             f"{path} is no state of a render, or a part of one; what --keep and --part write is"
         ) from None
     if number != FORMAT:
-        raise StateError(f"{path} was written in another way ({number}) than this version's ({FORMAT})")
+        raise StateError(
+            f"{path} has format {number}, and this version reads format {FORMAT}, whose samples are others; finish it "
+            "with the version that wrote it, or render again"
+        )
     if header.get(SUM) != str(zlib.crc32(said.encode())):
         raise StateError(f"{path} is damaged: what it says of itself is not what was written")
     left, top, right, bottom = text["facts"]["known"]

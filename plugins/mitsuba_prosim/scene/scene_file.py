@@ -182,8 +182,37 @@ def instantiate(state: mi.parser.ParserState) -> mi.Scene:
     """
     config = _config()
     config.parallel = not plugin_names(state) & set(registry.PLUGINS)
+    config.merge_meshes = False
     mi.parser.transform_all(config, state)
+    _merge_meshes(config, state)
     return cast(mi.Scene, mi.parser.instantiate(config, state))
+
+
+def _merge_meshes(config: mi.parser.ParserConfig, state: mi.parser.ParserState) -> None:
+    """Merges the meshes of a parsed scene that share a BSDF. Emitters stay in the order of the file.
+
+    Mitsuba's integrators choose an emitter by its number, and merging gives the meshes another order in every process:
+    see :func:`..compat.shapes_in_order`.
+    """
+    if state.root.type != mi.ObjectType.Scene:
+        return
+    root, emitters = state.root.props, []
+    for name, value in list(root.items()):
+        if isinstance(value, mi.Properties.ResolvedReference) and _emits(state, state.nodes[value.index()]):
+            emitters.append(value)
+            del root[name]
+    mi.parser.transform_merge_meshes(config, state)
+    root = state.root.props  # the list of nodes has moved in memory
+    for number, emitter in enumerate(emitters):
+        root[f"emitter_{number}"] = emitter
+
+
+def _emits(state: mi.parser.ParserState, node: mi.parser.SceneNode) -> bool:
+    """Whether ``node`` is an emitter or has one."""
+    children = (value for _, value in node.props.items() if isinstance(value, mi.Properties.ResolvedReference))
+    return node.type == mi.ObjectType.Emitter or any(
+        state.nodes[child.index()].type == mi.ObjectType.Emitter for child in children
+    )
 
 
 def plugin_names(state: mi.parser.ParserState) -> set[str]:

@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..light.table import Lamp
 from ..masks import but_not
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Points
 from . import lobes, workarounds
 from .context import NODE_SPACES, Stage
 from .media import beyond, transmittance
@@ -24,7 +24,7 @@ def direct_light(
     ray: Ray,
     si: mi.SurfaceInteraction3f,
     bsdf: mi.BSDF | mi.BSDFPtr,
-    points: NRook | SamplerPoints,
+    points: Points,
     active: mi.Bool,
     scattered: mi.Bool | bool = False,
 ) -> tuple[mi.Spectrum, mi.Float | None]:

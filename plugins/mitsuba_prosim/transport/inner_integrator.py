@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
-from ..sampling.sobol import Sobol
+from ..sampling.sobol import Points, Sobol
 from .context import CAMERA_SPACES
 
 
@@ -27,9 +27,7 @@ class Nested:
         #: Names of the values that come third.
         self.aov_names = list(integrator.aov_names())
 
-    def __call__(
-        self, ray: mi.Ray3f, points: NRook | Sobol | SamplerPoints, active: mi.Bool
-    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+    def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         """Radiance of the camera ray ``ray``: ``(L, hit, others)``, with points for each dimension in turn: those of
         ``points``, in the spaces after the camera's.
         """

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Points
 from . import lobes, scattering, workarounds
 from .context import CHOICE, REFRACTED, Stage
 from .media import beyond
@@ -20,7 +20,7 @@ from .workarounds import belongs_to, is_whole
 
 
 def follow(
-    stage: Stage, lobe: mi.BSDFContext, k: int, ray: Ray, node: Node, points: NRook | SamplerPoints, active: mi.Bool
+    stage: Stage, lobe: mi.BSDFContext, k: int, ray: Ray, node: Node, points: Points, active: mi.Bool
 ) -> tuple[Ray, mi.Bool, mi.Float]:
     """Draws the ray that goes on from ``node`` through the lobes of the ``mi.BSDFContext`` ``lobe``.
 

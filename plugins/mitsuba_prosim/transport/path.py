@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Points
 from . import lobes
 from .context import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Stage
 from .loop import walk
@@ -33,7 +33,7 @@ class State:
 
 
 def radiance(
-    stage: Stage, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
+    stage: Stage, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by one path: ``(L, hit)``; see :class:`.Transport`."""
     settings = stage.settings
@@ -67,7 +67,7 @@ def radiance(
 
 
 def one_of_two(
-    stage: Stage, ray: Ray, node: Node, points: NRook | SamplerPoints, surface: mi.Bool, bounces: mi.UInt32
+    stage: Stage, ray: Ray, node: Node, points: Points, surface: mi.Bool, bounces: mi.UInt32
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
     """Draws a specular and, up to ``diffuse_bounces``, a diffuse ray, and follows one of the two."""
     following, going, passed = follow(stage, lobes.specular(), REFLECTED, ray, node, points, surface)

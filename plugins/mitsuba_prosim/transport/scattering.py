@@ -8,7 +8,8 @@ import mitsuba as mi
 from ..optics.nested import all_shapes
 from ..sampling import wavelengths
 from ..sampling.hash import combine
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.nrook import SamplerPoints
+from ..sampling.sobol import Points
 from . import workarounds
 
 
@@ -17,7 +18,7 @@ def disperses(scene: mi.Scene) -> bool:
     return any(getattr(shape.bsdf(), "disperses", False) for shape in all_shapes(scene))
 
 
-def evenly(points: NRook | SamplerPoints, space: mi.UInt32, choice: mi.Float) -> mi.Float:
+def evenly(points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
     """``choice``, a number in [0, 1) by which glass chooses what a ray keeps, such that the samples of a pixel together
     divide the spectrum evenly.
     """

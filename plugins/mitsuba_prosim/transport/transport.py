@@ -7,7 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Points
 from . import path, tree
 from .context import SceneFacts, Settings, Stage
 
@@ -42,7 +42,7 @@ class Transport:
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(
-        self, ray: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler | None = None
+        self, ray: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler | None = None
     ) -> tuple[mi.Spectrum, mi.Bool]:
         """Radiance of the camera ray ``ray``: ``(L, hit)``, a ``mi.Spectrum`` and whether the ray met a surface.
 

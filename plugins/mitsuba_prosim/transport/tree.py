@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Points
 from . import lobes
 from .context import REFLECTED, REFRACTED, ROULETTE, Stage
 from .loop import walk
@@ -64,7 +64,7 @@ class State:
 
 
 def radiance(
-    stage: Stage, camera: mi.Ray3f, points: NRook | SamplerPoints, active: mi.Bool, sampler: mi.Sampler = None
+    stage: Stage, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
     facts, max_level = stage.facts, stage.settings.max_level
@@ -95,7 +95,7 @@ def radiance(
     return walk(stage, step, state, camera, branches=bool(waiting.rays))
 
 
-def roulette(stage: Stage, ray: Ray, active: mi.Bool, points: NRook | SamplerPoints) -> tuple[Ray, mi.Bool]:
+def roulette(stage: Stage, ray: Ray, active: mi.Bool, points: Points) -> tuple[Ray, mi.Bool]:
     """The ray and its lanes after Russian roulette, where it is weaker than ``rr_throughput``: it goes on as often as
     it is a part of that, with so much more weight (Arvo and Kirk 1990).
     """

@@ -9,7 +9,8 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from ..optics import ambient
-from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.nrook import SamplerPoints
+from ..sampling.sobol import Points
 from .context import Stage
 from .direct import direct_light
 from .media import ENDLESS, before, transmittance
@@ -18,12 +19,7 @@ from .ray import Node, Ray, mis
 
 
 def shade(
-    stage: Stage,
-    ray: Ray,
-    camera: mi.Ray3f,
-    points: NRook | SamplerPoints,
-    active: mi.Bool,
-    scattered: mi.Bool | bool = False,
+    stage: Stage, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool, scattered: mi.Bool | bool = False
 ) -> tuple[mi.Spectrum, Node]:
     """``(L, node)``: what a node adds to the radiance of the camera ray, by emission, background, ambient and
     direct light; and the :class:`Node`. ``camera``: the camera ray, for time and wavelengths;

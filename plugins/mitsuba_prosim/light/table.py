@@ -14,7 +14,6 @@ import mitsuba as mi
 from ..compat import emitter_pointers, emitters_in_order
 from ..masks import but_not, idle
 from .balls import Balls
-from .light_sampler import LightSampler
 from .others import Others
 from .sample import LightSample
 from .sky import Sky
@@ -170,6 +169,8 @@ class Lights:
         if self.jit and self.emitters:
             self._tabulate(scene)
         #: What chooses among several lamps; None where each of them is sampled.
+        from .light_sampler import LightSampler  # with the first image, as NumPy is slow to import
+
         self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
 
     def _tabulate(self, scene: mi.Scene) -> None:

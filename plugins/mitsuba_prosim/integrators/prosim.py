@@ -316,5 +316,5 @@ class Prosim(ProgressiveIntegrator):
 
         # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
-        # No ray of a tree comes to what is taken whole by way of a diffuse surface, so that photons may.
-        return Caustics.of(scene, sensor, self.caustic_photons, deepest, wholes=self.diffuse_bounces == 0)
+        # No ray of a tree comes from a diffuse surface to a BSDF without separable lobes, so that photons may.
+        return Caustics.of(scene, sensor, self.caustic_photons, deepest, tree=self.diffuse_bounces == 0)

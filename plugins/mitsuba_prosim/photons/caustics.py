@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
+from collections.abc import Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..masks import but_not
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
+from ..transport.ray import Ray
 from .emission import Sources, start_points
 from .footprint import Footprint
 from .gathering import Gathering
 from .grid import Landed, Photons
 from .importance import Importance
-from .mis import Merging
-from .targets import Targets, left_dark
+from .mis import GlossyGathering
+from .targets import Targets, warn_of_missing_caustics
 from .tracing import Walk
 
 #: Most maps of a set.
@@ -51,9 +54,10 @@ class Caustics:
         self.scene, self.sensor, self.sources, self.count = scene, sensor, sources, count
         self.walk, self.footprint = walk, footprint
         self.gathering = Gathering(scene, self.footprint)
-        self.merging: Merging | None = None
-        if walk.merges:
-            self.merging = Merging(footprint, sources, walk.narrow, walk.deepest, walk.indivisible, walk.careful)
+        #: What shares light between photons and rays at glossy surfaces; None where nothing is to be shared.
+        self.mis: GlossyGathering | None = None
+        if walk.shares_light:
+            self.mis = GlossyGathering(footprint, sources, walk.near_specular, walk.deepest, walk.scattering)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
         #: The one that was used last at the end.
         self._sets: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
@@ -63,18 +67,18 @@ class Caustics:
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
-    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, wholes: bool) -> Caustics | None:
+    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
         """Those of ``scene``, through up to ``deepest`` specular surfaces; None where nothing is specular, or nothing
-        shines. ``wholes``: of :class:`.Walk`, for trees.
+        shines. ``tree``: of :class:`.Walk`, for trees.
         """
-        targets = Targets.of(scene, wholes)
+        targets = Targets.of(scene, tree)
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
-        if wholes:
-            left_dark(scene.shapes())
+        if tree:
+            warn_of_missing_caustics(scene.shapes())
         footprint = Footprint.of(scene, sensor)
-        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes, footprint), footprint)
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, tree, footprint), footprint)
 
     @property
     def kept(self) -> int:
@@ -89,8 +93,8 @@ class Caustics:
     def draw(self, seed: int, number: int, n: int) -> None:
         """Makes the set ``number`` under ``seed``, for passes of ``n`` samples, what samples gather from."""
         self._drawn, glossy = self.photons((seed, number, n))
-        if self.merging is not None and glossy is not None:
-            self.merging.draw(glossy, self._places(self.maps(n))[0])
+        if self.mis is not None and glossy is not None:
+            self.mis.use(glossy, self._places(self.maps(n))[0])
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
@@ -122,11 +126,26 @@ class Caustics:
         """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
         return t, self._n
 
-    def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
-        """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
+    def add_to(
+        self,
+        L: mi.Spectrum,
+        ray: Ray,
+        si: mi.SurfaceInteraction3f,
+        bsdf: mi.BSDFPtr,
+        drawn: Sequence[mi.BSDFContext],
+        t: mi.UInt32,
+        active: mi.Bool,
+        scattered: mi.Bool | bool,
+    ) -> mi.Spectrum:
+        """``L`` plus the radiance of the photons at ``si``, which ``ray`` meets, for the ``t``-th sample of a pixel.
+
+        ``drawn``: the glossy lobes, each with a ray of its own. ``scattered``: the lanes behind a diffuse reflection,
+        whose glossy lobes gather none.
+        """
         assert self._drawn is not None, "no photons have been drawn"
         number = t % dr.opaque(mi.UInt32, self._drawn.maps)
-        return self.gathering(self._drawn, number, si, bsdf, active)
+        L = L + self.gathering(self._drawn, number, si, bsdf, active)
+        return L if self.mis is None else L + self.mis(ray, si, bsdf, drawn, t, but_not(active, scattered))
 
     def _photons(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
         maps = self.maps(n)

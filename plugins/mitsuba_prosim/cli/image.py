@@ -106,10 +106,7 @@ class Task:
         Raises InputError and ClickException.
         """
         job, film, part = self.job, self.sensor.film(), self.job.part
-        refuse_waves(
-            [name for name in ("noise", "noise_99", "noise_999", "time") if getattr(self.integrator, name, 0)],
-            job.variant,
-        )
+        refuse_waves([name for name in ENDS if getattr(self.integrator, name, 0)], job.variant)
         if job.denoise:
             check_denoising(film, self.integrator)
         size, suffixes, keeper = self.size(), () if part else SUFFIXES, None

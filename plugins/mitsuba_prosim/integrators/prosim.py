@@ -55,11 +55,12 @@ class Prosim(ProgressiveIntegrator):
          :math:`N`, the last pass is cut short. (Default: :math:`N^2`, four times as many for :monosp:`graded`, and any
          with :monosp:`noise` or :monosp:`time`)
 
-     * - noise, noise_99, time
+     * - noise, noise_99, noise_999, time
        - |float|
        - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
-         at most :monosp:`noise`, and that of 99 pixels in 100 at most :monosp:`noise_99`, or so many seconds have
-         passed, whichever is first. Not with :monosp:`thesis`. (Default: 0, not asked for)
+         at most :monosp:`noise`, that of 99 pixels in 100 at most :monosp:`noise_99`, and that of 999 in 1000 at most
+         :monosp:`noise_999`, which counts isolated bright pixels; or so many seconds have passed, whichever is
+         first. Not with :monosp:`thesis`. (Default: 0, not asked for)
 
      * - max_level
        - |int|

@@ -34,7 +34,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
          that of the wave. (Default: the points of :ref:`integrator-prosim`, each sample a pure function of seed, pixel,
          dimension and index)
 
-     * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, time, jitter, channels, aovs, band
+     * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, noise_999, time, jitter, channels,
+         aovs, band
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 

@@ -10,7 +10,7 @@ from ..engine.film import aov_values, with_more_channels
 from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import reject
 from ..registry import plugin
-from ..transport.inner_integrator import Nested
+from ..transport.inner_integrator import InnerIntegrator
 
 
 @plugin("integrator", "prosim_adaptive")
@@ -110,12 +110,12 @@ class ProsimAdaptive(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        L, hit, others = Nested(self.nested, scene).radiance(sampler, ray, medium, active)
+        L, hit, others = InnerIntegrator(self.nested, scene).radiance(sampler, ray, medium, active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, others + aovs
 
-    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Nested:
-        return Nested(self.nested, scene, sensor.get_medium())
+    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> InnerIntegrator:
+        return InnerIntegrator(self.nested, scene, sensor.get_medium())
 
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0

@@ -1,4 +1,4 @@
-"""Light of the photons around a point of a diffuse surface."""
+"""Gathering: the radiance of the photons around a point of a diffuse surface."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Gathering:
         self.footprint = footprint
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         self.scattering = Scattering.of(scene)
-        #: Whether photons may come by way of glossy lobes.
+        #: Whether photons may come from glossy lobes.
         self.glossy = bool(lobes.has_any(scene_flags(scene), *lobes.GLOSSY))
-        #: Whether the diffuse lobes of all of them are Lambert's.
+        #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
             not any(s.class_name() == "Instance" for s in scene.shapes())
             and not self.scattering.inseparable
@@ -37,11 +37,11 @@ class Gathering:
     def __call__(
         self, photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, active: mi.Bool
     ) -> mi.Spectrum:
-        """Radiance towards the viewer of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``,
-        or by all of what is taken whole.
+        """Radiance of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``; by all lobes if
+        they are inseparable.
 
-        They count within a pixel's width, those in the middle most (Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²)):
-        what comes between the samples of a pixel is blurred by that, and no more.
+        Photons count within a pixel's width, by Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²). So caustics are
+        blurred by no more than a pixel.
         """
         whole = self.scattering.whole(bsdf, active)
         active = active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | whole)

@@ -82,5 +82,5 @@ def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
 
 
 def is_everything(context: mi.BSDFContext) -> bool:
-    """Whether ``context`` asks for whole BSDFs."""
+    """Whether ``context`` asks for all lobes."""
     return context.type_mask == mi.BSDFContext().type_mask

@@ -78,7 +78,7 @@ def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 
 
 def _of_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Whether ``bsdf`` is asked for all that it mixes, of which some does not tell its lobes apart."""
+    """Whether all lobes of ``bsdf`` are asked for, and it blends a BSDF whose lobes are inseparable."""
     return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_inseparable(bsdf)
 
 
@@ -169,7 +169,7 @@ BY_NAME_ONLY = ("Principled", "PrincipledThin")
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:
-    """Whether ``bsdf``, or one within it, is of this kind: known to be, or with a component of several lobes (hair)."""
+    """Whether ``bsdf``, or one within it, has inseparable lobes: a known class, or a component of several lobes."""
     return any(
         one.class_name() in BY_NAME_ONLY or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
         for one in all_within(bsdf)
@@ -177,12 +177,12 @@ def is_inseparable(bsdf: mi.BSDF) -> bool:
 
 
 def any_inseparable(scene: mi.Scene) -> bool:
-    """Whether any surface of ``scene``, those of instances included, is of this kind."""
+    """Whether any BSDF of ``scene``, those of instances included, has inseparable lobes."""
     return any(is_inseparable(shape.bsdf()) for shape in all_shapes(scene) if shape.bsdf() is not None)
 
 
 def without_separable_lobes(bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-    """Which of the BSDFs ``bsdf`` (``mi.BSDFPtr``, or one in scalar variants) are taken whole."""
+    """The lanes whose BSDF (``mi.BSDFPtr``, or one in scalar variants) has no separable lobes."""
     if not dr.is_jit_v(mi.Float):
         return is_inseparable(bsdf)
     return dr.dispatch(bsdf, lambda one, active: mi.Bool(is_inseparable(one)), active)
@@ -193,8 +193,8 @@ def _lobes_of(flags: int) -> int:
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
-    """Whether the sample ``bs`` of a whole BSDF counts for ``lobe``: each sample does for just one of the lobes that
-    are followed apart, a specular one by the side that it goes to.
+    """Whether the sample ``bs`` of a BSDF without separable lobes belongs to ``lobe``. Each sample belongs to exactly
+    one of the lobes that are followed separately; a specular sample to the one of its side.
     """
     diffuse = but_not(
         lobes.has_any(bs.sampled_type, *lobes.DIFFUSE),

@@ -49,6 +49,7 @@ KINDS = {
     "apart.obj": obj(np.arange(24).reshape(6, 4).tolist(), APART),
     "backwards.obj": obj([[i - 9 for i in s] for s in SQUARES]),
     "a cube": obj(MIXED),
+    "broken-lines.obj": obj().replace(b"f ", b"f \\\r\n"),
 }
 
 

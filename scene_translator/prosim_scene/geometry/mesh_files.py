@@ -199,7 +199,7 @@ def _obj(text: str) -> Raw:
     """What an OBJ file says. Raises ValueError or IndexError."""
     found: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     polygons: list[list[list[int]]] = []
-    for line in text.replace("\r", "\n").replace("\\\n", " ").split("\n"):
+    for line in re.sub(r"\\\r?\n", " ", text).replace("\r", "\n").split("\n"):
         word, *rest = line.partition("#")[0].split() or [""]
         if word in found:
             found[word].append([float(number) for number in rest[: 2 if word == "vt" else 3]])

@@ -19,11 +19,10 @@ from mitsuba_prosim.photons.emission import Sources, Start, left_out, start_poin
 from mitsuba_prosim.photons.footprint import Footprint
 from mitsuba_prosim.photons.gathering import Gathering
 from mitsuba_prosim.photons.grid import WIDE, Landed, Photons
-from mitsuba_prosim.photons.mis import expected
+from mitsuba_prosim.photons.mis import expected, passed_on, ray_weight
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
-from mitsuba_prosim.transport.merging import before, beside, onward, share, straight, with_reach
-from mitsuba_prosim.transport.ray import Node, Ray, mis, viewer_side
+from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
 from scenes import mesh
 from test_taking import Elsewhere, image
 
@@ -309,8 +308,8 @@ def test_what_whole_materials_cast_on_one_another_is_said_to_be_left_out_of_a_tr
     said = []
     monkeypatch.setattr(mi, "Log", lambda level, text: said.append(text) if "caustics" in text else None)
     sensor = world.sensors()[0]
-    assert Caustics.of(small(4, glass), sensor, 16, 3, wholes=True) is not None and not said
-    assert Caustics.of(world, sensor, 16, 3, wholes=True) is not None
+    assert Caustics.of(small(4, glass), sensor, 16, 3, tree=True) is not None and not said
+    assert Caustics.of(world, sensor, 16, 3, tree=True) is not None
     assert len(said) == 1 and "'thing'" in said[0] and "'floor'" in said[0] and "diffuse_bounces" in said[0]
 
 
@@ -384,10 +383,10 @@ def test_a_beam_loses_as_much_from_either_end(variant_rgb, bsdf):
     found = 0
     for eye in (lobes.reflected(), lobes.refracted()):
         a, weight = bsdf.sample(eye, there, (0.5 + number % n) / n, mi.Point2f(0.5))
-        by_eye = onward(a, weight, bsdf.flags())
+        by_eye = passed_on(a, weight, bsdf.flags())
         back.wi = a.wo
         b, weight = bsdf.sample(light, back, (0.5 + number * 5 % n) / n, mi.Point2f(0.5))
-        by_light = onward(b, weight, bsdf.flags()) * dr.square(b.eta)
+        by_light = passed_on(b, weight, bsdf.flags()) * dr.square(b.eta)
         lost = (a.pdf == 0) | (b.pdf == 0) | ((a.sampled_type & eye.type_mask) == 0)
         met = ~lost & (dr.norm(b.wo - there.wi) < 1e-4)
         assert dr.all(~met | (dr.abs(by_eye - by_light) < 0.01 * by_light))
@@ -413,13 +412,13 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     glass = ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}, (0, 1.2, 0), 0.8)
     world = scene(128, floor=floor(1.0) | {"bsdf": ROUGH}, ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
     caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
-    merging, passing = caustics.merging, caustics.walk.passing
-    merging.draw(None, 1000 + 500 * dr.arange(mi.Float, caustics.sources.pairs))
-    stage, n = SimpleNamespace(merging=merging), 128 * 128
+    gathering, density_beyond = caustics.mis, caustics.walk.density_beyond
+    gathering.use(None, 1000 + 500 * dr.arange(mi.Float, caustics.sources.pairs))
+    n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
     ray, met, chain = Ray.first(camera), mi.Bool(True), []
-    ray.begun = ray.reach = mi.Float(0)
+    ray.etendue = gathering.first()
     for k in range(3):
         si = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met)
         lobe = lobes.specular() if not tree else lobes.refracted() if k else lobes.reflected()
@@ -428,25 +427,27 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         met &= si.is_valid() & (bs.pdf > 0) & ((si.p.y > 0.01) if k else (si.p.y < 0.01))
         d = si.to_world(bs.wo)
         following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, shares=mi.Bool(True), n=viewer_side(si))
-        following = with_reach(stage, ray, Node(ray, si, si.bsdf(), met), following, bs, weight, mi.Bool(False))
+        vertex = Vertex(ray, si, si.bsdf(), met)
+        following.etendue = gathering.next(vertex, following, bs, weight, mi.Bool(False))
         f, pdf = si.bsdf().eval_pdf(lobe, si, bs.wo, met)
         chain.append((ray, si, bs.wo, f, pdf))
         ray = following
     end, last = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
     ds = mi.DirectionSample3f(world, end, last[1])
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
-    density, of_lamp = merging.density(last[1], ds, met), lights.pdf(last[1], ray.n, mi.Bool(True), ds, met)
-    other = beside(stage, last[0], last[1], last[1].bsdf(), met)(ds, last[3], last[4], met)
-    shares = [share(straight(ray) * density, 1 + dr.square(of_lamp / ray.pdf)), mis(of_lamp, other)]
+    density, of_lamp = gathering.density(last[1], ds, met), lights.pdf(last[1], ray.n, mi.Bool(True), ds, met)
+    other = gathering.light_pdf(last[0], last[1], last[1].bsdf(), met)(ds, last[3], last[4], met)
+    of_ray = gathering.emission_weight(ray, last[1], ds, of_lamp, met, mis(ray.pdf, of_lamp), met)
+    shares = [of_ray, mis(of_lamp, other)]
     start = Start(mi.Ray3f(), mi.Spectrum(1), density, mi.PositionSample3f(end), ds.emitter)
     for level, (ray, si, wo, f, pdf) in enumerate(reversed(chain)):
-        bsdf, area = si.bsdf(), merging.area(si, si.bsdf()) * dr.abs(dr.dot(si.n, si.to_world(wo)))
+        bsdf, area = si.bsdf(), gathering.area(si, si.bsdf()) * dr.abs(dr.dot(si.n, si.to_world(wo)))
         if level:
-            reach = dr.select(merging.narrow(bsdf, met), before(ray), 0)
-            shares.append(1 - share(expected(area, f, pdf, density, reach)))
+            etendue = dr.select(gathering.near_specular(bsdf, met), ray.etendue.total, 0)
+            shares.append(1 - ray_weight(expected(area, f, pdf, density, etendue)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
-        density = passing(density, start, mi.UInt32(level), back, bsdf, si.wi, met)
+        density = density_beyond(density, start, mi.UInt32(level), back, bsdf, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]
     assert shares.shape[1] > 100 and np.all(shares.max(axis=1) > 0.05)

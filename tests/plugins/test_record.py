@@ -60,7 +60,7 @@ def test_an_image_goes_on_to_the_same_bits(variant_rgb):
     [
         *((0, {"adaptive": name}) for name in ("none", "thesis", "graded")),
         *((kept, {"adaptive": "neighbours"}) for kept in (0, 1 << 30)),
-        (0, {"noise": 0.004, "noise_99": 0.01, "max_samples": 100, "rfilter": "box"}),
+        (0, {"noise": 0.004, "noise_99": 0.01, "noise_999": 0.02, "max_samples": 100, "rfilter": "box"}),
         (1 << 30, {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"}),
         (1 << 30, {"film": CROP, "adaptive": "graded"}),
     ],

@@ -144,7 +144,9 @@ def test_a_map_around_a_blend_that_dims_is_told_of(variant_rgb, monkeypatch):
 
     good = blended(bumped(WHOLE), bumped(MIRROR), 0.4)
     for bsdf in (good, bumped(blended(BLACK, MIRROR)), two_sided(bumped(blended(WHOLE, MIRROR)))):
-        workarounds.left_dim(mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}}))
+        workarounds.warn_of_dim_lobes(
+            mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}})
+        )
     assert [level for level, _ in said] == [mi.LogLevel.Warn]
     assert "'card'" in said[0][1] and "Put the blendbsdf outside" in said[0][1]
     mean, _ = quarters((good, WHOLE, MIRROR, MIRROR), -1, {"type": "constant", "radiance": 1.0}, samples=8)

@@ -24,7 +24,7 @@ from ..saved.keeper import Keeper
 from ..scene import atomic, black, images, rendering, report, scene_file, session
 from . import output
 from .interrupts import interruptible
-from .job import Job
+from .job import ENDS, Job
 from .log import log
 from .options import InputError, refuse_waves, wrong_input
 from .progress import Bar, Progress, warn
@@ -106,7 +106,7 @@ class Task:
         Raises InputError and ClickException.
         """
         job, film, part = self.job, self.sensor.film(), self.job.part
-        refuse_waves([name for name in ("noise", "noise_99", "time") if getattr(self.integrator, name, 0)], job.variant)
+        refuse_waves([name for name in ENDS if getattr(self.integrator, name, 0)], job.variant)
         if job.denoise:
             check_denoising(film, self.integrator)
         size, suffixes, keeper = self.size(), () if part else SUFFIXES, None
@@ -253,7 +253,7 @@ def finish(
     size = int(film.crop_size()[0]), int(film.crop_size()[1])
     at_most = None
     if written and not job.denoise and rendering.keeps(integrator) and integrator.time:
-        at_most = None if integrator.noise or integrator.noise_99 else steps.noise_at_most()
+        at_most = None if integrator.noise or integrator.noise_99 or integrator.noise_999 else steps.noise_at_most()
     sentence = report.sentence(integrator, reached, bool(interrupted), interrupted or "", at_most)
     if not written:
         return Image({}, size, seconds, [sentence] if sentence and job.part is None else [], None)

@@ -19,11 +19,11 @@ from ..scene import scene_file
 from .options import OPTIONS, choose_variant, refuse_waves
 
 #: Options that become parameters of the integrator, and of the translator.
-INTEGRATOR = ("caustics", "max_level", "threshold", "noise", "noise_99", "time", "max_samples", "adaptive")
+INTEGRATOR = ("caustics", "max_level", "threshold", "noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
 LANGUAGE = ("light_units", "tolerance", "allow_outside")
 
 #: Options that say when an image is good enough.
-ENDS = ("noise", "noise_99", "time")
+ENDS = ("noise", "noise_99", "noise_999", "time")
 
 #: Options that exclude each other: some, others, and what to do.
 CONFLICTS = (
@@ -32,7 +32,7 @@ CONFLICTS = (
     ("part", "workers cluster", "--part is for processes that know nothing of each other; leave it to the cluster."),
     (
         "part",
-        "noise noise_99 time",
+        "noise noise_99 noise_999 time",
         "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
         "with --adaptive none, then prosim merge --keep, and continue the image: prosim resume NAME.state.exr "
         "--noise X --adaptive graded. Where machines can talk to each other, --cluster does it in one step.",

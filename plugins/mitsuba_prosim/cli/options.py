@@ -316,6 +316,11 @@ TABLE: dict[str, dict[str, tuple[Any, ...]]] = {
         "samples": (Whole(1, 2**12), "N of the thesis's N-rook sampling: N samples a pass, at most N*N per pixel."),
         "threshold": (Finite("error", low=0), "Standard error of a pixel that needs no more samples (white = 1)."),
         "noise_99": (ERROR, "Also require 99 % of the pixels to be within this error."),
+        "noise_999": (
+            ERROR,
+            "Also require 99.9 % of the pixels, bright specks with them, to be within it.",
+            "--noise-99.9",
+        ),
         "max_samples": (Whole(1, 2**20), "Maximum number of samples per pixel. [default with --noise, --time: any]"),
         "adaptive": (
             click.Choice(tuple(POLICIES)),

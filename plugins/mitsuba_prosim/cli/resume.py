@@ -23,7 +23,7 @@ from .options import Command, InputError, choose_variant, option
 BY_FIRST = ("neighbours", "thesis")
 
 #: Options that say what is aimed at.
-AIMS = ("noise", "time", "noise_99", "max_samples", "adaptive")
+AIMS = ("noise", "time", "noise_99", "noise_999", "max_samples", "adaptive")
 
 #: Decorator: the option of commands that open a state.
 moved = option(
@@ -37,6 +37,7 @@ moved = option(
     "noise",
     "time",
     "noise_99",
+    "noise_999",
     "max_samples",
     "adaptive",
     "output",

@@ -187,6 +187,7 @@ def half(integrator: Any, sensor: mi.Sensor, spp: int) -> dict[str, Any]:
         threshold=asked.threshold * 2**0.5,
         noise=asked.noise * 2**0.5,
         noise_99=asked.noise_99 * 2**0.5,
+        noise_999=asked.noise_999 * 2**0.5,
         time=asked.time / 2,
     )
     return {"sampling": sampling}
@@ -205,5 +206,6 @@ def together(first: Any, second: Any) -> Any:
         least=first.least + second.least,
         noise=float(np.hypot(first.noise, second.noise)) / 2,
         noise_99=float(np.hypot(first.noise_99, second.noise_99)) / 2,
+        noise_999=float(np.hypot(first.noise_999, second.noise_999)) / 2,
         seconds=first.seconds + second.seconds,
     )

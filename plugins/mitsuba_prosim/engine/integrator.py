@@ -47,9 +47,10 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.max_samples = whole(props, "max_samples", 0, 0)
         self.noise = number(props, "noise", 0.0, 0)
         self.noise_99 = number(props, "noise_99", 0.0, 0)
+        self.noise_999 = number(props, "noise_999", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
         # What makes most of many samples is the default where there may be many.
-        aims = bool(self.noise or self.noise_99 or self.time)
+        aims = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
         default = "graded" if aims else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
         if aims and self.adaptive == "thesis":

@@ -31,6 +31,7 @@ class Sampling:
     max_samples: int
     noise: float
     noise_99: float
+    noise_999: float
     time: float
     jitter: str
     band: int
@@ -38,7 +39,7 @@ class Sampling:
     @property
     def aims(self) -> bool:
         """Whether noise or time end the image."""
-        return self.noise > 0 or self.noise_99 > 0 or self.time > 0
+        return self.noise > 0 or self.noise_99 > 0 or self.noise_999 > 0 or self.time > 0
 
 
 #: Names of these parameters.

@@ -19,10 +19,10 @@ from .state import State
 FREE = ("band",)
 
 #: What of the rest may be other than it was, as long as nothing that was decided by it is kept.
-AIMS = ("adaptive", "threshold", "max_samples", "noise", "noise_99", "time")
+AIMS = ("adaptive", "threshold", "max_samples", "noise", "noise_99", "noise_999", "time")
 
 #: What decisions of the first wave do not depend on.
-ENDS = ("noise", "noise_99", "time")
+ENDS = ("noise", "noise_99", "noise_999", "time")
 
 #: Names of an estimate's arrays, without its sums.
 STATISTICS = ("total", "squares", "pass_squares", "in_pass")
@@ -62,6 +62,7 @@ class Record:
             "known": state.outer,
             "noise": state.noise,
             "noise_99": state.noise_99,
+            "noise_999": state.noise_999,
             "judged": decisions.judged,
             "effort": decisions.effort,
             "seconds": seconds,
@@ -129,7 +130,7 @@ class Record:
         state.estimate = estimate({name: self._placed(self.pixels[name], state) for name in names(state)}, state)
         # Further samples may be of an endless sequence where the first ones are N-rook patterns, but not the reverse.
         state.plan = replace(state.plan, endless=state.plan.endless or self.facts["endless"])
-        state.noise, state.noise_99 = self.facts["noise"], self.facts["noise_99"]
+        state.noise, state.noise_99, state.noise_999 = (self.facts[name] for name in ("noise", "noise_99", "noise_999"))
         state.decisions = Decisions(twin=estimate(self.twin, state) if self.twin else None)
         if decided:
             state.decisions.judged, state.decisions.effort = self.facts["judged"], self.facts["effort"]

@@ -39,6 +39,8 @@ class Reached:
     noise: float
     #: What the error of 99 pixels in 100 is within; likewise.
     noise_99: float
+    #: And of 999 pixels in 1000.
+    noise_999: float
     #: Since the beginning.
     seconds: float
 
@@ -257,7 +259,8 @@ class Render:
         """How far it came."""
         counts, state = np.array(self.state.counts()), self.state
         mean = float(np.mean(counts, dtype=np.float64))
-        return Reached(mean, int(counts.min()), state.noise, state.noise_99, self.target.passed)
+        noises = state.noise, state.noise_99, state.noise_999
+        return Reached(mean, int(counts.min()), *noises, self.target.passed)
 
     @alone()
     def error(self) -> np.ndarray:

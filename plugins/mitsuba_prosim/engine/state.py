@@ -41,7 +41,7 @@ class State:
         self.keeps = part is not None or 4 * estimator.values * pixel_count <= KEPT
         self.estimate = Estimate.nothing(estimator.values if self.keeps else 0, pixel_count)
         #: The noise, if it was measured (see :class:`.SecondImage`).
-        self.noise = self.noise_99 = float("nan")
+        self.noise = self.noise_99 = self.noise_999 = float("nan")
         self.decisions = Decisions()
         #: What the last whole wave has made, where sums are not kept.
         self.made: Image | None = None

@@ -55,11 +55,12 @@ class Prosim(ProgressiveIntegrator):
          :math:`N`, the last pass is cut short. (Default: :math:`N^2`, four times as many for :monosp:`graded`, and any
          with :monosp:`noise` or :monosp:`time`)
 
-     * - noise, noise_99, time
+     * - noise, noise_99, noise_999, time
        - |float|
        - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
-         at most :monosp:`noise`, and that of 99 pixels in 100 at most :monosp:`noise_99`, or so many seconds have
-         passed, whichever is first. Not with :monosp:`thesis`. (Default: 0, not asked for)
+         at most :monosp:`noise`, that of 99 pixels in 100 at most :monosp:`noise_99`, and that of 999 in 1000 at most
+         :monosp:`noise_999`, which counts isolated bright pixels; or so many seconds have passed, whichever is
+         first. Not with :monosp:`thesis`. (Default: 0, not asked for)
 
      * - max_level
        - |int|
@@ -315,5 +316,5 @@ class Prosim(ProgressiveIntegrator):
 
         # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
-        # No ray of a tree comes to what is taken whole by way of a diffuse surface, so that photons may.
-        return Caustics.of(scene, sensor, self.caustic_photons, deepest, wholes=self.diffuse_bounces == 0)
+        # No ray of a tree comes from a diffuse surface to a BSDF without separable lobes, so that photons may.
+        return Caustics.of(scene, sensor, self.caustic_photons, deepest, tree=self.diffuse_bounces == 0)

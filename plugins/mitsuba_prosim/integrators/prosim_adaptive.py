@@ -10,7 +10,7 @@ from ..engine.film import aov_values, with_more_channels
 from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import reject
 from ..registry import plugin
-from ..transport.inner_integrator import Nested
+from ..transport.inner_integrator import InnerIntegrator
 
 
 @plugin("integrator", "prosim_adaptive")
@@ -34,7 +34,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
          that of the wave. (Default: the points of :ref:`integrator-prosim`, each sample a pure function of seed, pixel,
          dimension and index)
 
-     * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, time, jitter, channels, aovs, band
+     * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, noise_999, time, jitter, channels,
+         aovs, band
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 
@@ -109,12 +110,12 @@ class ProsimAdaptive(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        L, hit, others = Nested(self.nested, scene).radiance(sampler, ray, medium, active)
+        L, hit, others = InnerIntegrator(self.nested, scene).radiance(sampler, ray, medium, active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, others + aovs
 
-    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Nested:
-        return Nested(self.nested, scene, sensor.get_medium())
+    def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> InnerIntegrator:
+        return InnerIntegrator(self.nested, scene, sensor.get_medium())
 
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0

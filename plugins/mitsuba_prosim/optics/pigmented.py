@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from .half_vectors import GRAZING
 
-#: A sample that weighs less is nothing beside 1 in single precision.
+#: A sample that weighs less than this, without the cosine, is nothing beside 1 in single precision.
 LEAST_WEIGHT = 2**-24
 
 
@@ -113,7 +113,7 @@ class Pigmented(mi.BSDF):
             pdf += p * density
         # prb divides what is left of a path's radiance by this value. Where a channel has no pigment and the lobe has
         # ended, that would be a rounding error over 1e-30; a value of 0 it leaves out.
-        value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf, 0, value))
+        value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
 
     def eval(

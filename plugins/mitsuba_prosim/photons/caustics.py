@@ -1,48 +1,51 @@
-"""The caustics of a scene, as a camera sees them."""
+"""Photon maps of a scene for one camera: emitted in passes, kept, and gathered from."""
 
 from __future__ import annotations
 
 import time
 from collections import OrderedDict
+from collections.abc import Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..masks import but_not
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
+from ..transport.ray import Ray
 from .emission import Sources, start_points
 from .footprint import Footprint
 from .gathering import Gathering
 from .grid import Landed, Photons
 from .importance import Importance
-from .mis import Merging
-from .targets import Targets, left_dark
+from .mis import GlossyGathering
+from .targets import Targets, warn_of_missing_caustics
 from .tracing import Walk
 
-#: Most maps of a set.
+#: Greatest number of photon maps in a photon pass.
 MAPS = 64
 
-#: Pilot photons of a round, number of rounds, and the part of the photons that is shared evenly by all cells.
+#: Pilot photons of a round, number of rounds, and the part of the photons that all cells share evenly.
 PILOTS, ROUNDS, EVEN = 1 << 16, 3, 0.1
 
-#: Cells along the edge of the square that a pair is aimed by, at most, and photons for each of them, in the mean.
+#: Greatest number of cells along the edge of a pair's unit square of directions, and mean number of photons in each.
 EDGE, PER_CELL = 32, 8
 
-#: Photons that are kept, 40 bytes each (48 on glossy surfaces, where a photon may lie besides), for the next wave and
-#: for the twin; at least two sets.
+#: Number of photons that are kept for later work items, of 40 bytes each (48 on glossy surfaces, where a photon may
+#: land too); at least two photon passes.
 KEPT = 1 << 22
 
-#: What says which set of photons: its seed, its number, and the samples of a pass.
+#: Identifies a photon pass: its seed, its number, and the samples that divide the spectrum.
 Which = tuple[int, int, int]
 
 
 class Caustics:
-    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a set, which go by ``walk``.
+    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a photon pass, traced by ``walk``.
 
-    A set has as many maps as a pattern has samples, :meth:`maps`, and each sample of a pixel gathers from its own:
-    the ``t``-th from map ``t % maps`` of set ``t // maps``, which must have been drawn (:meth:`draw`). In spectral
-    variants all photons of a map have the same wavelengths, which its samples have too (:meth:`wavelength`).
+    A photon pass has several maps (:meth:`maps`), and each sample of a pixel gathers from its own: the ``t``-th from
+    map ``t % maps`` of pass ``t // maps``, which must have been emitted (:meth:`draw`). In spectral variants all
+    photons of a map have the same wavelengths as its samples (:meth:`wavelength`).
     """
 
     def __init__(
@@ -51,50 +54,51 @@ class Caustics:
         self.scene, self.sensor, self.sources, self.count = scene, sensor, sources, count
         self.walk, self.footprint = walk, footprint
         self.gathering = Gathering(scene, self.footprint)
-        self.merging: Merging | None = None
-        if walk.merges:
-            self.merging = Merging(footprint, sources, walk.narrow, walk.deepest, walk.indivisible, walk.careful)
+        #: What shares light between photons and rays at glossy surfaces; None where nothing is to be shared.
+        self.mis: GlossyGathering | None = None
+        if walk.shares_light:
+            self.mis = GlossyGathering(footprint, sources, walk.near_specular, walk.deepest, walk.scattering)
         self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
-        #: The one that was used last at the end.
+        #: Photon passes, the most recently used one last.
         self._sets: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
         self._drawn: Photons | None = None
-        #: Sets that were drawn, and the seconds that it took.
+        #: Number of photon passes that were emitted, and the seconds that this took.
         self.draws, self.seconds = 0, 0.0
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
-    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, wholes: bool) -> Caustics | None:
-        """Those of ``scene``, through up to ``deepest`` specular surfaces; None where nothing is specular, or nothing
-        shines. ``wholes``: of :class:`.Walk`, for trees.
+    def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
+        """The photons of ``scene``, through up to ``deepest`` specular surfaces; None if nothing is specular or nothing
+        emits. ``tree``: see :class:`.Walk`.
         """
-        targets = Targets.of(scene, wholes)
+        targets = Targets.of(scene, tree)
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
-        if wholes:
-            left_dark(scene.shapes())
+        if tree:
+            warn_of_missing_caustics(scene.shapes())
         footprint = Footprint.of(scene, sensor)
-        return cls(scene, sensor, sources, count, Walk(scene, deepest, wholes, footprint), footprint)
+        return cls(scene, sensor, sources, count, Walk(scene, deepest, tree, footprint), footprint)
 
     @property
     def kept(self) -> int:
-        """Sets that are not drawn anew."""
+        """Number of photon passes that are kept."""
         return max(KEPT // self.count, 2)
 
     @staticmethod
     def maps(n: int) -> int:
-        """Maps of a set, for patterns of ``n``² samples."""
+        """Number of maps of a photon pass, for patterns of ``n``² samples."""
         return min(n * n, MAPS)
 
     def draw(self, seed: int, number: int, n: int) -> None:
-        """Makes the set ``number`` under ``seed``, for passes of ``n`` samples, what samples gather from."""
+        """Lets samples gather from the photon pass ``number`` under ``seed``; ``n`` samples divide the spectrum."""
         self._drawn, glossy = self.photons((seed, number, n))
-        if self.merging is not None and glossy is not None:
-            self.merging.draw(glossy, self._places(self.maps(n))[0])
+        if self.mis is not None and glossy is not None:
+            self.mis.use(glossy, self._places(self.maps(n))[0])
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
-        """Those of a set, on diffuse surfaces, and on glossy ones where these gather any: kept, or drawn."""
+        """A photon pass, kept or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
         if which not in self._sets:
             begun = time.perf_counter()
             self.put(which, self._photons(*which))
@@ -103,18 +107,18 @@ class Caustics:
         return self._sets[which]
 
     def put(self, which: Which, photons: tuple[Photons, Photons | None]) -> None:
-        """Keeps the photons of a set, which another process may have drawn."""
+        """Keeps a photon pass, which another process may have emitted."""
         while len(self._sets) >= self.kept:
             self._sets.popitem(last=False)
         self._sets[which] = photons
 
     def has(self, which: Which) -> bool:
-        """Whether the photons of a set are kept."""
+        """Whether a photon pass is kept."""
         return which in self._sets
 
     def wavelength(self, t: mi.UInt32) -> mi.Float:
-        """The number in [0, 1) by which a sensor draws the wavelengths of the ``t``-th samples: those of their map, the
-        same for all pixels.
+        """The number in [0, 1) by which a sensor samples the wavelengths of the ``t``-th samples: those of their map,
+        the same for all pixels.
         """
         return wavelengths.shared(self._key, *self.division(t))
 
@@ -122,11 +126,26 @@ class Caustics:
         """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
         return t, self._n
 
-    def __call__(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
-        """Radiance of the caustics at ``si``, for the ``t``-th sample of a pixel."""
-        assert self._drawn is not None, "no photons have been drawn"
+    def add_to(
+        self,
+        L: mi.Spectrum,
+        ray: Ray,
+        si: mi.SurfaceInteraction3f,
+        bsdf: mi.BSDFPtr,
+        drawn: Sequence[mi.BSDFContext],
+        t: mi.UInt32,
+        active: mi.Bool,
+        scattered: mi.Bool | bool,
+    ) -> mi.Spectrum:
+        """``L`` plus the radiance of the photons at ``si``, which ``ray`` meets, for the ``t``-th sample of a pixel.
+
+        ``drawn``: the glossy lobes, each with a ray of its own. ``scattered``: the lanes behind a diffuse reflection,
+        whose glossy lobes gather none.
+        """
+        assert self._drawn is not None, "no photons have been emitted"
         number = t % dr.opaque(mi.UInt32, self._drawn.maps)
-        return self.gathering(self._drawn, number, si, bsdf, active)
+        L = L + self.gathering(self._drawn, number, si, bsdf, active)
+        return L if self.mis is None else L + self.mis(ray, si, bsdf, drawn, t, but_not(active, scattered))
 
     def _photons(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
         maps = self.maps(n)
@@ -136,7 +155,7 @@ class Caustics:
         return diffuse, glossy
 
     def _places(self, maps: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
-        """How many photons of a map each pair has, as :func:`placed` gives it."""
+        """Number of photons of each pair in a map, as :func:`placed` returns it."""
         if maps not in self._shares:
             self._shares[maps] = self._shared(max(self.count // maps, 1))
         return self._shares[maps]
@@ -144,8 +163,8 @@ class Caustics:
     def _landed(
         self, seed: int, number: int, n: int, places: tuple[mi.Float, mi.UInt32, mi.UInt32], white: bool = False
     ) -> tuple[tuple[Landed, Landed | None], mi.UInt32, mi.UInt32]:
-        """``(landed, map, pair)`` of all photons of a set, the first as :class:`.Walk` gives it. ``places``: what
-        :func:`placed` gives; ``white``: whether each has wavelengths of its own, in the place of its map's.
+        """``(landed, map, pair)`` of all photons of a pass; ``landed`` as :class:`.Walk` returns it. ``places``: of
+        :func:`placed`; ``white``: whether each photon has its own wavelengths instead of its map's.
         """
         (shares, begins, pairs), maps = places, self.maps(n)
         size = dr.width(pairs)
@@ -165,7 +184,7 @@ class Caustics:
         return landed, map_of, pair
 
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
-        """Those of the ``t``-th samples, as the sensor draws them; none but in spectral variants."""
+        """Wavelengths of the ``t``-th samples, as the sensor samples them; empty except in spectral variants."""
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)
         key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
@@ -173,8 +192,8 @@ class Caustics:
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
-        """How many of the ``size`` photons of a map each cell of each pair has: in proportion to the root mean square
-        of what its photons add to a pixel, which makes the noise the least (Neyman 1934).
+        """How many of the ``size`` photons of a map each cell of each pair gets: in proportion to the RMS of what its
+        photons add to a pixel, which minimises the noise (Neyman 1934).
         """
         pairs, edge = self.sources.pairs, 1
         while edge < EDGE and PER_CELL * pairs * (2 * edge) ** 2 <= size:
@@ -193,7 +212,7 @@ class Caustics:
         return placed(np.maximum(np.round(part * size), 1))
 
     def _parts(self, wanted: np.ndarray) -> np.ndarray:
-        """Part of the photons for each cell, about in the proportion ``wanted``, of shape (pairs, edge, edge)."""
+        """Fraction of the photons for each cell, about in proportion to ``wanted``, shape (pairs, edge, edge)."""
         edge = wanted.shape[1]
         padded = np.pad(wanted, ((0, 0), (1, 1), (1, 1)), mode="edge")
         smooth = np.mean([padded[:, j : j + edge, i : i + edge] for j in range(3) for i in range(3)], axis=0)
@@ -204,8 +223,8 @@ class Caustics:
 
 
 def placed(shares: np.ndarray) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
-    """So many photons for each pair of a map: ``(shares, begins, pairs)``, the numbers themselves, that of the first
-    photon of each pair, and the pair of each photon.
+    """``(shares, begins, pairs)`` of a map: the number of photons of each pair, the index of its first photon, and the
+    pair of each photon.
     """
     counts = shares.astype(np.uint32)
     begins = np.cumsum(counts, dtype=np.uint32) - counts

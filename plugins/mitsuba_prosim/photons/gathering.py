@@ -1,4 +1,4 @@
-"""Light of the photons around a point of a diffuse surface."""
+"""Gathering: the radiance of the photons around a point of a diffuse surface."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import mitsuba as mi
 from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.context import scene_flags
-from ..transport.workarounds import any_indivisible, is_whole
+from ..transport.scattering import Scattering
 from .footprint import Footprint
 from .grid import WIDE, Photons, within_reach
 
@@ -24,26 +24,26 @@ class Gathering:
     def __init__(self, scene: mi.Scene, footprint: Footprint) -> None:
         self.footprint = footprint
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
-        self.indivisible = any_indivisible(scene)
-        #: Whether photons may come by way of glossy lobes.
+        self.scattering = Scattering.of(scene)
+        #: Whether photons may come from glossy lobes.
         self.glossy = bool(lobes.has_any(scene_flags(scene), *lobes.GLOSSY))
-        #: Whether the diffuse lobes of all of them are Lambert's.
+        #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
             not any(s.class_name() == "Instance" for s in scene.shapes())
-            and not self.indivisible
+            and not self.scattering.inseparable
             and all(map(is_lambertian, bsdfs))
         )
 
     def __call__(
         self, photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, active: mi.Bool
     ) -> mi.Spectrum:
-        """Radiance towards the viewer of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``,
-        or by all of what is taken whole.
+        """Radiance of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``; by all lobes if
+        they are inseparable.
 
-        They count within a pixel's width, those in the middle most (Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²)):
-        what comes between the samples of a pixel is blurred by that, and no more.
+        Photons count within a pixel's width, by Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²). So caustics are
+        blurred by no more than a pixel.
         """
-        whole = active & is_whole(bsdf, active) if self.indivisible else mi.Bool(False)
+        whole = self.scattering.whole(bsdf, active)
         active = active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | whole)
 
         def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
@@ -54,9 +54,8 @@ class Gathering:
                 near = near & (cos * si.wi.z > 0)
                 return dr.select(near, flux * kernel, 0)
             near = near & (dr.abs(cos) > 1e-6)
-            f = bsdf.eval(lobes.diffuse(), si, si.to_local(wo), near)
-            if self.indivisible:
-                f = dr.select(whole, bsdf.eval(lobes.everything(), si, si.to_local(wo), near & whole), f)
+            wo = si.to_local(wo)
+            f = self.scattering.or_whole(bsdf.eval(lobes.diffuse(), si, wo, near), si, bsdf, wo, near, whole)
             return dr.select(near, f * flux * (kernel / dr.select(near, dr.abs(cos), 1)), 0)
 
         L = mi.Spectrum(0)

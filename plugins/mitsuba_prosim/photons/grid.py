@@ -1,4 +1,4 @@
-"""Photons in the cells of grids, sorted, so that those near a point are found."""
+"""Photon maps: photons sorted into the cells of grids, and the search for those near a point."""
 
 from __future__ import annotations
 
@@ -14,33 +14,34 @@ from ..compat import dr_array
 from ..sampling.hash import combine
 from .footprint import Footprint
 
-#: Sizes of cells to an octave. There is a grid for each size, and a photon lies in that which fits the size of a pixel
-#: where it is, so that a search comes upon about as many photons near the eye as far away.
+#: Cell sizes per octave. Each size has a grid. A photon is in the grid that fits the pixel footprint at its place, so
+#: that a search meets about as many photons near the eye as far away.
 SIZES = 4
 
-#: How far a photon may lie off the plane of the surface, over the reach: beyond the edge of a wall is another wall.
+#: Greatest distance of a photon from the plane of the surface, over the search radius: behind the edge of a wall is
+#: another wall.
 OFF = 0.25
 
-#: Reach of a photon of a wide glossy lobe, in pixel widths.
+#: Search radius for photons of a wide glossy lobe, in pixel widths.
 WIDE = 4
 
 
 @dataclass
 class Landed:
-    """Photons where they have come to lie."""
+    """Photons where they have landed."""
 
     p: mi.Point3f
-    #: Unit direction that it came along.
+    #: Unit direction of flight.
     d: mi.Vector3f
     #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
     flux: mi.Spectrum
-    #: Whether it lies on a surface, after one specular surface or more: a diffuse one, or one that is taken whole.
+    #: Whether it has landed, after at least one specular surface.
     lies: mi.Bool
     #: Whether it counts within :data:`WIDE` pixel widths, as the light of its glossy lobe varies slowly.
     wide: mi.Bool
-    #: On glossy surfaces: how close together photons are there (:attr:`.Start.density`) ...
+    #: On glossy surfaces: density of photons there (:attr:`.Start.density`) ...
     density: mi.Float | None = None
-    #: ... and by way of how many surfaces they came.
+    #: ... and number of surfaces on their way.
     level: mi.UInt32 | None = None
 
     @classmethod
@@ -51,8 +52,8 @@ class Landed:
 
 @dataclass(frozen=True)
 class Photons:
-    """The photons of ``maps`` maps, which know nothing of one another; sorted by map, by a hash of the row of cells and
-    the place of the cell in it, and in each cell by their index, so that a sum over them has one order.
+    """Photons of ``maps`` independent photon maps, sorted by map, by a hash of the row of cells, by the cell in the
+    row, and by their index, so that a sum over them has one order.
     """
 
     maps: int
@@ -95,7 +96,7 @@ class Photons:
         return cls(maps, places, d, flux, density, levels, begins, mask)
 
     def packed(self) -> dict[str, Any]:
-        """All of it as NumPy arrays, for another process."""
+        """All fields as NumPy arrays, for another process."""
         arrays = {
             "places": [self.places],
             "directions": self.directions,
@@ -108,7 +109,7 @@ class Photons:
 
     @classmethod
     def unpacked(cls, said: Mapping[str, Any]) -> Photons:
-        """What :meth:`packed` was said of."""
+        """The photons that :meth:`packed` returned ``said`` for."""
         rows = {name: [dr_array(row) for row in said[name]] for name in said if name != "maps"}
         (places,), (begins,) = rows["places"], rows["begins"]
         (density,), (level,) = rows["density"] or (None,), rows["level"] or (None,)
@@ -178,9 +179,9 @@ def within_reach(
     active: mi.Bool,
     times: int = 1,
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """``(sum, per_area)``: that of ``light(i, kernel, near)`` over the photons i of the map ``number`` within reach of
-    ``si``, and what makes it a density, the kernel being 1 in the middle. ``near``: where there is one. ``times``: the
-    reach, in pixel widths; only photons of this reach count.
+    """``(sum, per_area)``: the sum of ``light(i, kernel, near)`` over the photons i of the map ``number`` near ``si``,
+    and the factor that makes it a density (the kernel is 1 in the middle). ``near``: the lanes with such a photon.
+    ``times``: the search radius in pixel widths; only photons of this radius count.
     """
     distance = footprint.distance(si.p)
     reach = times * footprint.at(distance)

@@ -1,4 +1,4 @@
-"""What photons are aimed at: spheres around all that is specular."""
+"""Targets of photons: spheres around all specular surfaces."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..compat import mesh_positions, shapes_in_order
 from ..light.beam import sample_falloff, total
 from ..transport import lobes
-from ..transport.workarounds import is_indivisible
+from ..transport.workarounds import is_inseparable
 
 #: Most spheres; where there are more surfaces, neighbours share one.
 MOST = 64
@@ -30,9 +30,9 @@ class Targets:
     count: int
 
     @classmethod
-    def of(cls, scene: mi.Scene, wholes: bool = False) -> Targets | None:
-        """Those around the specular surfaces of ``scene``; None where there is none. ``wholes``: of :class:`.Walk`."""
-        spheres = [sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, wholes)]
+    def of(cls, scene: mi.Scene, tree: bool = False) -> Targets | None:
+        """Those around the specular surfaces of ``scene``; None where there is none. ``tree``: of :class:`.Walk`."""
+        spheres = [sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         if not spheres:
             return None
         # Lists: memory of NumPy's would be used as it is, and kernels differ by how that lies.
@@ -46,23 +46,23 @@ class Targets:
         return dr.gather(mi.Point3f, self.centers, k), dr.gather(mi.Float, self.radii, k)
 
 
-def is_specular(shape: mi.Shape, wholes: bool) -> bool:
+def is_specular(shape: mi.Shape, tree: bool) -> bool:
     """Whether light that meets ``shape`` may be followed through a lobe other than a diffuse one."""
     if shape.class_name() == "Instance":
         return True  # it does not tell
     bsdf = shape.bsdf()
     if bsdf is None:
         return False
-    names = lobes.IDEAL if is_indivisible(bsdf) and not wholes else (*lobes.REFLECTED, *lobes.REFRACTED)
+    names = lobes.IDEAL if is_inseparable(bsdf) and not tree else (*lobes.REFLECTED, *lobes.REFRACTED)
     return bool(lobes.has_any(int(bsdf.flags()), *names))
 
 
-def left_dark(shapes: Sequence[mi.Shape]) -> None:
-    """Warns of what is left out of a tree: light that one material taken whole refracts to another one."""
-    wholes = [shape for shape in shapes if shape.bsdf() is not None and is_indivisible(shape.bsdf())]
-    through = [s for s in wholes if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
-    if through and len(wholes) > 1:
-        onto = ", ".join(repr(s.id()) for s in wholes if s is not through[0])
+def warn_of_missing_caustics(shapes: Sequence[mi.Shape]) -> None:
+    """Warns that a tree leaves out light that one BSDF without separable lobes refracts to another one."""
+    inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
+    through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
+    if through and len(inseparable) > 1:
+        onto = ", ".join(repr(s.id()) for s in inseparable if s is not through[0])
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: in a tree of rays, caustics leave out what {through[0].id()!r} casts on {onto}: their materials "

@@ -1,4 +1,4 @@
-"""The walk of light from specular surface to specular surface, to a diffuse one."""
+"""Photon tracing: from one specular surface to the next, until photons land on diffuse or glossy ones."""
 
 from __future__ import annotations
 
@@ -10,28 +10,27 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.hash import combine
 from ..sampling.nrook import to_unit
-from ..transport import lobes, scattering, workarounds
+from ..transport import lobes
 from ..transport.media import before, beyond, media_of, only_absorbs, transmittance
-from ..transport.merging import onward, possible
-from ..transport.narrow import LIES, Narrow
-from ..transport.workarounds import any_careful, any_indivisible, belongs_to, is_whole
+from ..transport.scattering import Scattering
 from .emission import Start
 from .footprint import Footprint
 from .grid import WIDE, Landed
-from .mis import Passing
+from .mis import DensityBeyond, passed_on, shares_light
+from .near_specular import LANDING, NearSpecular
 
-#: Numbers that a photon is given for each surface.
+#: Indices of a photon's random numbers at a surface, and how many each surface has.
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 
-#: The first of those, one for each surface, that tell whether it lies on one that is nearly smooth.
-LOT = 1 << 16
+#: Index of the first random number, one for each surface, that decides whether it lands on a near-specular one.
+LANDS = 1 << 16
 
-#: Photons for glossy surfaces that keep less than that of their light at the first one go on as they are, without
-#: roulette: they are all dimmed alike there.
+#: Photons for glossy surfaces play no Russian roulette at the first surface if it leaves them less than this part of
+#: their flux: it dims all of them alike.
 FAINT = 0.5
 
-#: Facets that are met at grazing incidence, but shaded as if they were not, would make single photons as bright as
-#: hundreds. About a thousandth of the light that a ball of facets gathers is lost by this bound.
+#: Bound on the ratio of cosines at shading normals. Without it single photons at grazing incidence would be as bright
+#: as hundreds. It loses about a thousandth of the light that a ball of facets gathers.
 MOST = 8
 
 #: A lobe is wide if this part of its width is more than the reach :data:`.grid.WIDE`, where its width is the distance
@@ -41,62 +40,64 @@ PART = 0.2
 
 @dataclass
 class State:
-    """Where photons are: ``ray``, ``flux`` and number of specular surfaces so far; and where they have ended."""
+    """Photons on their way, and where they have landed. ``level``: number of specular surfaces so far."""
 
     ray: mi.Ray3f
-    #: Where anything absorbs: what they go through.
+    #: The medium, where anything in the scene absorbs.
     medium: mi.MediumPtr | None
     flux: mi.Spectrum
     level: mi.UInt32
     active: mi.Bool
     landed: Landed
-    #: Width of the glossy lobe that it comes from, over the distance; 0 of an ideal one.
+    #: Width over distance of the glossy lobe that it comes from; 0 of an ideal one.
     lobe: mi.Float
-    #: Where something is taken whole: whether a lobe of several directions of that has sent it on.
-    sent: mi.Bool | None
-    #: Where light is shared with the eye's rays: how close together photons are, 0 beyond a glossy surface unless that
-    #: is nearly smooth, and where they have met that ...
+    #: Whether a smooth lobe of a BSDF without separable lobes has scattered it; None where no BSDF is like that.
+    from_inseparable: mi.Bool | None
+    #: With MIS: density of photons, 0 beyond a glossy surface that is not near-specular; else None.
     density: mi.Float | None
+    #: Photons on glossy surfaces.
     glossy: Landed | None
-    #: ... and, where any is nearly smooth, for how many photons each of them counts there.
+    #: How many photons each of them counts for there, where any surface is near-specular.
     times: mi.Float | None = None
 
 
 class Walk:
-    """Light in ``scene``, through up to ``deepest`` specular surfaces, as seen with pixels of that ``footprint``.
+    """Traces photons in ``scene`` through up to ``deepest`` specular surfaces, for pixels of this ``footprint``.
 
-    ``wholes``: whether what is taken whole sends photons on by all that it does not scatter; else they lie there,
-    unless it lets them through or mirrors them in a single direction.
+    ``tree``: whether the eye's rays form a tree. Then BSDFs without separable lobes send photons on by all specular
+    lobes; for paths only by their ideal ones, and all other photons land there.
     """
 
-    def __init__(self, scene: mi.Scene, deepest: int, wholes: bool, footprint: Footprint) -> None:
+    def __init__(self, scene: mi.Scene, deepest: int, tree: bool, footprint: Footprint) -> None:
         self.scene, self.deepest = scene, dr.opaque(mi.UInt32, deepest)
         self.specular = lobes.specular()
-        self.everything = lobes.everything()
-        self.specular.mode = self.everything.mode = mi.TransportMode.Importance
-        self.absorbs, self.disperses = any(map(only_absorbs, media_of(scene))), scattering.disperses(scene)
-        self.careful = any_careful(scene)
-        self.wholes, self.indivisible = wholes, any_indivisible(scene)
-        self.narrow = Narrow.of(scene)
-        self.footprint = footprint
-        self.merges = possible(scene, self.narrow)
-        self.passing = None if self.narrow.table is None else Passing(scene, footprint, wholes)
+        self.specular.mode = mi.TransportMode.Importance
+        self.absorbs = any(map(only_absorbs, media_of(scene)))
+        self.scattering, self.near_specular = Scattering.of(scene), NearSpecular.of(scene)
+        self.tree, self.footprint = tree, footprint
+        self.shares_light = shares_light(scene, self.near_specular)
+        self.density_beyond = None
+        if self.near_specular.any:
+            self.density_beyond = DensityBeyond(scene, footprint, tree, self.scattering)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
-        """Where the photons ``start`` come to lie, on diffuse surfaces and, where it matters, glossy ones. ``key``:
-        one for each, which its numbers are drawn from.
+        """Where the photons ``start`` land: on diffuse surfaces, and on glossy ones with MIS. ``key``: the hash key of
+        each.
         """
 
         def step(state: State) -> State:
             return self._step(state, key, start)
 
-        medium, sent = mi.MediumPtr(None) if self.absorbs else None, mi.Bool(False) if self.indivisible else None
+        medium = mi.MediumPtr(None) if self.absorbs else None
+        scattered = mi.Bool(False) if self.scattering.inseparable else None
         density, glossy = None, None
-        if self.merges:
+        if self.shares_light:
             density, glossy = start.density, replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
         active, nowhere = dr.max(start.flux) > 0, Landed.nowhere()
-        state = State(start.ray, medium, start.flux, mi.UInt32(0), active, nowhere, mi.Float(0), sent, density, glossy)
-        if self.passing is not None:
+        state = State(
+            start.ray, medium, start.flux, mi.UInt32(0), active, nowhere, mi.Float(0), scattered, density, glossy
+        )
+        if self.density_beyond is not None:
             state.times = mi.Float(1)
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
         return state.landed, state.glossy
@@ -113,12 +114,12 @@ class Walk:
             surface &= dr.max(arrived) > 0
             if density is not None:
                 density = density * dr.max(left)
-        whole = surface & is_whole(bsdf, surface) if self.indivisible else mi.Bool(False)
+        whole = self.scattering.whole(bsdf, surface)
         flags = bsdf.flags()
         lands = surface & (state.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
-        if self.indivisible:
-            # Rays from one whole surface to another find the light of sources there, however it goes on.
-            lands = dr.select(whole, but_not(state.level > 0, state.sent), lands)
+        if self.scattering.inseparable:
+            # Rays from one such surface to another find the light of sources there, whatever its lobes.
+            lands = dr.select(whole, but_not(state.level > 0, state.from_inseparable), lands)
         goes = surface & (state.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         first = state.level * NUMBERS
         # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
@@ -129,18 +130,18 @@ class Walk:
             meets &= lobes.has_any(flags, *lobes.GLOSSY)
             share = as_shaded
             if times is not None:
-                later = but_not(surface & self.narrow(bsdf, surface), state.level == 0)
-                times = dr.select(later, times / LIES, times)
-                meets = but_not(meets, later & (number(key, LOT + state.level) >= LIES))
+                later = but_not(surface & self.near_specular(bsdf, surface), state.level == 0)
+                times = dr.select(later, times / LANDING, times)
+                meets = but_not(meets, later & (number(key, LANDS + state.level) >= LANDING))
                 share = as_shaded * times
             here = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True), mi.Bool(False), density, state.level)
             glossy = dr.select(meets, here, glossy)
-        ray, weight, bs, passed, goes, sent = self._scatter(si, bsdf, key, first, arrived, goes, whole)
+        ray, weight, bs, passed, goes, by_whole = self._scatter(si, bsdf, key, first, arrived, goes, whole)
         if density is not None:
-            if self.passing is not None:
+            if self.density_beyond is not None:
                 drawn = goes & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
-                drawn = but_not(drawn & self.narrow(bsdf, drawn), meets)
-                beyond_it = self.passing(density, start, state.level, si, bsdf, bs.wo, drawn)
+                drawn = but_not(drawn & self.near_specular(bsdf, drawn), meets)
+                beyond_it = self.density_beyond(density, start, state.level, si, bsdf, bs.wo, drawn)
                 density = dr.select(drawn, beyond_it, density * passed)
             else:
                 density = density * passed
@@ -165,7 +166,7 @@ class Walk:
             goes,
             dr.select(lands, landed, state.landed),
             dr.select(by_gloss, dr.rsqrt(dr.maximum(bs.pdf, 1e-6)), 0),
-            state.sent | sent if self.indivisible else None,
+            state.from_inseparable | by_whole if self.scattering.inseparable else None,
             density,
             glossy,
             times,
@@ -181,37 +182,26 @@ class Walk:
         active: mi.Bool,
         whole: mi.Bool,
     ) -> tuple[mi.Ray3f, mi.Spectrum, mi.BSDFSample3f, mi.Float, mi.Bool, mi.Bool]:
-        """The ray of a photon after a surface's specular lobes, what is left of its flux, the sample of those, what is
-        left of the density of photons after an ideal one, and whether there is a ray; and whether it was sent in one of
-        several directions by what is taken ``whole``.
+        """``(ray, weight, bs, passed, active, by_whole)`` of a photon that a specular lobe scatters: its ray, the
+        factor of its flux, the sample, the factor of the density of photons at an ideal lobe, its lanes, and whether a
+        smooth lobe of a BSDF without separable lobes (``whole``) scattered it.
 
-        It is importance that spreads from the sources: it is not divided by the square of an index as radiance is, and
-        where a surface is shaded by other normals than its own, cosines of both are exchanged (Veach 1997, 5.3).
+        The BSDF is the adjoint one: flux is not divided by the square of an index of refraction as radiance is, and
+        cosines of shading and geometric normals are exchanged (Veach 1997, 5.3).
         """
         choice, sample = number(key, first + CHOICE), point(key, first + DIRECTION)
-        if self.disperses or self.careful:
-            carried = flux if self.disperses else None
-            bs, weight = scattering.sample(self.specular, si, bsdf, choice, sample, carried, active)
-        else:
-            bs, weight = bsdf.sample(self.specular, si, choice, sample, active)
-        belongs, sent = (bs.sampled_type & self.specular.type_mask) != 0, mi.Bool(False)
-        if self.indivisible:
-            of_all, weight_of_all = workarounds.sample_all(
-                self.everything, si, bsdf, choice, sample, active & whole, self.careful
-            )
-            bs, weight = dr.select(whole, of_all, bs), dr.select(whole, weight_of_all, weight)
-            sent = but_not(whole, lobes.has_any(of_all.sampled_type, *lobes.IDEAL))
-            belongs = dr.select(whole, belongs_to(self.specular, si.wi, of_all), belongs)
-            if not self.wholes:
-                belongs = but_not(belongs, sent)
+        bs, weight, belongs = self.scattering.sample(self.specular, si, bsdf, choice, sample, flux, active, whole)
+        by_whole = but_not(whole, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
+        if not self.tree:
+            belongs = but_not(belongs, by_whole)
         active = active & (bs.pdf > 0) & belongs
         d = si.to_world(bs.wo)
         cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(bs.wo))
         true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
         active = active & (true_i > 0) & (cos_o > 0)
         weight = mi.unpolarized_spectrum(weight)
-        passed = dr.select(whole, 0, onward(bs, weight, bsdf.flags()) * dr.square(bs.eta))
-        return si.spawn_ray(d), weight * bounded(cos_i * true_o, cos_o * true_i), bs, passed, active, sent
+        passed = dr.select(whole, 0, passed_on(bs, weight, bsdf.flags()) * dr.square(bs.eta))
+        return si.spawn_ray(d), weight * bounded(cos_i * true_o, cos_o * true_i), bs, passed, active, by_whole
 
 
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:

@@ -11,11 +11,11 @@ import mitsuba as mi
 from ..transport.context import DEEPEST_TREE
 
 #: How it is sampled: parameters of ``prosim`` and ``prosim_adaptive``, which has any other integrator within.
-SAMPLING = ("samples", "threshold", "noise", "noise_99", "time", "max_samples", "adaptive")
+SAMPLING = ("samples", "threshold", "noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
 
 #: Those of them that ask for our sampling where the scene's integrator has none. (``samples`` and ``threshold`` alone
 #: may be meant for another scene.)
-ENOUGH = ("noise", "noise_99", "time", "max_samples", "adaptive")
+ENOUGH = ("noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
 
 
 #: Limits of a film: pixels a side, and pixels. Its values are counted in 32 bits, several a pixel.

@@ -49,13 +49,13 @@ def sentence(
 
 
 def facts(integrator: mi.Integrator, reached: Reached | None, interrupted: bool) -> dict[str, str]:
-    """The same as metadata: ``prosim.samples``, the mean of a pixel; ``prosim.noise`` and
-    ``prosim.noise_99``, if they were measured; and ``prosim.ended``, by what, where noise or time was asked for.
+    """The same as metadata: ``prosim.samples``, the mean of a pixel; ``prosim.noise``, ``prosim.noise_99`` and
+    ``prosim.noise_999``, if they were measured; and ``prosim.ended``, by what, where noise or time was asked for.
     """
     result = {}
     if reached is not None:
         result["prosim.samples"] = f"{reached.samples:.6g}"
-        for name in ("noise", "noise_99"):
+        for name in ("noise", "noise_99", "noise_999"):
             if not isnan(measured := getattr(reached, name)):
                 result[f"prosim.{name}"] = f"{measured:.6g}"
         if asked(integrator):
@@ -75,7 +75,7 @@ def interrupted(reached: Reached | None) -> str:
 
 def asked(integrator: mi.Integrator) -> bool:
     """Whether an integrator was asked for noise or time."""
-    return any(getattr(integrator, name, 0) for name in ("noise", "noise_99", "time"))
+    return any(getattr(integrator, name, 0) for name in ("noise", "noise_99", "noise_999", "time"))
 
 
 def noises(integrator: mi.Integrator, reached: Reached) -> list[tuple[str, float, float]]:
@@ -83,6 +83,7 @@ def noises(integrator: mi.Integrator, reached: Reached) -> list[tuple[str, float
     asked = [
         ("noise", reached.noise, integrator.noise),
         ("that of 99 pixels in 100", reached.noise_99, integrator.noise_99),
+        ("that of 999 in 1000", reached.noise_999, integrator.noise_999),
     ]
     return [one for one in asked if one[2]]
 

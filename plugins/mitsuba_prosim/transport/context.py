@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -12,10 +11,9 @@ import mitsuba as mi
 from ..light.table import Lights
 from . import lobes
 from .media import absorbs_any
-from .narrow import Narrow
 from .ray import Ray
-from .scattering import disperses
-from .workarounds import any_careful, any_indivisible, left_dim
+from .scattering import Scattering
+from .workarounds import warn_of_dim_lobes
 
 #: The nodes of a ray tree are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
@@ -55,14 +53,10 @@ class SceneFacts:
     ideal: bool
     #: Whether light from both of its sides reaches any surface's smooth lobes.
     both_sides: bool
-    #: Whether any BSDF is taken whole, see :mod:`.workarounds`.
-    indivisible: bool
-    #: Whether any BSDF has to be asked for its lobes with care, see :mod:`.workarounds`.
-    careful: bool
+    #: How its BSDFs are sampled and evaluated.
+    scattering: Scattering
     #: Whether anything absorbs light on its way, see :mod:`.media`.
     absorbs: bool
-    #: Whether any surface disperses, see :mod:`.scattering`.
-    disperses: bool
     #: ``mi.BSDFContext`` of the lobes that the sources are sampled for alone, as no ray is drawn from them that may
     #: meet a source; or None.
     alone: mi.BSDFContext | None
@@ -74,7 +68,7 @@ class SceneFacts:
     @classmethod
     def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
         """The facts of ``scene`` that matter under ``settings``; ``around``: the medium that the camera is in."""
-        left_dim(scene)
+        warn_of_dim_lobes(scene)
         lights, flags = Lights(scene, choose=not settings.follows_tree), scene_flags(scene)
         reflects = lobes.has_any(flags, *lobes.REFLECTED)
         refracts = lobes.has_any(flags, *lobes.REFRACTED)
@@ -100,10 +94,8 @@ class SceneFacts:
             refracts,
             lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
             lobes.has_any(flags, *lobes.BOTH_SIDES),
-            settings.diffuse_bounces >= 0 and any_indivisible(scene),
-            any_careful(scene),
+            Scattering.of(scene, separate=settings.diffuse_bounces >= 0),
             absorbs_any(scene, around),
-            disperses(scene),
             alone,
             partners,
             glossy,
@@ -119,26 +111,41 @@ def scene_flags(scene: mi.Scene) -> int:
     return flags
 
 
-#: Radiance of the caustics at a surface: of the interaction, its BSDF, the number of the sample, and a mask.
-Gather = Callable[[Any, Any, Any, Any], Any]
+class PhotonMIS(Protocol):
+    """Multiple importance sampling of rays and photons that find the same light, at glossy surfaces."""
 
+    def first(self) -> Any:
+        """The state of a camera ray: :attr:`.Ray.etendue`."""
 
-class Merging(Protocol):
-    """Light that glossy surfaces get by way of smooth ones, from photons, as far as rays leave it to them."""
+    def next(self, vertex: Any, following: Any, bs: Any, weight: Any, whole: Any) -> Any:
+        """The state of the ray ``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``.
 
-    #: Which glossy surfaces are nearly smooth.
-    narrow: Narrow
-
-    def __call__(self, ray: Ray, si: Any, bsdf: Any, drawn: Any, t: Any, active: Any) -> Any:
-        """Radiance at a surface that ``ray`` has met, of the ``t``-th sample, by its glossy lobes, those ``drawn`` by a
-        ray each.
+        ``whole``: the lanes of BSDFs without separable lobes, where photons have no part.
         """
 
-    def begun(self, si: Any, bsdf: Any, d: Any, pdf: Any) -> Any:
-        """What a ray ``d`` of density ``pdf`` begins with, see :attr:`.Ray.begun`."""
+    def emission_weight(self, ray: Any, origin: Any, ds: Any, pdf: Any, shares: Any, weight: Any, active: Any) -> Any:
+        """The MIS weight of emission that ``ray`` meets; ``weight`` where no photon could have found it.
 
-    def density(self, it: Any, ds: Any, active: Any) -> Any:
-        """How close together photons are on the ray of light that comes to ``it`` along ``ds`` from its source."""
+        ``origin``, ``ds``: where the ray leaves, and the sample of the source there, which has the density ``pdf``
+        where it ``shares`` the light.
+        """
+
+    def light_pdf(self, ray: Any, si: Any, bsdf: Any, active: Any) -> Any:
+        """A function of a sample of a source at ``si``: the density of all other strategies that find its light."""
+
+
+class PhotonMaps(Protocol):
+    """Photons that surfaces gather."""
+
+    #: What shares light between photons and rays; None where only diffuse surfaces gather.
+    mis: PhotonMIS | None
+
+    def add_to(self, L: Any, ray: Any, si: Any, bsdf: Any, drawn: Any, t: Any, active: Any, scattered: Any) -> Any:
+        """``L`` plus the radiance of the photons at ``si``, which ``ray`` meets, for the ``t``-th sample of a pixel.
+
+        ``drawn``: the glossy lobes, each with a ray of its own. ``scattered``: the lanes behind a diffuse reflection,
+        whose glossy lobes gather none.
+        """
 
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
@@ -149,12 +156,12 @@ REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
 
 
 @dataclass(frozen=True)
-class Stage:
+class Context:
     """``scene`` under ``settings``, and the ``facts`` about it.
 
     ``attached``: whether derivatives are wanted. Directions are then fixed, or move with a source
-    (:mod:`.reparameterised`), and their weights are evaluated again. ``caustics``: gathers the light that reaches
-    diffuse surfaces through specular ones from photons; None if the rays find that light.
+    (:mod:`.reparameterised`), and their weights are evaluated again. ``photons``: find the light that reaches
+    surfaces through specular ones; None if the rays find it.
     """
 
     scene: mi.Scene
@@ -163,23 +170,26 @@ class Stage:
     attached: bool = False
     #: The medium that the camera is in, or None.
     around: mi.Medium | None = None
-    caustics: Gather | None = None
-    #: Where glossy surfaces gather them too: what shares that light with the rays.
-    merging: Merging | None = None
+    photons: PhotonMaps | None = None
+
+    @property
+    def photon_mis(self) -> PhotonMIS | None:
+        """What shares light between photons and rays, or None."""
+        return None if self.photons is None else self.photons.mis
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""
         ray = Ray.first(camera)
-        if self.facts.indivisible or self.settings.diffuse_bounces > 0:
+        if self.facts.scattering.inseparable or self.settings.diffuse_bounces > 0:
             ray.counts = mi.Bool(True)
         if self.facts.both_sides:
             ray.both_sides = mi.Bool(False)
         if self.facts.absorbs:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
             ray.gap = mi.Float(0)
-        if self.merging is not None:
-            ray.begun = ray.reach = mi.Float(0)
-        if self.caustics is not None and self.facts.indivisible:
+        if self.photon_mis is not None:
+            ray.etendue = self.photon_mis.first()
+        if self.photons is not None and self.facts.scattering.inseparable:
             ray.gathered = mi.Bool(False)
         if self.facts.lights.sampler is not None:
             ray.estimates = mi.Float(0)

@@ -1,4 +1,4 @@
-"""Light from the sources at a node (sections 4.1, 5.2)."""
+"""Direct light: the sources, sampled at a vertex (sections 4.1, 5.2)."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ import mitsuba as mi
 from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.sobol import Points
-from . import lobes, workarounds
-from .context import NODE_SPACES, Stage
+from . import lobes
+from .context import NODE_SPACES, Context
 from .media import beyond, transmittance
-from .merging import beside
 from .ray import Ray, mis, viewer_side
 from .reparameterised import carried_sample
-from .workarounds import is_whole
 
 
 def direct_light(
-    stage: Stage,
+    context: Context,
     ray: Ray,
     si: mi.SurfaceInteraction3f,
     bsdf: mi.BSDF | mi.BSDFPtr,
@@ -34,15 +32,15 @@ def direct_light(
 
     ``scattered``: the lanes that are lit through the diffuse lobes alone.
     """
-    lights, alone = stage.facts.lights, stage.facts.alone
+    lights, alone = context.facts.lights, context.facts.alone
     flags = bsdf.flags()
     active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
     n = viewer_side(si)
-    both_sides = active & lobes.has_any(flags, *lobes.BOTH_SIDES) if stage.facts.both_sides else False
-    first_space = stage.space(ray.node, NODE_SPACES)
-    whole = active & is_whole(bsdf, active) if stage.facts.indivisible else mi.Bool(False)
-
-    other = beside(stage, ray, si, bsdf, but_not(active, scattered))
+    both_sides = active & lobes.has_any(flags, *lobes.BOTH_SIDES) if context.facts.both_sides else False
+    first_space = context.space(ray.node, NODE_SPACES)
+    scattering, photon_mis = context.facts.scattering, context.photon_mis
+    whole = scattering.whole(bsdf, active)
+    others = None if photon_mis is None else photon_mis.light_pdf(ray, si, bsdf, but_not(active, scattered))
 
     estimates = None if lights.sampler is None else lights.sampler.total(si.p, n, both_sides, active)
 
@@ -50,8 +48,8 @@ def direct_light(
         sample = lamp.sample(si, n, both_sides, point, active)
         if estimates is not None:
             sample = replace(sample, pdf=sample.pdf * probability, weight=sample.weight / probability)
-        if stage.attached:
-            sample = carried_sample(stage.scene, lights, lamp, si, n, both_sides, sample, active, estimates)
+        if context.attached:
+            sample = carried_sample(context.scene, lights, lamp, si, n, both_sides, sample, active, estimates)
         lit = active & (sample.pdf > 0)
         wo = si.to_local(sample.d)
         f = bsdf.eval(alone, si, wo, lit) if alone is not None else mi.Spectrum(0)
@@ -59,20 +57,20 @@ def direct_light(
         if scattered is not False:
             f = dr.select(scattered, bsdf.eval(lobes.diffuse(), si, wo, lit & scattered), f)
             glossy = but_not(lit, scattered)
-        for lobe in stage.facts.partners:
-            f_lobe, pdf_lobe = workarounds.eval_pdf(lobe, si, bsdf, wo, glossy, stage.facts.careful)
-            pdf_others = other(sample.ds, f_lobe, pdf_lobe, but_not(glossy, sample.delta))
-            f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_others))
-        if stage.facts.indivisible:
-            f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-        return unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
+        for lobe in context.facts.partners:
+            f_lobe, pdf_lobe = scattering.eval_pdf(lobe, si, bsdf, wo, glossy)
+            if others is not None:
+                pdf_lobe = others(sample.ds, f_lobe, pdf_lobe, but_not(glossy, sample.delta))
+            f += f_lobe * dr.select(sample.delta, 1, mis(sample.pdf, pdf_lobe))
+        f = scattering.or_whole(f, si, bsdf, wo, lit, whole)
+        return unless_in_shadow(context, ray, si, sample.p, f * sample.weight, lit)
 
     if lights.sampler is None or estimates is None:
         L = lights.for_each(
             lambda lamp, L: L + light(lamp, points(first_space + lamp.k, active)),
             mi.Spectrum(0),
             active,
-            attached=stage.attached,
+            attached=context.attached,
         )
     else:
         point = points(first_space, active)
@@ -81,25 +79,23 @@ def direct_light(
     if lights.sky is not None and alone is not None:
         # The rays that are drawn from the other lobes meet the sky by themselves.
         active = active & (lobes.has_any(flags, *lobes.DIFFUSE) | whole)
-        if stage.facts.both_sides:
+        if context.facts.both_sides:
             both_sides &= active & (lobes.has_any(flags, "DiffuseTransmission") | whole)
         sample = lights.sample_sky(si, n, both_sides, points(first_space + lights.lamps, active), active)
         lit, wo = active & (sample.pdf > 0), si.to_local(sample.d)
-        f = bsdf.eval(alone, si, wo, lit)
-        if stage.facts.indivisible:
-            f = dr.select(whole, bsdf.eval(lobes.everything(), si, wo, lit & whole), f)
-        L += unless_in_shadow(stage, ray, si, sample.p, f * sample.weight, lit)
+        f = scattering.or_whole(bsdf.eval(alone, si, wo, lit), si, bsdf, wo, lit, whole)
+        L += unless_in_shadow(context, ray, si, sample.p, f * sample.weight, lit)
     return L, estimates
 
 
 def unless_in_shadow(
-    stage: Stage, ray: Ray, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
+    context: Context, ray: Ray, si: mi.SurfaceInteraction3f, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool
 ) -> mi.Spectrum:
     """``L``, less what is absorbed, where nothing is between ``si``, met by ``ray``, and the point ``p``; else 0."""
-    if stage.settings.shadows:
+    if context.settings.shadows:
         active = active & (dr.max(dr.abs(L)) > 0)
-        active = but_not(active, stage.scene.ray_test(si.spawn_ray_to(p), active))
-    if stage.facts.absorbs:
+        active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
+    if context.facts.absorbs:
         d = p - si.p
         L = L * transmittance(beyond(si, ray.medium, d, active), si.wavelengths, dr.norm(d), active)
     return dr.select(active, L, 0)

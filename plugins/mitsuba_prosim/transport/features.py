@@ -9,9 +9,9 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import but_not, idle
-from . import lobes, scattering
+from . import lobes
 from .media import ENDLESS, before, beyond, media_of, transmittance
-from .workarounds import any_careful
+from .scattering import Scattering
 
 #: Names of the values that :func:`features` gives, channel by channel.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
@@ -52,7 +52,7 @@ def features(
     looks past them. ``around``: the medium that it is in.
     """
     media = around is not None or any(True for _ in media_of(scene))
-    careful = scattering.disperses(scene) or any_careful(scene)
+    scattering = Scattering.of(scene, separate=False)
     diffuse, specular = lobes.diffuse(), lobes.specular()
 
     def step(state: State) -> State:
@@ -74,8 +74,8 @@ def features(
         hidden = first & si.shape.is_emitter() if hide_emitters else mi.Bool(False)
         surface, first = but_not(surface, hidden), but_not(first, hidden)
         facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
-        scattered, _ = draw(si, diffuse, state.sampler, surface, careful)
-        weight, d = draw(si, specular, state.sampler, surface, careful)
+        scattered, _ = draw(si, diffuse, state.sampler, surface, scattering)
+        weight, d = draw(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
         throughput = dr.select(hidden, throughput, throughput * weight)
         if media:
@@ -117,18 +117,14 @@ def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
 
 
 def draw(
-    si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, careful: bool
+    si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f]:
     """``(weight, direction)`` of a sample of the ``lobe`` of what was met; weight 0 where it has none.
 
     Some BSDFs sample other lobes than they are asked for: such a sample counts for the turn of its own lobe.
-    ``careful``: whether any disperses, or has to be asked with care. Glass that disperses lets all wavelengths go
-    one way, for what is clipped is no mean.
+    Dispersive glass refracts all wavelengths the same way here, as a clipped albedo is no mean.
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
-    if careful:
-        bs, weight = scattering.sample(lobe, si, si.bsdf(), choice, point, None, active)
-    else:
-        bs, weight = si.bsdf().sample(lobe, si, choice, point, active)
-    belongs = active & (bs.pdf > 0) & ((bs.sampled_type & lobe.type_mask) != 0)
+    bs, weight, belongs = scattering.sample(lobe, si, si.bsdf(), choice, point, None, active)
+    belongs &= active & (bs.pdf > 0)
     return dr.select(belongs, mi.unpolarized_spectrum(weight), 0), si.to_world(bs.wo)

@@ -13,7 +13,7 @@ from ..sampling.sobol import Points, Sobol
 from .context import CAMERA_SPACES
 
 
-class Nested:
+class InnerIntegrator:
     """Asks ``integrator``, a ``mi.SamplingIntegrator``, for the radiance in ``scene``; made once a render.
 
     Stands in the place of :class:`.Transport`.

@@ -24,9 +24,9 @@ SMOOTH = GLOSSY + DIFFUSE
 BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
 
-def everything() -> mi.BSDFContext:
-    """The context of whole BSDFs."""
-    return mi.BSDFContext()
+def everything(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
+    """The context of all lobes; of radiance unless ``mode`` says otherwise."""
+    return mi.BSDFContext() if mode is None else mi.BSDFContext(mode)
 
 
 def reflected() -> mi.BSDFContext:
@@ -82,5 +82,5 @@ def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
 
 
 def is_everything(context: mi.BSDFContext) -> bool:
-    """Whether ``context`` asks for whole BSDFs."""
+    """Whether ``context`` asks for all lobes."""
     return context.type_mask == mi.BSDFContext().type_mask

@@ -9,12 +9,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .context import Stage
+from .context import Context
 from .vertex import end
 
 
 def walk(
-    stage: Stage, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
+    context: Context, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Takes ``state`` from node to node by ``step`` and returns ``(L, hit)``, the state's fields.
 
@@ -22,7 +22,7 @@ def walk(
     below the deepest level can only end in a source: where no tree ``branches``, they are traced after the loop, which
     spares all other lanes a round.
     """
-    max_level, lights = stage.settings.max_level, stage.facts.lights
+    max_level, lights = context.settings.max_level, context.facts.lights
     ends = max_level >= 0 and not branches
     if ends and max_level == 0:
         state = step(state)
@@ -31,12 +31,12 @@ def walk(
         def going(state: Any) -> mi.Bool:
             return state.active & (state.ray.level <= max_level) if ends else state.active
 
-        if stage.attached:
+        if context.attached:
             state = differentiable_loop(state, going, step)
         else:
             (state,) = dr.while_loop((state,), going, lambda state: (step(state),))
     if ends and not lights.only_points:
-        return state.L + end(stage, state.ray, camera, state.active), state.hit
+        return state.L + end(context, state.ray, camera, state.active), state.hit
     return state.L, state.hit
 
 

@@ -9,10 +9,10 @@ import mitsuba as mi
 
 from ..sampling.sobol import Points
 from . import lobes
-from .context import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Stage
+from .context import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Context
 from .loop import walk
-from .next_ray import follow
-from .ray import Node, Ray
+from .next_ray import next_ray
+from .ray import Ray, Vertex
 from .vertex import shade
 
 
@@ -33,46 +33,46 @@ class State:
 
 
 def radiance(
-    stage: Stage, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
+    context: Context, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by one path: ``(L, hit)``; see :class:`.Transport`."""
-    settings = stage.settings
+    settings = context.settings
 
     def step(state: State) -> State:
-        scattered = False if stage.caustics is None or state.bounces is None else state.bounces > 0
+        scattered = False if context.photons is None or state.bounces is None else state.bounces > 0
         if state.ray.gathered is not None:
             scattered |= state.ray.gathered
-        L, node = shade(stage, state.ray, camera, points, state.active, scattered)
-        ray = node.ray
-        hit = state.hit | (ray.level == 0) & node.surface
-        surface, bounces = node.surface, state.bounces
+        L, vertex = shade(context, state.ray, camera, points, state.active, scattered)
+        ray = vertex.ray
+        hit = state.hit | (ray.level == 0) & vertex.surface
+        surface, bounces = vertex.surface, state.bounces
         if settings.max_level >= 0:
             surface = surface & (ray.level <= settings.max_level)
         if bounces is None:
-            following, going, passed = follow(stage, lobes.everything(), DIFFUSE, ray, node, points, surface)
+            following, going, passed = next_ray(context, lobes.everything(), DIFFUSE, vertex, points, surface)
         else:
-            following, going, passed, bounces = one_of_two(stage, ray, node, points, surface, bounces)
+            following, going, passed, bounces = one_of_two(context, vertex, points, surface, bounces)
         following.node = ray.node + 1
-        if stage.caustics is not None and bounces is not None:
+        if context.photons is not None and bounces is not None:
             # What a ray meets after a diffuse reflection was gathered there.
             following.counts = following.counts & (bounces == 0)
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
         eta = state.eta * passed
-        following, going = roulette(stage, following, going, eta, points.choice(stage.space(ray.node, ROULETTE)))
+        following, going = roulette(context, following, going, eta, points.choice(context.space(ray.node, ROULETTE)))
         return State(state.L + L, hit, following, going, bounces, eta, state.sampler)
 
     bounces = mi.UInt32(0) if settings.diffuse_bounces >= 0 else None
-    state = State(mi.Spectrum(0), mi.Bool(False), stage.first(camera), mi.Bool(active), bounces, mi.Float(1), sampler)
-    return walk(stage, step, state, camera)
+    state = State(mi.Spectrum(0), mi.Bool(False), context.first(camera), mi.Bool(active), bounces, mi.Float(1), sampler)
+    return walk(context, step, state, camera)
 
 
 def one_of_two(
-    stage: Stage, ray: Ray, node: Node, points: Points, surface: mi.Bool, bounces: mi.UInt32
+    context: Context, vertex: Vertex, points: Points, surface: mi.Bool, bounces: mi.UInt32
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
     """Draws a specular and, up to ``diffuse_bounces``, a diffuse ray, and follows one of the two."""
-    following, going, passed = follow(stage, lobes.specular(), REFLECTED, ray, node, points, surface)
-    scattered, scatters, _ = follow(
-        stage, lobes.diffuse(), DIFFUSE, ray, node, points, surface & (bounces < stage.settings.diffuse_bounces)
+    following, going, passed = next_ray(context, lobes.specular(), REFLECTED, vertex, points, surface)
+    scattered, scatters, _ = next_ray(
+        context, lobes.diffuse(), DIFFUSE, vertex, points, surface & (bounces < context.settings.diffuse_bounces)
     )
     # The sources were sampled in full for the diffuse component: what this ray meets is no source.
     scattered = replace(scattered, counts=mi.Bool(False))
@@ -80,8 +80,8 @@ def one_of_two(
     b = dr.select(scatters, dr.max(scattered.throughput), 0)
     p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
     # What chooses among lobes by itself has used the number of the choice; none is drawn from the refracted lobe here.
-    chosen = stage.facts.careful or stage.facts.indivisible
-    choose = points.choice(stage.space(ray.node, REFRACTED if chosen else CHOICE)) < p
+    chosen = context.facts.scattering.mixes or context.facts.scattering.inseparable
+    choose = points.choice(context.space(vertex.ray.node, REFRACTED if chosen else CHOICE)) < p
     following = dr.select(choose, scattered, following)
     following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
     return (
@@ -92,9 +92,9 @@ def one_of_two(
     )
 
 
-def roulette(stage: Stage, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
+def roulette(context: Context, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
     """The ray and its lanes after Russian roulette, from level ``rr_depth`` on."""
     survival = dr.detach(dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95))
-    plays = ray.level >= stage.settings.rr_depth
+    plays = ray.level >= context.settings.rr_depth
     throughput = dr.select(plays, ray.throughput / dr.maximum(survival, 1e-8), ray.throughput)
     return replace(ray, throughput=throughput), active & dr.select(plays, sample < survival, True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -37,13 +38,10 @@ class Ray:
     medium: mi.MediumPtr | None = None
     #: ... and how far along it ``o`` is from the surface that it leaves.
     gap: mi.Float | None = None
-    #: Where glossy surfaces gather photons: how many of these are to be expected for the light of a source that the ray
-    #: meets, over their density there, by the last glossy surface that it left (see :mod:`.merging`) ...
-    begun: mi.Float | None = None
-    #: ... and by those before, where it has met smooth ones alone since; 0 where there are none.
-    reach: mi.Float | None = None
-    #: Where photons lie on what is taken whole: whether the ray comes from there, so that what it would find by way of
-    #: specular surfaces was gathered.
+    #: State of the MIS between photons and rays (:class:`.context.PhotonMIS`), where glossy surfaces gather photons.
+    etendue: Any = None
+    #: Whether the ray comes from a BSDF without separable lobes where photons were gathered, so that it must not count
+    #: the light behind specular surfaces; None where there are no such photons.
     gathered: mi.Bool | None = None
     #: Where one of several lamps is sampled at the ray's origin: the sum of their estimates there, see
     #: :mod:`..light.light_sampler`.
@@ -65,8 +63,8 @@ class Ray:
 
 
 @dataclass
-class Node:
-    """What a ray has met, for the rays that go on from there."""
+class Vertex:
+    """Where a ray ends, for the rays that leave from there."""
 
     #: The ray as it arrives, less what was absorbed on its way.
     ray: Ray

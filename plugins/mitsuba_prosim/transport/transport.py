@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..sampling.sobol import Points
 from . import path, tree
-from .context import SceneFacts, Settings, Stage
+from .context import Context, SceneFacts, Settings
 
 #: Diffuse reflections of paths without end.
 ANY = (1 << 31) - 1
@@ -37,8 +37,8 @@ class Transport:
             settings = replace(settings, diffuse_bounces=ANY)
         #: The photons that must have been drawn before samples are taken.
         self.caustics = caustics
-        facts, merging = SceneFacts.of(scene, settings, around), None if caustics is None else caustics.merging
-        self._stage = Stage(scene, settings, facts, attached, around, caustics, merging)
+        facts = SceneFacts.of(scene, settings, around)
+        self._context = Context(scene, settings, facts, attached, around, caustics)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(
@@ -50,4 +50,4 @@ class Transport:
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
-        return self._radiance(self._stage, ray, points, active, sampler)
+        return self._radiance(self._context, ray, points, active, sampler)

@@ -10,9 +10,9 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
-from .context import REFLECTED, REFRACTED, ROULETTE, Stage
+from .context import REFLECTED, REFRACTED, ROULETTE, Context
 from .loop import walk
-from .next_ray import follow
+from .next_ray import next_ray
 from .ray import Ray
 from .vertex import shade
 
@@ -64,27 +64,27 @@ class State:
 
 
 def radiance(
-    stage: Stage, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
+    context: Context, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
 ) -> tuple[mi.Spectrum, mi.Bool]:
     """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree: ``(L, hit)``; see :class:`.Transport`."""
-    facts, max_level = stage.facts, stage.settings.max_level
-    first = stage.first(camera)
+    facts, max_level = context.facts, context.settings.max_level
+    first = context.first(camera)
     waiting = Waiting.none(max_level + 1 if facts.reflects and facts.refracts else 0, first)
 
     def step(state: State) -> State:
         scattered = False if state.ray.gathered is None else state.ray.gathered
-        L, node = shade(stage, state.ray, camera, points, state.active, scattered)
-        ray = node.ray
-        hit = state.hit | (ray.level == 0) & node.surface
-        inside = node.surface & (ray.level <= max_level)
+        L, vertex = shade(context, state.ray, camera, points, state.active, scattered)
+        ray = vertex.ray
+        hit = state.hit | (ray.level == 0) & vertex.surface
+        inside = vertex.surface & (ray.level <= max_level)
         reflected, reflects = ray, mi.Bool(False)
         refracted, refracts = ray, mi.Bool(False)
         if facts.reflects:
-            reflected, reflects, _ = follow(stage, lobes.reflected(), REFLECTED, ray, node, points, inside)
-            reflected, reflects = roulette(stage, reflected, reflects, points)
+            reflected, reflects, _ = next_ray(context, lobes.reflected(), REFLECTED, vertex, points, inside)
+            reflected, reflects = roulette(context, reflected, reflects, points)
         if facts.refracts:
-            refracted, refracts, _ = follow(stage, lobes.refracted(), REFRACTED, ray, node, points, inside)
-            refracted, refracts = roulette(stage, refracted, refracts, points)
+            refracted, refracts, _ = next_ray(context, lobes.refracted(), REFRACTED, vertex, points, inside)
+            refracted, refracts = roulette(context, refracted, refracts, points)
         following, going, waiting = state.waiting.turn(reflected, reflects, refracted, refracts, state.active)
         return State(state.L + L, hit, following, going, waiting, state.sampler)
 
@@ -92,16 +92,16 @@ def radiance(
     if not (facts.reflects or facts.refracts):
         state = step(state)
         return state.L, state.hit
-    return walk(stage, step, state, camera, branches=bool(waiting.rays))
+    return walk(context, step, state, camera, branches=bool(waiting.rays))
 
 
-def roulette(stage: Stage, ray: Ray, active: mi.Bool, points: Points) -> tuple[Ray, mi.Bool]:
+def roulette(context: Context, ray: Ray, active: mi.Bool, points: Points) -> tuple[Ray, mi.Bool]:
     """The ray and its lanes after Russian roulette, where it is weaker than ``rr_throughput``: it goes on as often as
     it is a part of that, with so much more weight (Arvo and Kirk 1990).
     """
-    if stage.settings.rr_throughput == 0:
+    if context.settings.rr_throughput == 0:
         return ray, active
-    survival = dr.detach(dr.max(ray.throughput) / dr.opaque(mi.Float, stage.settings.rr_throughput))
-    going = points.choice(stage.space(ray.node, ROULETTE)) < survival
+    survival = dr.detach(dr.max(ray.throughput) / dr.opaque(mi.Float, context.settings.rr_throughput))
+    going = points.choice(context.space(ray.node, ROULETTE)) < survival
     throughput = dr.select(going, ray.throughput / dr.minimum(survival, 1), 0)
     return replace(ray, throughput=throughput), active & going

@@ -1,10 +1,24 @@
-"""Asking BSDFs for some of their lobes, where Mitsuba's answer otherwise.
+"""Workarounds for plugins of Mitsuba 3.9 that do not sample or evaluate the lobes that they are asked for.
 
-Its ``mask`` samples nothing but what passes straight through when it is asked for all else, so it is always asked for
-that too. Its ``blendbsdf`` takes the probability of an ideal lobe for a density, and mixes it with that of the other
-BSDF's glossy or diffuse lobe, which takes light from the ideal one or adds some; so it is asked for either the ideal
-lobes or the others, each as often. Where that does not help, as one of its BSDFs does not tell lobes apart, what it
-mixes is sampled itself. (All as of Mitsuba 3.9.)
+``mask``
+    samples nothing but its null lobe when it is asked for others alone. So it is always asked for that too. This can go
+    when ``mask.sample`` follows the type mask.
+``blendbsdf``
+    takes the probability of an ideal lobe for a density and mixes it with densities of smooth lobes, so that light is
+    lost or added. So :func:`sample` asks for the ideal or the smooth lobes, each with probability 1/2. If one of the
+    two has no separable lobes, :func:`sample_leaves` samples both itself. It also knows no derivative of ideal lobes by
+    the weight: :func:`blend_share`. All of this can go when ``blendbsdf`` keeps the two kinds of densities apart.
+``bumpmap``, ``normalmap``
+    do not tell how they turn the surface, so that no blend inside can be sampled like that: :func:`warn_of_dim_lobes`.
+    It goes with the workaround for ``blendbsdf``.
+``thindielectric``
+    samples a lobe that it is not asked for. :meth:`.Scattering.sample` drops such samples; that can go when
+    ``thindielectric.sample`` follows the type mask.
+``principled``, ``principledthin``, ``hair``
+    evaluate all lobes together whatever they are asked for. Light sampling takes them as a whole, and
+    :func:`belongs_to` sorts their samples by lobe. This can go when their ``eval`` and ``pdf`` follow the type mask.
+``Scene.ray_intersect(skip_area_emitters)``
+    counts distances from the last emitter and knows no ``maxt``. :func:`past_emitters` can go when these are right.
 """
 
 from __future__ import annotations
@@ -15,7 +29,7 @@ from typing import NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from ..masks import but_not
+from ..masks import but_not, idle
 from ..optics.nested import all_shapes, all_within, parts
 from . import lobes
 
@@ -26,13 +40,13 @@ MASK, BLEND, TWO_SIDED = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF"
 MAPS = ("BumpMap", "NormalMap")
 
 
-def any_careful(scene: mi.Scene) -> bool:
+def any_mixed(scene: mi.Scene) -> bool:
     """Whether any surface of ``scene``, those of instances included, is a ``mask`` or a ``blendbsdf``, or holds one."""
     bsdfs = (shape.bsdf() for shape in all_shapes(scene))
     return any(any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND)) for bsdf in bsdfs if bsdf is not None)
 
 
-def left_dim(scene: mi.Scene) -> None:
+def warn_of_dim_lobes(scene: mi.Scene) -> None:
     """Warns of ideal lobes that are darker than their share: a ``bumpmap`` or ``normalmap`` does not say which way it
     turns a surface, so that what is mixed within cannot be sampled one by one.
     """
@@ -64,8 +78,8 @@ def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 
 
 def _of_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Whether ``bsdf`` is asked for all that it mixes, of which some does not tell its lobes apart."""
-    return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_indivisible(bsdf)
+    """Whether all lobes of ``bsdf`` are asked for, and it blends a BSDF whose lobes are inseparable."""
+    return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_inseparable(bsdf)
 
 
 def sample(
@@ -104,10 +118,10 @@ def sample_all(
     choice: mi.Float,
     point: mi.Point2f,
     active: mi.Bool,
-    careful: bool,
+    mixes: bool,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """A sample of all lobes of ``bsdf``. ``careful``: whether anything in the scene has to be asked with care."""
-    if not careful:
+    """A sample of all lobes of ``bsdf``. ``mixes``: see :attr:`.Scattering.mixes`."""
+    if not mixes:
         return bsdf.sample(everything, si, choice, point, active)
     if not dr.is_jit_v(mi.Float):
         return sample(everything, si, bsdf, choice, point, active)
@@ -127,12 +141,12 @@ def eval_pdf(
     bsdf: mi.BSDF | mi.BSDFPtr,
     wo: mi.Vector3f,
     active: mi.Bool,
-    careful: bool,
+    mixes: bool,
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """What the ``lobe`` of ``bsdf`` scatters from ``wo``, and the density of :func:`sample` there. ``careful``: whether
-    anything in the scene has to be asked with care.
+    """What the ``lobe`` of ``bsdf`` scatters from ``wo``, and the density of :func:`sample` there. ``mixes``: see
+    :attr:`.Scattering.mixes`.
     """
-    if not careful:
+    if not mixes:
         return bsdf.eval_pdf(lobe, si, wo, active)
 
     def evaluated(
@@ -140,10 +154,10 @@ def eval_pdf(
     ) -> tuple[mi.Spectrum, mi.Float]:
         if _of_leaves(lobe, one):
             return one.eval_pdf(lobe, si, wo, active)
-        mixes = _mixes(lobe, one)
-        asked = lobes.only(lobe, *lobes.SMOOTH) if mixes else lobe
+        half = _mixes(lobe, one)
+        asked = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
         f, pdf = one.eval_pdf(lobes.and_through(asked) if any(_within(one, MASK)) else asked, si, wo, active)
-        return f, pdf * 0.5 if mixes else pdf
+        return f, pdf * 0.5 if half else pdf
 
     if not dr.is_jit_v(mi.Float):
         return evaluated(bsdf, si, wo, active)
@@ -154,24 +168,24 @@ def eval_pdf(
 BY_NAME_ONLY = ("Principled", "PrincipledThin")
 
 
-def is_indivisible(bsdf: mi.BSDF) -> bool:
-    """Whether ``bsdf``, or one within it, is of this kind: known to be, or with a component of several lobes (hair)."""
+def is_inseparable(bsdf: mi.BSDF) -> bool:
+    """Whether ``bsdf``, or one within it, has inseparable lobes: a known class, or a component of several lobes."""
     return any(
         one.class_name() in BY_NAME_ONLY or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
         for one in all_within(bsdf)
     )
 
 
-def any_indivisible(scene: mi.Scene) -> bool:
-    """Whether any surface of ``scene``, those of instances included, is of this kind."""
-    return any(is_indivisible(shape.bsdf()) for shape in all_shapes(scene) if shape.bsdf() is not None)
+def any_inseparable(scene: mi.Scene) -> bool:
+    """Whether any BSDF of ``scene``, those of instances included, has inseparable lobes."""
+    return any(is_inseparable(shape.bsdf()) for shape in all_shapes(scene) if shape.bsdf() is not None)
 
 
-def is_whole(bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-    """Which of the BSDFs ``bsdf`` (``mi.BSDFPtr``, or one in scalar variants) are taken whole."""
+def without_separable_lobes(bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
+    """The lanes whose BSDF (``mi.BSDFPtr``, or one in scalar variants) has no separable lobes."""
     if not dr.is_jit_v(mi.Float):
-        return is_indivisible(bsdf)
-    return dr.dispatch(bsdf, lambda one, active: mi.Bool(is_indivisible(one)), active)
+        return is_inseparable(bsdf)
+    return dr.dispatch(bsdf, lambda one, active: mi.Bool(is_inseparable(one)), active)
 
 
 def _lobes_of(flags: int) -> int:
@@ -179,8 +193,8 @@ def _lobes_of(flags: int) -> int:
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
-    """Whether the sample ``bs`` of a whole BSDF counts for ``lobe``: each sample does for just one of the lobes that
-    are followed apart, a specular one by the side that it goes to.
+    """Whether the sample ``bs`` of a BSDF without separable lobes belongs to ``lobe``. Each sample belongs to exactly
+    one of the lobes that are followed separately; a specular sample to the one of its side.
     """
     diffuse = but_not(
         lobes.has_any(bs.sampled_type, *lobes.DIFFUSE),
@@ -303,3 +317,37 @@ def sample_leaves(
             f, pdf = f + part * f_leaf, pdf + part * pdf_leaf
     bs.pdf = dr.select(smooth, pdf, bs.pdf)
     return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)
+
+
+def past_emitters(
+    scene: mi.Scene, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool, attached: bool
+) -> mi.SurfaceInteraction3f:
+    """The interaction behind all emitters that the camera ray ``ray`` meets first.
+
+    ``attached``: whether derivatives are wanted.
+    """
+    hidden = active & si.is_valid()
+    if idle(hidden):
+        return si
+    hidden &= si.shape.is_emitter()
+
+    def beyond(o: mi.Point3f) -> mi.Ray3f:
+        """The rest of the ray, from ``o`` on."""
+        rest = mi.Ray3f(ray)
+        rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
+        return rest
+
+    def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
+        pi = scene.ray_intersect_preliminary(beyond(o), active=blocked)
+        blocked = blocked & pi.is_valid()
+        if idle(blocked):
+            return o, blocked
+        blocked = blocked & pi.shape.is_emitter()
+        front = pi.compute_surface_interaction(beyond(o), mi.RayFlags.Minimal, blocked)
+        return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
+
+    with dr.suspend_grad(when=attached):
+        o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
+    if attached:
+        o = dr.replace_grad(o, ray.o + ray.d * dr.norm(o - dr.detach(ray.o)))
+    return dr.select(hidden, scene.ray_intersect(beyond(o), hidden), si)

@@ -1,4 +1,4 @@
-"""Which glossy surfaces are nearly smooth: so narrow that rougher ones see highlights there."""
+"""Near-specular surfaces: glossy ones with lobes so narrow that rougher surfaces see highlights in them."""
 
 from __future__ import annotations
 
@@ -11,46 +11,50 @@ import mitsuba as mi
 from ..optics.nested import all_shapes
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
-from . import lobes, scattering
-from .workarounds import is_indivisible
+from ..transport import lobes
+from ..transport.scattering import sample_carried
+from ..transport.workarounds import is_inseparable
 
 if TYPE_CHECKING:
     import numpy as np
 
-#: A lobe is narrow if the density per solid angle that nine in ten of its rays exceed is more than so many times that
-#: of the roughest one, and more than so much: a metal's of m = 0.11, or that of glass of 0.25, which narrows it.
-NARROWER, LEAST = 3.0, 1.0
+#: A surface is near-specular if nine in ten rays of its lobe have a density per solid angle above both limits: this
+#: multiple of the roughest surface's, and this density, which a metal of m = 0.11 has, or glass of 0.25.
+RATIO, LEAST = 3.0, 1.0
 
-#: How many of the photons that meet one come to lie there, for rougher ones to see through them too.
-LIES = 0.5
+#: Fraction of the photons that land on a near-specular surface; the others go on, for rougher surfaces beyond it.
+LANDING = 0.5
 
-#: Rays that are drawn from each to find that out.
+#: Rays that are sampled from each lobe to measure its density.
 RAYS = 256
 
 
 @dataclass(frozen=True)
-class Narrow:
-    """The nearly smooth ones among the glossy BSDFs of a scene. Those that disperse are none, nor are those that are
-    taken whole.
-    """
+class NearSpecular:
+    """The near-specular ones among the BSDFs of a scene. None of them disperses or has inseparable lobes."""
 
-    #: For Dr.Jit's identity of each BSDF, whether it is one, 1 or 0; None where there is none.
+    #: 1 or 0 for Dr.Jit's identity of each BSDF: whether it is near-specular; None if none is.
     table: mi.UInt32 | None
 
+    @property
+    def any(self) -> bool:
+        """Whether there is any."""
+        return self.table is not None
+
     @classmethod
-    def of(cls, scene: mi.Scene) -> Narrow:
-        """Those of ``scene``, instances included."""
+    def of(cls, scene: mi.Scene) -> NearSpecular:
+        """The near-specular BSDFs of ``scene``, instances included."""
         import numpy as np  # slow to import, and not needed before the first image
 
         bsdfs = dict.fromkeys(shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None)
-        glossy = [b for b in bsdfs if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_indivisible(b)]
+        glossy = [b for b in bsdfs if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
         if len(glossy) < 2:
             return cls(None)
         identities = [int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0]) for bsdf in glossy]
-        narrowness = density_of_rays(identities)
-        limit = max(NARROWER * narrowness.min(), LEAST)
+        densities = density_of_rays(identities)
+        limit = max(RATIO * densities.min(), LEAST)
         found = [
-            i for i, b, v in zip(identities, glossy, narrowness) if v > limit and not getattr(b, "disperses", False)
+            i for i, b, v in zip(identities, glossy, densities) if v > limit and not getattr(b, "disperses", False)
         ]
         if not found:
             return cls(None)
@@ -61,7 +65,7 @@ class Narrow:
         return cls(table)
 
     def __call__(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Whether ``bsdf`` is one of them."""
+        """Whether ``bsdf`` is near-specular."""
         if self.table is None:
             return mi.Bool(False)
         identity = dr.reinterpret_array(mi.UInt32, bsdf)
@@ -70,8 +74,9 @@ class Narrow:
 
 
 def density_of_rays(identities: list[int]) -> np.ndarray:
-    """How narrow BSDFs are: the density per solid angle that nine in ten of the rays exceed that each draws from its
-    glossy lobes, lit at 45°, anywhere on its texture; 0 where it draws none.
+    """Density per solid angle that nine in ten sampled rays of each BSDF's glossy lobes exceed; 0 without such rays.
+
+    The surfaces are seen at 45°, anywhere on their textures.
     """
     import numpy as np
 
@@ -85,7 +90,7 @@ def density_of_rays(identities: list[int]) -> np.ndarray:
     si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0.5**0.5, 0, 0.5**0.5)
     if mi.is_spectral:
         si.wavelengths = mi.UnpolarizedSpectrum(550)
-    bs, _ = scattering.sample(lobes.specular(), si, bsdf, numbers[0], mi.Point2f(*numbers[1:3]), None, mi.Bool(True))
+    bs, _ = sample_carried(lobes.specular(), si, bsdf, numbers[0], mi.Point2f(*numbers[1:3]), None, mi.Bool(True))
     drawn = (bs.pdf > 0) & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
     pdf = np.array(dr.select(drawn, bs.pdf, 0)).reshape(count, RAYS)
     return np.array([np.percentile(row[row > 0], 10) if row.any() else 0.0 for row in pdf])

@@ -73,7 +73,7 @@ def measured(path, text):
     mesh = file.mesh(0, np.eye(4))
     p = mesh.vertices[mesh.triangles]
     cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    assert (np.einsum("tci,ti->tc", file._normals, cross) > 0).all()  # those in the file, as the triangles are wound
+    assert (np.einsum("tci,ti->tc", file.normals, cross) > 0).all()  # those in the file, as the triangles are wound
     return np.einsum("ti,ti->", p[:, 0], cross) / 6, np.linalg.norm(cross, axis=1).sum() / 2
 
 

@@ -67,8 +67,9 @@ class MeshFile(Primitive):
         self._dual = np.stack(
             [np.cross(c - self._origin, self._flat / square), np.cross(self._flat / square, b - self._origin)], axis=2
         )
-        self._normals = None if normals is None else normals[index[..., 2]]
-        self._uv = None if uv is None else uv[index[..., 1]]
+        #: Of the triangles' corners, (m, 3, 3) and (m, 3, 2); None where the file lacks them.
+        self.normals = None if normals is None else normals[index[..., 2]]
+        self.uv = None if uv is None else uv[index[..., 1]]
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
         """The file's mesh, however fine it is."""
@@ -83,9 +84,9 @@ class MeshFile(Primitive):
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)
         flat = np.repeat(self._flat[face, None], 3, axis=1)
-        normals = flat if self._normals is None else weights @ self._normals[face]
+        normals = flat if self.normals is None else weights @ self.normals[face]
         outwards = np.sum(normals * flat, axis=2, keepdims=True) > 0
-        uv = p[..., :2] if self._uv is None else weights @ self._uv[face]
+        uv = p[..., :2] if self.uv is None else weights @ self.uv[face]
         return Corners(np.where(outwards, normals, flat), uv, np.ones(p.shape[:2], bool))
 
 

@@ -15,7 +15,7 @@ from .language.diagnostics import SceneError, SceneWarning, Source, Span
 from .language.document import Document
 from .language.formatter import format
 from .language.tokens import FPS, FRAME, TIME
-from .mitsuba.context import images, located
+from .mitsuba.context import images, located, meshes
 from .model import Leaf, Scene, View
 from .translator import check, document, load, sensor, translate
 
@@ -40,6 +40,7 @@ __all__ = [
     "images",
     "load",
     "located",
+    "meshes",
     "misfit",
     "parse",
     "read",

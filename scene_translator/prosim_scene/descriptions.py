@@ -48,6 +48,7 @@ MEANINGS = {
     ("PRIMITIVE", "sphere"): "The unit ball at the origin. Its index names its SURFACE and its TRANSFORM.",
     ("PRIMITIVE", "cylinder"): "x² + y² ≤ 1, 0 ≤ z ≤ 1. Its index names its SURFACE and its TRANSFORM.",
     ("PRIMITIVE", "cone"): "x² + y² ≤ z², 0 ≤ z ≤ 1, its apex at the origin. Its index names SURFACE and TRANSFORM.",
+    ("PRIMITIVE", "mesh"): "A closed mesh from a file, PLY or OBJ, which follows the index, as in MESH 1 vaso.ply.",
     ("MATERIAL", "material"): "Its kind: condutor, dieletrico, lambertiano or composto; none is classic Phong.",
     ("CONDUCTOR", "conductor"): "A metal: n-refr and k-abs, or its name; smooth, or rough by n, rug or m.",
     ("DIELECTRIC", "dielectric"): "Glass and the like: n-refr, or a glass's name; smooth, or rough by n, rug or m.",

@@ -61,15 +61,16 @@ class Texture:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A primitive in the tree: its shape, its index, and its textures (surface, solid).
+    """A primitive in the tree: its shape, its index, its textures (surface, solid), and a mesh's file.
 
     ``within``: while the text is read, the indices of the named solids that it is a part of, the innermost first.
     """
 
-    shape: str  # "cube", "sphere", "cylinder" or "cone"
+    shape: str  # "cube", "sphere", "cylinder", "cone" or "mesh"
     index: int
     textures: tuple[Texture | None, Texture | None] = (None, None)
     within: tuple[int, ...] = ()
+    file: str | None = None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import OpenEXR
 import pytest
 from mitsuba_prosim import saved
 from mitsuba_prosim.engine.record import Record
+from mitsuba_prosim.live.loaded_scene import LoadedScene
 from mitsuba_prosim.saved import files, origin
 from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene import atomic, scene_file
@@ -220,5 +221,22 @@ def test_a_spectrum_in_another_folder_is_a_file_of_the_scene(variant_rgb, tmp_pa
         spectrum.write_text(f"400 {value}\n700 {value}")
         file = scene_file.SceneFile(tmp_path / "scene.xml", tmp_path)
         assert file.named_files() == [("grey.spd", spectrum)]
+        digests.add(file.digest())
+    assert len(digests) == 2
+
+
+def test_a_mesh_of_the_language_is_a_source_but_does_not_travel(variant_rgb, tmp_path):
+    """The translation has what it says. What is watched is its own file, and its content is part of the digest."""
+    path, mesh = tmp_path / "s.scn", tmp_path / "parts" / "wedge.obj"
+    mesh.parent.mkdir()
+    path.write_text("LIGHTS POINT position 9 9 9 CSG-TREE MESH 0 parts/wedge.obj SURFACE 0 TRANSFORM 0 END")
+    digests = set()
+    for top in (1, 2):
+        mesh.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {top}\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3")
+        file = scene_file.SceneFile(path, tmp_path / "made")
+        names = [path for _, path in file.named_files()]
+        assert mesh not in names and file.sources() == [*names, mesh]
+        scene = LoadedScene(path, lambda _, file=file: (file, loaded := file.load(), loaded.sensors()[0]))
+        assert scene.files == [mesh] and scene.scene.bbox().max.z == top
         digests.add(file.digest())
     assert len(digests) == 2

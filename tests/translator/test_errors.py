@@ -166,7 +166,7 @@ WRONG = [
     (1, "AMBIENT grey", 9, ["unknown word 'grey' after AMBIENT", "on a scale of 65535, such as AMBIENT"]),
     (2, "LIGHTS POINT position 0 5 5 color 1 1 1", 29, ["unknown word 'color'", "such as Intensity 65535 65535 65535"]),
     (5, "SURFACE 0 pigment red", 11, ["unknown word 'pigment'", "as in SURFACE 0 kd = 1 0 0"]),
-    (4, "CSG-TREE TORUS 0", 10, ["unknown word 'TORUS'", "the solids are CUBE, SPHERE, CYLINDER and CONE"]),
+    (4, "CSG-TREE TORUS 0", 10, ["unknown word 'TORUS'", "the solids are CUBE, SPHERE, CYLINDER and CONE, "]),
     (5, "SURFACE 0 { kd = .5 .5 .5 }", 11, ["found 'kd = .5 .5 .5' in braces", "blocks need none"]),
     (6, "TRANSFORM 0 SCALE (3 3 3);", 26, ["found ';'; a statement ends where the next one begins"]),
     (5, "SURFACE 0 kd 1 0 0; # red", 18, ["found '0;'; a statement ends where the next one begins"]),

@@ -241,7 +241,7 @@ class Apart:
 
         with naming(frame.number):
             output.check(Path(frame.job.scene), frame.stem, SUFFIXES, self.size)
-            output.spare((path for _, path in frame.file.named_files()), output.SOURCES, frame.stem, SUFFIXES)
+            output.spare(frame.file.sources(), output.SOURCES, frame.stem, SUFFIXES)
             with wrong_input():
                 bundle = SceneBundle.of(frame.file, frame.job.sensor)
         return ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))

@@ -92,7 +92,7 @@ class Task:
                 f"{job.scene} is not what the state was made of: its text has changed, or a mesh or a picture that "
                 "it names. Render it again, or name the right one with --scene."
             )
-        sources = [*sources, *(path.resolve() for _, path in file.named_files())]
+        sources = [*sources, *(path.resolve() for path in file.sources())]
         return cls(job, file, scene, sensor, stem, about if keep else None, begin, sources, facts or {})
 
     @property

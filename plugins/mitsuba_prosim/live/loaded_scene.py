@@ -32,7 +32,7 @@ class LoadedScene:
     def __init__(self, path: Path, opener: Opener, document: Document | None = None) -> None:
         self.file, self.scene, self.sensor = opener(document)
         #: The files that it is made of, wherever they lie; without those of its translation.
-        self.files = [path for _, path in self.file.named_files()]
+        self.files = self.file.sources()
         if self.file.document is None:
             self.files += [Path(str(path)) for path in self.file.state.files]
         else:

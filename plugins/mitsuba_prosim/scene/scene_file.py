@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import mitsuba as mi
 import prosim_scene
-from prosim_scene import Document, misfit
+from prosim_scene import Document, located, meshes, misfit
 
 from .. import registry
 from ..compat import RESERVED
@@ -107,6 +107,11 @@ class SceneFile:
         """``(name, path)`` of each file that the scene names; see :func:`.digest.named_files`."""
         with session.resolving(self._resolver):
             return list(named_files(self.state, self.changes["definitions"], self._begin))
+
+    def sources(self) -> list[Path]:
+        """What it is made of: the files that the scene names, and the meshes that a translation has read."""
+        files = [path for _, path in self.named_files()]
+        return files + [located(self.path.parent, name) for name in (meshes(self.document) if self.document else ())]
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene, with another sampler of equal sample count if one is named.

@@ -1,7 +1,7 @@
 """All occurrences of primitives in the tree at once: their solids, the planes that they share, normals and uv."""
 
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from . import csg
 from .coincidence import STEP, Planes, same_surfaces
 from .detail import active_zones, choose_segments, clipped, shrink_inscribed, warn_if_far
 from .grouping import components
-from .primitives import PRIMITIVES
+from .primitives import PRIMITIVES, Primitive
 from .solids import Solid, corners, facet_planes, matrices, placed
 
 FAR = 16  # times its size: a scene that lies farther from the origin than this is computed about its own centre
@@ -39,16 +39,28 @@ class Leaves:
     each, ``planes`` those that facets have in common.
     """
 
-    def __init__(self, document: Document, camera: Camera, tolerance: float, cutters: np.ndarray | None = None) -> None:
-        """``cutters`` are those leaves whose faces may coincide with themselves.
+    def __init__(
+        self,
+        document: Document,
+        camera: Camera,
+        tolerance: float,
+        cutters: np.ndarray | None = None,
+        meshes: Mapping[str, Primitive] | None = None,
+    ) -> None:
+        """``cutters`` are those leaves whose faces may coincide with themselves, ``meshes`` the solids in files.
 
         Raises :class:`SceneError` for a transform that cannot be inverted, and for more than memory can hold.
         """
         leaves = csg.leaves(document.scene.csg)
-        kinds = {kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.index) for leaf in leaves))}
-        self.of_leaf = np.array([kinds[leaf.shape, leaf.index] for leaf in leaves])
-        placing = _checked_matrices(document, list(dict.fromkeys(index for _, index in kinds)))
-        self.solids = [Solid(PRIMITIVES[shape], placing[index]) for shape, index in kinds]
+        kinds = {
+            kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.file, leaf.index) for leaf in leaves))
+        }
+        self.of_leaf = np.array([kinds[leaf.shape, leaf.file, leaf.index] for leaf in leaves])
+        placing = _checked_matrices(document, list(dict.fromkeys(index for *_, index in kinds)))
+        self.solids = [
+            Solid(meshes[file] if meshes and file is not None else PRIMITIVES[shape], placing[index])
+            for shape, file, index in kinds
+        ]
         boxes = corners(self.solids)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2

@@ -51,15 +51,15 @@ class Corners:
 
 
 class Primitive(ABC):
-    """A convex solid that planes and at most one quadric bound."""
+    """A solid. If it has a curved face, it is convex, and planes and one quadric bound it."""
 
-    #: The name that the language gives it.
-    name: ClassVar[str]
+    #: The name that the language gives it; of a mesh's file, what tells its content from any other's.
+    name: str
     #: The surfaces of its faces as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face; none, and face 0
     #: for all triangles, where no face is meant to coincide with another solid's.
     quadrics: ClassVar[np.ndarray]
     #: Its bounding box, min and max corner.
-    box: ClassVar[np.ndarray]
+    box: np.ndarray
     #: The curved face, if it has one.
     curved: ClassVar[int | None] = None
     #: It is round in so many of the axes: 2 about z, 3 about the origin.

@@ -115,7 +115,7 @@ class Solid:
 
     def own_mesh(self) -> Mesh:
         """The primitive's mesh in its own space."""
-        if self.framed:
+        if self.framed or self.primitive.curved is None:
             return self.primitive.mesh(self.segments, self.frame)
         return _unit_mesh(self.primitive, self.segments)
 

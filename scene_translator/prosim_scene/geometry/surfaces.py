@@ -2,7 +2,7 @@
 primitives that they come from.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
@@ -17,7 +17,7 @@ from . import csg, media
 from .grouping import components
 from .leaves import Leaves
 from .media import heights
-from .primitives import Mesh
+from .primitives import Mesh, Primitive
 
 
 class MeshKey(NamedTuple):
@@ -152,13 +152,15 @@ def tessellate(
     material: Callable[[Leaf], Hashable],
     fresnel: Callable[[Leaf], bool],
     kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = anew,
+    meshes: Mapping[str, Primitive] | None = None,
 ) -> dict[MeshKey, Triangles]:
     """The surfaces of a document's scene.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
     None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
     ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, to which its outside matters.
-    ``kept(key, make)`` may give what ``make`` has made for an equal key before. Raises :class:`SceneError` for a
+    ``kept(key, make)`` may give what ``make`` has made for an equal key before. ``meshes``: the solids in files, by the
+    names of these. Raises :class:`SceneError` for a
     transform that cannot be inverted and for more triangles than memory is provided for.
     """
     nodes = document.scene.csg
@@ -167,7 +169,7 @@ def tessellate(
         return {}
     names = [None, *map(medium, leaves)]
     media_of = _numbered(names)[1:]
-    table = Leaves(document, camera, tolerance, media.cutters(nodes, media_of))
+    table = Leaves(document, camera, tolerance, media.cutters(nodes, media_of), meshes)
     symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
     reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = kept(

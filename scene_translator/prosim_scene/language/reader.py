@@ -34,6 +34,7 @@ NEXT = STATEMENTS | {""}
 NAMES = frozenset(("WORD", "STRING", "FILE", "TEXTURE_NAME", "NUMBER"))
 VALUE = frozenset(("NUMBER", "WORD", "STRING"))
 FLAGS = NEXT | {"BOOL"}
+FILE = frozenset(("FILE", "STRING"))
 IMAGE = NEXT | {"FILE", "STRING", "NULL"}
 LIGHTS = NEXT | {"LIGHT"}
 LIGHT = LIGHTS | {"LIGHT_PARAMETER", "DISTRIBUTION"}
@@ -385,7 +386,7 @@ class Reader:
         values: dict[str, Any] = {}
         sky = row("LIGHT", keyword.text).name == "sky"
         if sky:
-            self.next(frozenset(("FILE", "STRING")))
+            self.next(FILE)
             self.once(self.token, "the image", *owner, "image")
             values["image"] = self.token.text
         role = self.next(LIGHTS if sky else LIGHT)
@@ -569,11 +570,16 @@ class Reader:
         return [replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid]
 
     def leaf(self, number: int) -> model.Leaf:
-        """A primitive, its index and its texture slots."""
+        """A primitive, its index, a mesh's file, and its texture slots."""
         keyword, slots = self.token, list[model.Texture | None]()
-        tokens = self.numbers(SLOTS)
+        shape, file = row("PRIMITIVE", keyword.text).name, None
+        tokens = self.numbers(FILE if shape == "mesh" else SLOTS)
         index = self.value(keyword, tokens)
         end = (tokens or [keyword])[-1].end
+        if shape == "mesh":
+            self.note(self.token.span, number, "file")
+            file, end = self.token.text, self.token.end
+            self.next(SLOTS)
         while self.token.role not in TREE:
             if len(slots) < 2:
                 self.note(self.token.span, number, "textures", len(slots))
@@ -585,7 +591,7 @@ class Reader:
             self.next(SLOTS)
         self.note(Span(keyword.start, end), number)
         textures = (slots[0], slots[1] if len(slots) > 1 else None) if slots else (None, None)
-        return model.Leaf(row("PRIMITIVE", keyword.text).name, -1 if index is None else index, textures)
+        return model.Leaf(shape, -1 if index is None else index, textures, file=file)
 
     def wrong_tree(self, nodes: Sequence[model.Operator | model.Leaf], extra: int) -> None:
         """Reports the first node that is too many, or the operator that lacks an operand."""

@@ -170,6 +170,7 @@ WORDS = (
     _word("PRIMITIVE", "SPHERE ESFERA", "sphere", INDEX),
     _word("PRIMITIVE", "CYLINDER CILINDRO", "cylinder", INDEX),
     _word("PRIMITIVE", "CONE", "cone", INDEX),
+    _word("PRIMITIVE", "MESH MALHA", "mesh", INDEX),
     # surfaces
     _word("MATERIAL", "material", "material"),
     _word("CONDUCTOR", "condutor conductor", "conductor"),

@@ -13,7 +13,7 @@ from ..model import Leaf, Scene
 from ..nodes import Comment, Default, Node
 from ..options import Options
 from . import TARGETS, Target, lights, materials
-from .context import LARGEST, Context, check, check_transforms
+from .context import LARGEST, Context, check, check_transforms, meshes
 from .materials import MediumInterface
 from .sensor import clipping, sensor
 
@@ -69,6 +69,7 @@ def assemble(
         lambda leaf: look(scene, leaf),
         lambda leaf: fresnel(scene, leaf),
         kept.faces,
+        {name: context.mesh(name, *way) for name, way in meshes(document).items()},
     )
 
     result: Node = {"type": "scene"} | check(document, target.settings(context))

@@ -1,4 +1,4 @@
-"""What the functions of a target know of the translation; image files; single precision, which is Mitsuba's."""
+"""What the functions of a target know of the translation; files; single precision, which is Mitsuba's."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..geometry.mesh_files import mesh_file
+from ..geometry.primitives import Primitive
 from ..geometry.solids import matrices
 from ..language.diagnostics import quote
 from ..language.document import Document
@@ -43,27 +45,22 @@ class Context:
             self.said.add(reason)
             self.document.warn(reason, *path)
 
+    def mesh(self, name: str, *path: str | int) -> Primitive:
+        """The solid in a file, which has to lie in the scene's folder or below."""
+        full = self.file("mesh", name, *path)
+        try:
+            if full.stat().st_size > MESH_LIMIT:
+                raise ValueError(f"is larger than {MESH_LIMIT >> 20} MiB, the most that a mesh may have")
+            return mesh_file(full.read_bytes())
+        except OSError as reason:
+            what = f"cannot be read: {reason.strerror or reason}"
+        except ValueError as reason:
+            what = str(reason)
+        raise self.document.error(f"the mesh {quote(name)} {what}", *path)
+
     def image(self, name: str, *path: str | int) -> str:
         """What stands in the result for an image file, which has to lie in the scene's folder or below."""
-        error = self.document.error
-        if not name:
-            raise error("this file name is empty; expected an image file", *path)
-        try:
-            full = Path(os.path.realpath(located(self.folder, name)))  # links may lead in a circle
-            exists = full.is_file()
-        except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
-            raise error(
-                f"the image {quote(name)} cannot be a file: {getattr(reason, 'strerror', None) or reason}", *path
-            ) from None
-        if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
-            raise error(
-                f"the image {quote(name)} lies outside the scene's folder; expected a path in it, or the option that "
-                "allows others: --allow-outside, allow_outside=True in Python",
-                *path,
-            )
-        if not exists:
-            marks = "; a file's name stands in double quotes, or in none" if name[0] == "'" else ""
-            raise error(f"the image {quote(name)} does not exist in the scene's folder{marks}", *path)
+        error, full = self.document.error, self.file("image", name, *path)
         try:
             picture = is_picture(full)
         except OSError as reason:
@@ -75,7 +72,34 @@ class Context:
         except ValueError as reason:
             raise error(str(reason), *path) from None
 
+    def file(self, what: str, name: str, *path: str | int) -> Path:
+        """Where a file is, an image or a mesh, as ``what`` says; it has to lie in the scene's folder or below."""
+        error = self.document.error
+        if not name:
+            raise error(
+                f"this file name is empty; expected {'an image file' if what == 'image' else 'a mesh file'}", *path
+            )
+        try:
+            full = Path(os.path.realpath(located(self.folder, name)))  # links may lead in a circle
+            exists = full.is_file()
+        except (OSError, ValueError) as reason:  # too long, or characters that no file name can have
+            raise error(
+                f"the {what} {quote(name)} cannot be a file: {getattr(reason, 'strerror', None) or reason}", *path
+            ) from None
+        if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
+            raise error(
+                f"the {what} {quote(name)} lies outside the scene's folder; expected a path in it, or the option that "
+                "allows others: --allow-outside, allow_outside=True in Python",
+                *path,
+            )
+        if not exists:
+            marks = "; a file's name stands in double quotes, or in none" if name[0] == "'" else ""
+            raise error(f"the {what} {quote(name)} does not exist in the scene's folder{marks}", *path)
+        return full
 
+
+#: The most bytes of a mesh's file: 4,000,000 triangles have fewer.
+MESH_LIMIT = 2**27
 #: The largest number whose square single precision still holds.
 LARGEST = 1e19
 
@@ -162,3 +186,9 @@ def images(document: Document) -> Iterator[tuple[str, Way]]:
         for slot, texture in enumerate(node.textures if isinstance(node, Leaf) else ()):
             if texture is not None and texture.image is not None:
                 yield texture.image, ("csg", number, "textures", slot)
+
+
+def meshes(document: Document) -> dict[str, Way]:
+    """The mesh files that a scene names, and the way to each in the model."""
+    csg = enumerate(document.scene.csg)
+    return {node.file: ("csg", n, "file") for n, node in csg if isinstance(node, Leaf) and node.file is not None}

@@ -204,7 +204,7 @@ class Caustics:
         for k in range(ROUNDS):
             places = placed(np.maximum(np.round(part * PILOTS), 1))
             landed, _, cell = self._landed(0, k, 1, places, white=True)
-            weights = sum(np.array(importance(one), dtype=np.float64) for one in landed if one is not None)
+            weights = importance(landed)
             count = np.array(places[0], dtype=np.float64)
             squares += count**2 * np.bincount(np.array(cell), weights, minlength=cells)
             number += count

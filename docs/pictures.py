@@ -4,7 +4,6 @@ of docs/walkthrough.md, called ``walkthrough-1`` and so on; and those of the fun
 ``python docs/pictures.py [NAME...]``; needs matplotlib.
 """
 
-import re
 import sys
 import time
 from functools import partial
@@ -22,6 +21,7 @@ DOCS = Path(__file__).parent
 EXAMPLES = DOCS.parent / "examples"
 sys.path[:0] = [str(DOCS / "extensions"), str(EXAMPLES)]
 from plugin_pages import example, plugins
+from walkthrough import steps
 
 SIZE = 288
 
@@ -252,11 +252,6 @@ def equal_time():
     return compress(np.concatenate([image, beside], axis=1))
 
 
-def steps():
-    """The scenes of docs/walkthrough.md."""
-    return re.findall(r"```scn\n(.*?)```", (DOCS / "walkthrough.md").read_text("utf-8"), re.DOTALL)
-
-
 def step(name, text):
     size = (320, 240) if "RESOLUTION" in text else (240, 240)
     return rendered(prosim_scene.load(document_of(text, name), resolution=size))
@@ -279,7 +274,9 @@ def main(only):
     }
     for folder in FOLDERS:
         images |= {name: partial(plugin, folder, example(docstring)) for name, docstring in plugins(folder)}
-    images |= {f"walkthrough-{i}": partial(step, f"walkthrough-{i}", text) for i, text in enumerate(steps(), start=1)}
+    images |= {
+        f"walkthrough-{i}": partial(step, f"walkthrough-{i}", text) for i, (text, _) in enumerate(steps(), start=1)
+    }
     for name, draw in images.items():
         if not only or name in only:
             bitmap = mi.Bitmap(draw().astype(np.float32))

@@ -185,6 +185,24 @@ def _number(pointer: mi.ShapePtr) -> int:
     return int(dr.reinterpret_array(mi.UInt32, pointer)[0])
 
 
+# ---------------------------------------------------------------- emitters
+# A virtual function call is compiled for all kinds of emitters that there are. Mitsuba's "directionalarea" has no
+# `eval_direction`, but raises, which ended the call for all others too (3.9).
+
+
+def eval_direction(
+    emitter: mi.Emitter | mi.EmitterPtr, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
+) -> mi.Spectrum:
+    """``emitter.eval_direction(it, ds, active)``; 0 of emitters without that method."""
+    if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
+        return emitter.eval_direction(it, ds, active)
+
+    def value(one: mi.Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Spectrum:
+        return mi.Spectrum(0) if one.class_name() == "DirectionalArea" else one.eval_direction(it, ds, active)
+
+    return dr.dispatch(emitter, value, it, ds, active)
+
+
 # ---------------------------------------------------------------- threads
 
 #: With fewer threads Mitsuba 3.9 waits for ever when it reads or writes an EXR.

@@ -1,7 +1,6 @@
 """Caustics: photons that specular surfaces gather on diffuse ones, against paths and analytic irradiance."""
 
-import pickle
-from dataclasses import fields, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import drjit as dr
@@ -146,11 +145,6 @@ def test_so_are_those_of_spectral_variants(variant_spectral):
 
 def the_same_bits(world):
     whole = render(world, adaptive="neighbours")
-    integrator = mi.load_dict({"type": "prosim", "caustics": True, "caustic_photons": 1 << 12})
-    for photons in filter(None, integrator.transport(world, world.sensors()[0]).caustics.photons((0, 0, 2))):
-        again = Photons.unpacked(pickle.loads(pickle.dumps(photons.packed())))
-        for field in fields(Photons):
-            assert np.array_equal(*(np.array(getattr(some, field.name)) for some in (photons, again)))
     assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
     parameters = mi.traverse(world.sensors()[0])
     parameters["film.crop_offset"], parameters["film.crop_size"] = (3, 5), (9, 8)
@@ -264,6 +258,13 @@ def test_the_command_asks_for_them_in_a_word():
     assert job_of({"caustics": True}).integrator == {"caustics": True}
     assert job_of({"caustics": False}).integrator == {"caustics": False}
     assert job_of({"caustics": None}).integrator == {}
+
+
+def test_emitters_without_eval_direction_shine_beside_others(variant_rgb):
+    for more in ({}, {"diffuse_bounces": -1}):
+        images = [render(small(12, **beam), **more) for beam in ({}, {"beam": mirrored("directionalarea", 0)})]
+        assert images[1][..., 0].mean() > 1.05 * images[0][..., 0].mean()
+        assert images[1][..., 1].mean() == pytest.approx(images[0][..., 1].mean(), rel=0.05)
 
 
 # ---------------------------------------------------------------- what is refused

@@ -29,7 +29,6 @@ from ..engine.plan import Plan
 from ..engine.policies import POLICIES
 from ..engine.work import WorkItem
 from ..photons.caustics import Which
-from ..photons.grid import Photons
 from ..saved import origin
 from ..scene import session
 from .bundle import SceneBundle
@@ -117,6 +116,8 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
         if type(value) in (mi.Float, mi.UInt32, mi.Int32):
             return dr_array, (np.array(value),)
+        if type(value) in (mi.Vector3f, mi.Spectrum):
+            return type(value), tuple(value)
         return NotImplemented
 
 
@@ -135,21 +136,16 @@ def packed(item: WorkItem) -> bytes:
 
 @in_render_thread
 def take(
-    bundle: SceneBundle,
-    contents: Mapping[str, bytes],
-    item: bytes,
-    sets: Sequence[Which],
-    photons: Sequence[tuple[Mapping[str, Any], Mapping[str, Any] | None]],
+    bundle: SceneBundle, contents: Mapping[str, bytes], item: bytes, sets: Sequence[Which], photons: Sequence[bytes]
 ) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
     scene = loaded(bundle, contents)
 
     def estimator(plan: Plan) -> Estimator:
         result = scene.estimator(plan)
-        for which, (diffuse, glossy) in zip(sets, photons):
+        for which, photon_pass in zip(sets, photons):
             if not result.transport.caustics.has(which):
-                both = Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
-                result.transport.caustics.put(which, both)
+                result.transport.caustics.put(which, pickle.loads(photon_pass))
         return result
 
     return taken(estimator, item)
@@ -169,12 +165,11 @@ def taken(estimator: Callable[[Plan], Estimator], item: bytes) -> tuple[float, b
 
 
 @in_render_thread
-def draw(bundle: SceneBundle, contents: Mapping[str, bytes], plan: bytes, which: Which) -> tuple[Any, Any]:
-    """The photons of a set, on diffuse surfaces and on glossy ones. ``plan`` is pickled."""
+def draw(bundle: SceneBundle, contents: Mapping[str, bytes], plan: bytes, which: Which) -> bytes:
+    """The photons of a set, pickled for all workers. ``plan`` is pickled."""
     scene = loaded(bundle, contents)
     with alone():
-        diffuse, glossy = scene.estimator(pickle.loads(plan)).transport.caustics.photons(which)
-        return diffuse.packed(), None if glossy is None else glossy.packed()
+        return pickled(scene.estimator(pickle.loads(plan)).transport.caustics.photons(which))
 
 
 @in_render_thread

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import eval_direction
+
 if TYPE_CHECKING:
     from .strategy import Receiver
     from .table import Lamp, Lights
@@ -54,7 +56,7 @@ def reparameterised_sample(
         active = dr.select(follows, active & met.is_valid() & (met.shape.emitter() == emitter), active)
     moved, jacobian = lamp.reparameterised(receiver, dr.detach(ds.d), met, active)
     moved.emitter = emitter
-    radiance = emitter.eval_direction(si, moved, active)
+    radiance = eval_direction(emitter, si, moved, active)
     moved_weight = radiance * (dr.relative_grad(jacobian) / dr.detach(dr.select(active, ds.pdf, 1)))
     result = mi.DirectionSample3f(ds)
     result.d = with_derivatives(ds.d, moved.d, active)

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import eval_direction
 from .reparameterisation import with_surface
 
 #: One emitter, or a Dr.Jit array of them.
@@ -36,7 +37,7 @@ def weighted(
     """
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
-    weight = emitter.eval_direction(receiver.si, ds, visible) / dr.select(visible, ds.pdf, 1)
+    weight = eval_direction(emitter, receiver.si, ds, visible) / dr.select(visible, ds.pdf, 1)
     ds.pdf = dr.select(visible, ds.pdf, 0)
     return ds, dr.select(visible, weight, 0)
 

@@ -1,4 +1,4 @@
-"""What the pages name exists: options, modules, files, plugins' parameters; and names that have gone do not come back."""
+"""What the pages name exists: options, modules and files."""
 
 import importlib
 import re

@@ -12,22 +12,24 @@ from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
 from .context import NODE_SPACES, Context
+from .layers import Radiance
 from .media import beyond, transmittance
 from .ray import Vertex, mis
 
 
-def direct_light(context: Context, vertex: Vertex, points: Points) -> mi.Spectrum:
+def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Light from the sources through the whole BRDF: every source by one point and one shadow ray (section 4.1), or
     one chosen lamp. Where photons were gathered before, through the diffuse lobes alone.
     """
-    lights, receiver, active, gathered = context.lights, vertex.receiver, vertex.smooth, vertex.ray.gathered_photons
-    first_space = context.space(vertex.ray.node, NODE_SPACES)
+    layers, ray = context.layers, vertex.ray
+    lights, receiver, active, gathered = context.lights, vertex.receiver, vertex.smooth, ray.gathered_photons
+    first_space = context.space(ray.node, NODE_SPACES)
     other_pdf = None
     if context.photon_mis is not None:
         of_photons = active if gathered is None else but_not(active, gathered)
-        other_pdf = context.photon_mis.light_pdf(vertex.ray, vertex.si, vertex.bsdf, of_photons)
+        other_pdf = context.photon_mis.light_pdf(ray, vertex.si, vertex.bsdf, of_photons)
 
-    def light(lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None) -> mi.Spectrum:
+    def with_light(L: Radiance, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None) -> Radiance:
         ds, weight = lamp.sample(receiver, point, active)
         pdf = ds.pdf
         if probability is not None:
@@ -46,18 +48,26 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> mi.Spectru
         if gathered is not None:
             f = dr.select(gathered, vertex.bsdf.eval(lobes.diffuse(), vertex.si, wo, lit & gathered), f)
             mis_active = but_not(lit, gathered)
+        f_diffuse = f if context.mis_lobes else None
         for lobe in context.mis_lobes:
             f_lobe, pdf_lobe = context.scattering.eval_pdf(lobe, vertex.si, vertex.bsdf, wo, mis_active)
             if other_pdf is not None:
                 pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
-            f += f_lobe * dr.select(ds.delta, 1, mis(pdf, pdf_lobe))
+            f = f + f_lobe * dr.select(ds.delta, 1, mis(pdf, pdf_lobe))
         f = context.scattering.or_all_lobes(f, vertex.si, vertex.bsdf, wo, lit, vertex.inseparable)
-        return unless_in_shadow(context, vertex, ds.p, f * weight, lit)
+        if not layers.splits_lobes:
+            (value,) = unless_in_shadow(context, vertex, ds.p, [f * weight], lit)
+            return L.plus(value, layers.direct(ray, lamp.k))
+        if f_diffuse is None:
+            f_diffuse = vertex.bsdf.eval(lobes.diffuse(), vertex.si, wo, lit)
+        f_diffuse = dr.select(vertex.inseparable, f, f_diffuse)
+        value, diffuse = unless_in_shadow(context, vertex, ds.p, [f * weight, f_diffuse * weight], lit)
+        return L.plus(value - diffuse, layers.direct(ray, lamp.k)).plus(diffuse, layers.of(ray, "diffuse"))
 
     if lights.sampler is None:
         L = lights.for_each(
-            lambda lamp, L: L + light(lamp, points(first_space + lamp.k, active)),
-            mi.Spectrum(0),
+            lambda lamp, L: with_light(L, lamp, points(first_space + lamp.k, active)),
+            layers.none(),
             active,
             attached=context.attached,
         )
@@ -65,9 +75,10 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> mi.Spectru
         assert vertex.importance is not None
         point = points(first_space, active)
         k, probability, rest = lights.sampler.choose(receiver, vertex.importance, point.x, active)
-        L = light(lights.lamp(k), mi.Point2f(rest, point.y), probability)
+        L = with_light(layers.none(), lights.lamp(k), mi.Point2f(rest, point.y), probability)
     if lights.sky is not None and context.light_lobes is not None:
-        L += sky_light(context, vertex, points, first_space + lights.lamps)
+        value = sky_light(context, vertex, points, first_space + lights.lamps)
+        L = L.plus(value, layers.of(ray, "diffuse") if layers.splits_lobes else layers.direct(ray, lights.lamps))
     return L
 
 
@@ -86,16 +97,21 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
     ds, weight = context.lights.sky.sample(receiver, points(space, active), active)
     lit, wo = active & (ds.pdf > 0), si.to_local(ds.d)
     f = scattering.or_all_lobes(bsdf.eval(context.light_lobes, si, wo, lit), si, bsdf, wo, lit, vertex.inseparable)
-    return unless_in_shadow(context, vertex, ds.p, f * weight, lit)
+    return unless_in_shadow(context, vertex, ds.p, [f * weight], lit)[0]
 
 
-def unless_in_shadow(context: Context, vertex: Vertex, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool) -> mi.Spectrum:
-    """``L``, less what is absorbed, where nothing is between ``vertex`` and the point ``p``; else 0."""
+def unless_in_shadow(
+    context: Context, vertex: Vertex, p: mi.Point3f, values: list[mi.Spectrum], active: mi.Bool
+) -> list[mi.Spectrum]:
+    """The ``values``, less what is absorbed, where nothing is between ``vertex`` and the point ``p``; else 0. The first
+    contains the others.
+    """
     si = vertex.si
     if context.settings.shadows:
-        active = active & (dr.max(dr.abs(L)) > 0)
+        active = active & (dr.max(dr.abs(values[0])) > 0)
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
     if context.absorbs:
         d = p - si.p
-        L = L * transmittance(beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
-    return dr.select(active, L, 0)
+        left = transmittance(beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
+        values = [value * left for value in values]
+    return [dr.select(active, value, 0) for value in values]

@@ -45,14 +45,16 @@ class Transport:
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler | None = None
-    ) -> tuple[mi.Spectrum, mi.Bool]:
-        """``(L, hit)``: the radiance of the camera ray ``ray``, a ``mi.Spectrum``, and whether it met a surface.
+    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
+        """``(L, hit, layers)``: the radiance of the camera ray ``ray``, whether it met a surface, and the radiance of
+        each layer (:mod:`.layers`).
 
         ``points(space, active)`` gives a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
-        return self._radiance(self._context, ray, points, active, sampler)
+        L, hit = self._radiance(self._context, ray, points, active, sampler)
+        return L.total, hit, L.layers
 
 
 class InnerIntegrator:

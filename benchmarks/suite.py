@@ -19,8 +19,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import prosim_scene
+from mitsuba_prosim import atomic
 from mitsuba_prosim.compare import runs
-from mitsuba_prosim.scene import atomic
 from scenes import ball, copper, cornell_box, stage
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -10,7 +10,7 @@ import tempfile
 from contextlib import contextmanager
 
 import pytest
-from mitsuba_prosim.scene import atomic
+from mitsuba_prosim import atomic
 from prosim_scene import PART
 
 
@@ -107,7 +107,7 @@ def test_leftovers_of_killed_runs_are_removed(tmp_path, temporary):
     code = """if True:
         import os, signal, sys, tempfile
         from pathlib import Path
-        from mitsuba_prosim.scene import atomic
+        from mitsuba_prosim import atomic
         with atomic.scratch() as folder:
             (folder / "mesh.ply").touch()
             def stop(*_):

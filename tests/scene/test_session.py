@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
-from mitsuba_prosim.engine.estimate import Estimator
+from mitsuba_prosim.engine.estimator import Estimator
 from mitsuba_prosim.scene import images, scene_file, session
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ..scene import atomic
+from .. import atomic
 from .options import InputError
 
 #: Kinds of files that a name may end in. One that is not written is a mistake, not a part of the name.

@@ -13,7 +13,8 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..scene import atomic, scene_file
+from .. import atomic
+from ..scene import scene_file
 
 #: Of this process: a worker keeps one scene of each.
 SESSION = uuid.uuid4().hex

@@ -17,11 +17,12 @@ import distributed
 import drjit as dr
 import mitsuba as mi
 
+from .. import atomic
 from ..alone import alone
-from ..engine.work import Local, Results, WorkItem
+from ..engine import origin
+from ..engine.work import Results, TimeSlicer, WorkItem
 from ..photons.caustics import Which
-from ..saved import origin
-from ..scene import atomic, rendering, scene_file
+from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
@@ -82,7 +83,7 @@ class DaskExecutor:
         self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
     ) -> None:
         self.client, self.bundle, self.say = client, bundle, say
-        self.sizer = Local(SECONDS)
+        self.slicer = TimeSlicer(SECONDS)
         #: Why the cluster has gone away.
         self.gone: str | None = None
         #: Seconds of all workers together.
@@ -117,18 +118,17 @@ class DaskExecutor:
 
     # ---------------------------------------------------------------- the interface of an executor
 
-    def limit(self, most: int | None, left: int) -> int | None:
+    def limit(self, left: int, seconds: float) -> int:
         """Samples of the next work item: some seconds of a worker, less towards the end."""
-        share = max(left // (WINDOW * max(len(self._workers), 1)), self.sizer.size // FEWER)
-        return self.sizer.limit(share if most is None else min(share, most), left)
+        size = self.slicer.limit(left, seconds)
+        return min(size, max(left // (WINDOW * max(len(self._workers), 1)), size // FEWER, 1))
 
-    def __call__(self, items: Iterator[WorkItem], ordered: bool) -> Results:
+    def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each work item with its sums, and None while there is nothing new.
 
         Raises ClusterError if no worker can take part, or if a work item fails again and again.
         """
-        results = self._results(map(self._task, items))
-        return _in_order(results) if ordered else _values(results)
+        return _values(self._results(map(self._task, items)))
 
     def make(self, images: Iterable[ImageTask]) -> Generator[tuple[ImageTask, Any] | None, None, None]:
         """Yields each image with its result as soon as it is there, and None while there is nothing new.
@@ -146,13 +146,13 @@ class DaskExecutor:
     # ---------------------------------------------------------------- tasks
 
     def _task(self, item: WorkItem) -> _Task:
-        sets = item.sets()
-        photons = [self._drawn(which, item) for which in sets] if len(sets) <= SETS else []
+        sets = item.photon_sets()
+        photons = [self._drawn(which) for which in sets] if len(sets) <= SETS else []
 
         def read(result: tuple[float, bytes]) -> tuple[WorkItem, Any]:
             seconds, content = result
             self.seconds += seconds
-            self.sizer.learn(item.work, seconds)
+            self.slicer.learn(item.work, seconds)
             with alone():
                 sums = pickle.loads(content)
                 dr.eval(sums)
@@ -160,11 +160,10 @@ class DaskExecutor:
 
         return _Task(worker.take, self.bundle, (worker.packed(item), sets, photons), read, "samples")
 
-    def _drawn(self, which: Which, item: WorkItem) -> distributed.Future:
+    def _drawn(self, which: Which) -> distributed.Future:
         """The photons of a set, which one worker draws for all."""
         if which not in self._photons:
-            arguments = worker.pickled(item.plan), which
-            self._photons[which] = self._submit(_Task(worker.draw, self.bundle, arguments, tuple, "photons"))
+            self._photons[which] = self._submit(_Task(worker.draw, self.bundle, (which,), tuple, "photons"))
             while len(self._photons) > SETS:
                 self._photons.popitem(last=False)
         self._photons.move_to_end(which)
@@ -320,19 +319,6 @@ def _values(results: Iterator[tuple[int, Any] | None]) -> Generator[Any, None, N
     """The results, without their numbers."""
     for result in results:
         yield None if result is None else result[1]
-
-
-def _in_order(results: Iterator[tuple[int, Any] | None]) -> Generator[Any, None, None]:
-    """The results in the order of their numbers."""
-    early, number = {}, 0
-    for result in results:
-        if result is None:
-            yield None
-            continue
-        early[result[0]] = result[1]
-        while number in early:
-            number += 1
-            yield early.pop(number - 1)
 
 
 def render(

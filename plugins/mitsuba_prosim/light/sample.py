@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import eval_direction
+
 
 @dataclass
 class LightSample:
@@ -34,7 +36,7 @@ def weighed(
     """
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
-    weight = emitter.eval_direction(si, ds, visible) / dr.select(visible, ds.pdf, 1)
+    weight = eval_direction(emitter, si, ds, visible) / dr.select(visible, ds.pdf, 1)
     return LightSample(ds.d, ds.p, dr.select(visible, ds.pdf, 0), mi.Bool(False), dr.select(visible, weight, 0), ds)
 
 

@@ -30,7 +30,6 @@ from ..engine.estimator import Estimator
 from ..engine.policies import POLICIES
 from ..engine.work import WorkItem
 from ..photons.caustics import Which
-from ..photons.grid import Photons
 from ..scene import session
 from .bundle import SceneBundle
 
@@ -124,6 +123,8 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
         if type(value) in (mi.Float, mi.UInt32, mi.Int32):
             return dr_array, (np.array(value),)
+        if type(value) in (mi.Vector3f, mi.Spectrum):
+            return type(value), tuple(value)
         return NotImplemented
 
 
@@ -142,21 +143,16 @@ def packed(item: WorkItem) -> bytes:
 
 @in_render_thread
 def take(
-    bundle: SceneBundle,
-    contents: Mapping[str, bytes],
-    item: bytes,
-    sets: Sequence[Which],
-    photons: Sequence[tuple[Mapping[str, Any], Mapping[str, Any] | None]],
+    bundle: SceneBundle, contents: Mapping[str, bytes], item: bytes, sets: Sequence[Which], photons: Sequence[bytes]
 ) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
     scene = loaded(bundle, contents)
 
     def estimator() -> Estimator:
         found = scene.estimator()
-        for which, (diffuse, glossy) in zip(sets, photons):
+        for which, photon_pass in zip(sets, photons):
             if not found.transport.caustics.has(which):
-                both = Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
-                found.transport.caustics.put(which, both)
+                found.transport.caustics.put(which, pickle.loads(photon_pass))
         return found
 
     return taken(estimator, item)
@@ -175,12 +171,11 @@ def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes
 
 
 @in_render_thread
-def draw(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> tuple[Any, Any]:
-    """The photons of a set, for all workers: on diffuse surfaces and on glossy ones."""
+def draw(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> bytes:
+    """The photons of a set, pickled for all workers."""
     scene = loaded(bundle, contents)
     with alone():
-        diffuse, glossy = scene.estimator().transport.caustics.photons(which)
-        return diffuse.packed(), None if glossy is None else glossy.packed()
+        return pickled(scene.estimator().transport.caustics.photons(which))
 
 
 def make(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], arguments: Sequence) -> Any:

@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import emitter_pointers, emitters_in_order
+from ..compat import emitter_pointers, emitters_in_order, eval_direction
 from ..light.balls import Balls, ball
 from ..masks import but_not
 from ..optics.nested import parts
@@ -200,7 +200,7 @@ class Sources:
         met, lit = self._met(draw, ray, active)
         ds = mi.DirectionSample3f(ps)
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
-        L = emitter.eval_direction(met, ds, lit)
+        L = eval_direction(emitter, met, ds, lit)
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
         return Start(ray, flux, density / dr.select(lit, cos, 1), ps, emitter)
 

@@ -193,5 +193,5 @@ def main(plugin: str, *words: str) -> int:
         return 0
     except Exception as error:  # noqa: BLE001 (the native command does the same)
         sys.stdout.flush()
-        sys.stderr.write(f"\x1b[31m\nCaught a critical exception: {session.message(error, lines=True)}\x1b[0m\n")
+        sys.stderr.write(f"\x1b[31m\nCaught a critical exception: {session.message(error)}\x1b[0m\n")
         return 255

@@ -73,12 +73,16 @@ class Estimator:
         if self.transport.caustics is not None:  # it divides the spectrum as its photons do
             points.division = self.transport.caustics.division(t)
         ray, weight, position = self.camera_ray(x, y, points)
-        L, hit, *others = self.transport(ray, points, True)
+        L, hit, others = self.transport(ray, points, True)
         L *= weight
         # A direction at grazing incidence can overflow; one such sample must not blacken its pixel.
-        L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+        finite = dr.all(dr.isfinite(L))
+        L = dr.select(finite, L, 0)
+        if self.transport.has_layers:
+            layers = [dr.select(finite, layer * weight, 0) for layer in others]
+            others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
         alpha = dr.select(hit, mi.Float(1), 0)
-        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, *others)
+        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, others)
         return values, luminance(L, ray.wavelengths), position
 
     def spread(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:

@@ -40,7 +40,7 @@ class Settings:
     rr_depth: int
     rr_throughput: float
     hide_emitters: bool
-    layers: str = "none"
+    layers: str
 
     @property
     def follows_tree(self) -> bool:

@@ -64,6 +64,10 @@ class Radiance:
             layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(total, layers)
 
+    def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
+        """The same, with ``value`` moved from the layer ``source`` to the layer ``target``."""
+        return self.with_total(self.total, -value, source).with_total(self.total, value, target)
+
 
 class Layers:
     """To which layer light belongs; this class is that of an image without layers."""
@@ -158,30 +162,33 @@ class ByTerm(Layers):
         return dr.select(ray.level == 0, lobe, ray.branch)
 
 
+def refusal(kind: str, settings: Settings, caustics: bool) -> str | None:
+    """The values of "layers" that go with the other parameters, where ``kind`` does not; else None."""
+    if kind == "lights" and caustics:
+        return "another value with caustics, as photons do not know their source"
+    if kind == "levels" and not 0 <= settings.max_level < MOST:
+        return f"another value, or max_level from 0 to {MOST - 1}"
+    if kind == "terms" and settings.diffuse_bounces < 0:
+        return "another value with diffuse_bounces -1, whose rays do not distinguish lobes"
+    return None
+
+
 def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
-    """The layers of this ``kind``. Raises ValueError where they cannot be told apart, or are too many."""
-    problem, ambient = (
-        "",
-        ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None),
-    )
-    layers = Layers()
-    if kind == "lights":
-        layers = ByLight([*light_names(lights.emitters), *ambient], lights)
-        problem = "photons do not know their source; leave caustics out" if caustics else ""
-    elif kind == "levels":
-        layers = ByLevel([f"level{level}" for level in range(settings.max_level + 1)])
-        problem = "" if layers.names else "max_level is -1 (no limit); set a limit"
-    elif kind == "terms":
-        own = ["emitted", *ambient, "diffuse", "glossy", *["caustics"] * caustics, "reflected", "refracted"]
-        layers = ByTerm(own + ["indirect"] * (settings.diffuse_bounces > 0))
-        problem = (
-            "rays do not distinguish lobes with diffuse_bounces -1; set another" if settings.diffuse_bounces < 0 else ""
+    """The layers of this ``kind``. Raises ValueError where there are too many."""
+    constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
+    if kind == "levels":
+        return ByLevel([f"level{level}" for level in range(settings.max_level + 1)])
+    if kind == "terms":
+        own = ["emitted", *constant, "diffuse", "glossy", *["caustics"] * caustics, "reflected", "refracted"]
+        return ByTerm(own + ["indirect"] * (settings.diffuse_bounces > 0))
+    if kind != "lights":
+        return Layers()
+    names = [*light_names(lights.emitters), *constant]
+    if len(names) > MOST:
+        raise ValueError(
+            f'prosim: parameter "layers" is "lights", but {len(names)} layers are more than {MOST}; leave it out.'
         )
-    if len(layers.names) > MOST:
-        problem = f"{len(layers.names)} layers are more than {MOST}"
-    if problem:
-        raise ValueError(f'prosim: parameter "layers" is "{kind}", but {problem}.')
-    return layers
+    return ByLight(names, lights)
 
 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:

@@ -42,6 +42,9 @@ class Transport:
         self.caustics = caustics
         self._context = Context.of(scene, settings, attached, around, caustics)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
+        #: Names of the channels of the layers, and whether there are any.
+        self.aov_names = [f"{name}.{letter}" for name in self._context.layers.names for letter in "RGB"]
+        self.has_layers = bool(self.aov_names)
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler | None = None
@@ -62,8 +65,8 @@ class InnerIntegrator:
     interface of :class:`Transport`.
     """
 
-    #: Photons are the integrator's own.
-    caustics = None
+    #: Photons and layers are the integrator's own.
+    caustics, has_layers = None, False
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
         self.integrator, self.scene, self.medium = integrator, scene, medium

@@ -156,7 +156,9 @@ def test_workers_that_can_not_be_begun(lamp, monkeypatch):
 
     monkeypatch.setattr(cluster.distributed, "LocalCluster", fails)
     result = prosim("render", lamp, "--workers", 1)
-    assert result.exit_code == 1 and "Error: the workers can't be begun here (Nanny failed to start.)" in result.output
+    assert (
+        result.exit_code == 1 and "Error: the workers can't be started here (Nanny failed to start.)" in result.output
+    )
 
 
 def test_without_the_package_nothing_is_begun(lamp, monkeypatch):

@@ -9,7 +9,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.cli.job import job_of
+from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.engine import work
 from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.engine.record import Record
@@ -261,9 +261,9 @@ def test_parts_of_a_wave_are_those_of_its_time(variant_rgb):
 
 
 def test_the_command_asks_for_them_in_a_word():
-    assert job_of({"caustics": True}).integrator == {"caustics": True}
-    assert job_of({"caustics": False}).integrator == {"caustics": False}
-    assert job_of({"caustics": None}).integrator == {}
+    assert Job(caustics=True).integrator == {"caustics": True}
+    assert Job(caustics=False).integrator == {"caustics": False}
+    assert Job(caustics=None).integrator == {}
 
 
 # ---------------------------------------------------------------- what is refused

@@ -91,10 +91,10 @@ def test_no_input_is_overwritten(palito, variant_rgb):
 @pytest.mark.parametrize(
     "place, says",
     [
-        ("/proc/image", "it takes no new files"),
+        ("/proc/image", "No such file"),
         ("a" * 252, "too long"),
-        ("é" * 126, "too long, at most"),
-        ("scene.xml/a", "no folder"),
+        ("é" * 126, "too long"),
+        ("scene.xml/a", "not a folder"),
     ],
 )
 def test_a_place_is_checked_before_the_render(scene, monkeypatch, place, says):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -210,13 +210,12 @@ class Film:
         return f"{names}, and .png: {self.rendered} of {len(self.frames)} frames rendered{black}{left}"
 
 
-def on_worker(scene: mi.Scene, sensor: mi.Sensor, wanted: Callable[[], bool], job: Job, facts: dict[str, str]) -> Image:
-    """The image of a frame, rendered by a worker as long as it is ``wanted``."""
+def on_worker(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str]) -> Image:
+    """The image of a frame, rendered by a worker."""
     begun = perf_counter()
     steps = start(job, scene, sensor)
-    while wanted() and next(steps, None) is not None:
+    for _ in steps:
         pass
-    steps.close()
     return finish(job, scene, sensor, steps, perf_counter() - begun, facts=facts)
 
 

@@ -129,10 +129,10 @@ def test_so_do_files_that_are_named_by_paths_and_parameters(lamp, tmp_path):
     "options, says",
     [
         (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
-        (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
+        (["--workers", 2, "--part", "1/2"], "leave it out with a cluster"),
         (["--cluster", "localhost"], "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
         (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
-        (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
+        (["--workers", 2], "needs prosim or prosim_adaptive"),
     ],
 )
 def test_wrong_use(scene, options, says):

@@ -416,7 +416,7 @@ def test_page_in_a_browser(report):
         (["prosim,adaptiv=none"], "prosim has no parameter 'adaptiv'. Did you mean adaptive?"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
-        (["prosim", "path", "--resolution", "5x5"], "too few"),
+        (["prosim", "path", "--resolution", "5x5"], "SSIM needs 7 x 7"),
     ],
 )
 def test_wrong_input_writes_nothing(tmp_path, arguments, message):

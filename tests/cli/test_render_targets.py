@@ -43,7 +43,7 @@ def test_noise_with_any_integrator(scene, integrator, wrapped):
 def test_the_report_says_what_ended_it(scene):
     scene.write_text(NOISY)
     for options, ended, says in [
-        (["--noise", 1e-6, "--max-samples", 50], "samples", "ended by the most samples that a pixel may have, 50"),
+        (["--noise", 1e-6, "--max-samples", 50], "samples", "ended by the maximum number of samples per pixel, 50"),
         (["--noise-99", 0.2, "--noise", 0.1], "noise", ", that of 99 pixels in 100 0."),
         (["--noise", 1e-6, "--time", 2], "time", "s of 2, ended by the time"),
     ]:
@@ -68,7 +68,7 @@ def test_time_alone_says_what_the_noise_is_at_most(scene, variant_rgb):
 @pytest.mark.parametrize(
     "integrator, options, says",
     [
-        ('"ptracer"/>', "--noise 0.1", "ptracer can't be rendered within prosim_adaptive"),
+        ('"ptracer"/>', "--noise 0.1", "which can't hold the integrator ptracer"),
         ('"prosim"><float name="noise" value="0.1"/></integrator>', "-m scalar_rgb", "noise: scalar_rgb"),
     ],
 )

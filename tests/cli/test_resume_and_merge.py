@@ -85,7 +85,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
     assert re.search(r"noise 0\.0\d+ of 0\.02", report.stdout)
     third = moved.rename(tmp_path / "third")  # beside the state it is found
     report = done("resume", third / "b.state.exr", "--max-samples", 400, "--noise", 1e-9)
-    assert "most samples that a pixel may have, 400" in report.stdout
+    assert "maximum number of samples per pixel, 400" in report.stdout
     done("resume", third / "b.state.exr", "--max-samples", 4000, "--time", 0.1)
     refuse("has used up its --time 0.1", "resume", third / "b.state.exr", "--noise", 1e-9)
 

@@ -22,7 +22,7 @@ from ..saved.keeper import Keeper
 from ..scene import black, images, rendering, report, scene_file, session
 from . import output
 from .interrupts import interruptible
-from .job import Job, refuse_scalar
+from .job import TARGETS, Job, refuse_scalar
 from .options import InputError, need
 from .progress import Progress, warn
 from .tev import Viewer
@@ -71,7 +71,7 @@ class Task:
         """
         scene = file.load()
         integrator, sensor = scene.integrator(), scene_file.pick_sensor(scene, job.sensor)
-        refuse_scalar(report.goals(integrator), job.variant)
+        refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
         if job.denoise:
             check_denoising(sensor.film(), integrator)
         keep = job.keep or job.part is not None
@@ -215,7 +215,7 @@ def finish(
 ) -> Image:
     """The image of a render that has ended. ``interrupted``: by what; ``facts``: further metadata."""
     integrator, film, reached = scene.integrator(), sensor.film(), steps.reached
-    only_time = rendering.keeps(integrator) and report.goals(integrator) == ["time"]
+    only_time = rendering.keeps(integrator) and integrator.time and not report.goals(integrator)
     at_most = steps.noise_at_most() if only_time and not job.denoise else None
     sentence = report.sentence(integrator, reached, bool(interrupted), interrupted or "", at_most)
     bitmap, own, denoising = denoised(steps, film) if job.denoise else (film.bitmap(), {}, None)

@@ -12,6 +12,7 @@ from mitsuba_prosim.cli.job import job_of
 from mitsuba_prosim.engine import work
 from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.engine.record import Record
+from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons.caustics import Caustics, placed
 from mitsuba_prosim.photons.emission import Sources, Start, left_out, start_points
@@ -427,8 +428,8 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         bs, weight = si.bsdf().sample(lobe, si, choice, mi.Point2f(*sample), met)
         met &= si.is_valid() & (bs.pdf > 0) & ((si.p.y > 0.01) if k else (si.p.y < 0.01))
         d = si.to_world(bs.wo)
-        following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, shares=mi.Bool(True), n=viewer_side(si))
-        vertex = Vertex(ray, si, si.bsdf(), met)
+        following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, uses_mis=mi.Bool(True), n=viewer_side(si))
+        vertex = Vertex(ray, si, si.bsdf(), met, met, mi.Bool(False), Receiver(si, following.n))
         following.etendue = gathering.next(vertex, following, bs, weight, mi.Bool(False))
         f, pdf = si.bsdf().eval_pdf(lobe, si, bs.wo, met)
         chain.append((ray, si, bs.wo, f, pdf))
@@ -436,7 +437,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     end, last = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
     ds = mi.DirectionSample3f(world, end, last[1])
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
-    density, of_lamp = gathering.density(last[1], ds, met), lights.pdf(last[1], ray.n, mi.Bool(True), ds, met)
+    density, of_lamp = gathering.density(last[1], ds, met), lights.pdf(Receiver(last[1], ray.n, mi.Bool(True)), ds, met)
     other = gathering.light_pdf(last[0], last[1], last[1].bsdf(), met)(ds, last[3], last[4], met)
     of_ray = gathering.emission_weight(ray, last[1], ds, of_lamp, met, mis(ray.pdf, of_lamp), met)
     shares = [of_ray, mis(of_lamp, other)]

@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..compat import UNREFERENCED
-from ..saved import origin
+from ..engine import origin
 from ..scene import scene_file
 from ..scene.overrides import SAMPLING
 from .runs import Contestant

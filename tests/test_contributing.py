@@ -128,8 +128,8 @@ def check_light(count, monkeypatch):
     floors = {"type": "diffuse"}, {"type": "roughconductor", "alpha": 0.4}
     direct = [renderings(under_tubes(count, floor, type="direct"), 12, spp=64) for floor in floors]
     without = renderings(under_tubes(count, floors[0], **settings), 12, spp=16)
-    tubes = module("mitsuba_prosim.light", "Tubes").Tubes
-    monkeypatch.setattr(table, "STRATEGIES", (table.Balls, tubes, table.Others))
+    tubes = module("mitsuba_prosim.light", "Tubes").TubeLights
+    monkeypatch.setattr(table, "STRATEGIES", (table.SphereLights, tubes, table.OtherLights))
     ours = [renderings(under_tubes(count, floor, **settings), 12, spp=16) for floor in floors]
     assert all(map(same_expectation, direct, ours))
     assert ours[0].var(0).mean() < 0.4 * without.var(0).mean()

@@ -246,7 +246,7 @@ def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, mo
 def test_references_that_can_not_be_kept(tmp_path, monkeypatch, capsys):
     """That is seen before they are rendered."""
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"--cache: references can't be kept there: .*this is no folder"):
+    with pytest.raises(InputError, match=r"--cache: references can't be kept there: .*this is not a folder"):
         compare.place_of_references(tmp_path / "file" / "cache", tmp_path, 10)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert compare.place_of_references(None, tmp_path, 10) == tmp_path

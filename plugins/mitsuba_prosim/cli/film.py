@@ -247,11 +247,11 @@ class Apart:
         return ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))
 
 
-def on_worker(scene: mi.Scene, sensor: mi.Sensor, wanted: Callable[[], bool], job: Job, facts: dict[str, str]) -> Image:
-    """The image of a frame, rendered by a worker as long as it is ``wanted``."""
+def on_worker(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str]) -> Image:
+    """The image of a frame, rendered by a worker."""
     begun = perf_counter()
     steps = start(job, scene, sensor)
-    while wanted() and next(steps, None) is not None:
+    for _ in steps:
         pass
     steps.close()
     return finish(job, scene, sensor, steps, perf_counter() - begun, facts=facts)

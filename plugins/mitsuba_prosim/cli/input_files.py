@@ -13,13 +13,11 @@ from typing import Any
 
 import click
 
-from ..scene import scene_file
-
 EXR = "an EXR image"
 
 #: The first bytes of files that are no scenes, and what these files are.
 MAGIC = {
-    scene_file.EXR: EXR,
+    b"v/1\x01": EXR,
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"GIF8": "a GIF image",

@@ -10,7 +10,7 @@ from ..engine.film import aov_values, with_more_channels
 from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import reject
 from ..registry import plugin
-from ..transport.inner_integrator import InnerIntegrator
+from ..transport.transport import InnerIntegrator
 
 
 @plugin("integrator", "prosim_adaptive")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import OrderedDict
 from collections.abc import Sequence
 
@@ -62,8 +61,8 @@ class Caustics:
         #: Photon passes, the most recently used one last.
         self._sets: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
         self._drawn: Photons | None = None
-        #: Number of photon passes that were emitted, and the seconds that this took.
-        self.draws, self.seconds = 0, 0.0
+        #: Number of photon passes that were emitted.
+        self.draws = 0
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
@@ -100,9 +99,8 @@ class Caustics:
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
         """A photon pass, kept or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
         if which not in self._sets:
-            begun = time.perf_counter()
             self.put(which, self._photons(*which))
-            self.draws, self.seconds = self.draws + 1, self.seconds + time.perf_counter() - begun
+            self.draws += 1
         self._sets.move_to_end(which)
         return self._sets[which]
 
@@ -204,7 +202,7 @@ class Caustics:
         for k in range(ROUNDS):
             places = placed(np.maximum(np.round(part * PILOTS), 1))
             landed, _, cell = self._landed(0, k, 1, places, white=True)
-            weights = sum(np.array(importance(one), dtype=np.float64) for one in landed if one is not None)
+            weights = importance(landed)
             count = np.array(places[0], dtype=np.float64)
             squares += count**2 * np.bincount(np.array(cell), weights, minlength=cells)
             number += count

@@ -17,8 +17,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import emitter_pointers, emitters_in_order
-from ..light.balls import Balls, ball
+from ..compat import emitter_pointers, emitters_in_order, eval_direction
+from ..light.spheres import SphereLights, sphere_of
 from ..masks import but_not
 from ..optics.nested import parts
 from ..sampling import sobol
@@ -120,7 +120,7 @@ class Sources:
             return
         self.pointers = emitter_pointers(scene, self.emitters)
         self.kind = mi.UInt32([KINDS.index(str(kind(e))) for e in self.emitters])
-        balls = [ball(e) if kind(e) == "surface" and Balls.takes(e) else None for e in self.emitters]
+        balls = [sphere_of(e) if kind(e) == "surface" and SphereLights.takes(e) else None for e in self.emitters]
         self.has_balls = any(balls)
         values = [[*np.ravel(np.array(b[0])), *np.ravel(np.array(b[1]))] if b else [0, 0, 0, 0] for b in balls]
         x, y, z, radii = np.array(values, dtype=np.float32).T.tolist()  # see Targets
@@ -200,7 +200,7 @@ class Sources:
         met, lit = self._met(draw, ray, active)
         ds = mi.DirectionSample3f(ps)
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
-        L = emitter.eval_direction(met, ds, lit)
+        L = eval_direction(emitter, met, ds, lit)
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
         return Start(ray, flux, density / dr.select(lit, cos, 1), ps, emitter)
 

@@ -236,7 +236,7 @@ def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, mo
 
     first = key()
     assert key() == first
-    monkeypatch.setattr("mitsuba_prosim.saved.origin.__version__", "0.0")
+    monkeypatch.setattr("mitsuba_prosim.engine.origin.__version__", "0.0")
     assert key() != first
     monkeypatch.undo()
     (tmp_path / "balls.xml").write_text('<scene version="3.0.0">' + body + tail.replace("30, 30, 30", "20, 20, 20"))

@@ -9,7 +9,8 @@ import click
 import mitsuba as mi
 from prosim_scene import extras
 
-from ..scene import atomic, session
+from .. import atomic
+from ..scene import session
 from . import output as files
 from .image import check_denoising
 from .input_files import SceneFile

@@ -19,8 +19,9 @@ import prosim_scene
 from prosim_scene import FPS, FRAME, TIME
 from tqdm.auto import tqdm
 
-from ..saved import origin
-from ..scene import atomic, scene_file, session
+from .. import atomic
+from ..engine import origin
+from ..scene import scene_file, session
 from . import output
 from .image import SUFFIXES, Image, Result, Task, finish, start, unfinished
 from .image import render as render_image

@@ -16,9 +16,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .. import atomic
 from ..denoising import halves
-from ..saved import origin
-from ..scene import atomic
+from ..engine import origin
 
 #: Name -> function of an image and its reference.
 Measures = Mapping[str, Callable[[np.ndarray, np.ndarray], float]]

@@ -11,7 +11,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..compat import UNREFERENCED
-from ..saved import origin
+from ..engine import origin
 from ..scene import scene_file
 from ..scene.errors import nearest
 from ..scene.overrides import SAMPLING

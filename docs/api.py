@@ -33,13 +33,13 @@ MODULES = {
     "mitsuba_prosim": None,
     "mitsuba_prosim.denoising": ["render"],
     "mitsuba_prosim.parallel": ["render"],
-    "mitsuba_prosim.saved": ["load", "merge", "save"],
     "mitsuba_prosim.engine.integrator": ["ProgressiveIntegrator.progressive"],
     "mitsuba_prosim.engine.render": [
         f"Render.{name}"
         for name in ("image", "error", "counts", "noise_at_most", "reached", "checkpoint", "stop", "close")
     ],
-    "mitsuba_prosim.engine.part": ["Part"],
+    "mitsuba_prosim.engine.checkpoint": ["load", "merge", "save"],
+    "mitsuba_prosim.engine.tiles": ["Part"],
     "prosim_scene": None,
 }
 

@@ -137,7 +137,7 @@ def check_light(count, monkeypatch):
 
 @pytest.mark.slow
 def test_policy(variant_rgb, monkeypatch):
-    monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.engine.policies", "All samples where").Contrast)
+    monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.engine", "All samples where").Contrast)
     scene = prosim_scene.load(ROOT / "examples" / "poste.scn", resolution=(60, 45), samples=3)
 
     def counts(**integrator):

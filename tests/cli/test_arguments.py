@@ -38,7 +38,7 @@ def folder(tmp_path, monkeypatch):
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --keep"),
         ("resume", "night.exr", "an EXR image, not the state of a render. prosim render --keep"),
         ("merge", "mug.scn", "a text file, not a part of an image. prosim render --part 1/4"),
-        ("merge", "night.*-of-4.exr", "File 'night.*-of-4.exr' does not exist.\n"),
+        ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],
 )
 def test_wrong_files_are_refused(folder, command, path, says):

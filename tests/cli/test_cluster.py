@@ -18,11 +18,11 @@ import OpenEXR
 import psutil
 import pytest
 from mitsuba_prosim.cli import output as files
+from mitsuba_prosim.engine import origin
+from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from mitsuba_prosim.parallel import cluster, worker
 from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import LOOK, ClusterError, DaskExecutor, render
-from mitsuba_prosim.saved import origin
-from mitsuba_prosim.saved.keeper import Keeper
 from mitsuba_prosim.scene import images, scene_file, session
 from running import names, prosim
 from test_frames import FILM
@@ -375,7 +375,7 @@ ANOTHER = (
 @pytest.mark.slow
 def test_a_scheduler_that_goes_away(lamp, monkeypatch):
     """The image so far is written, and its state, which goes on to the same bytes."""
-    folder, keep = lamp.parent, Keeper.__call__
+    folder, keep = lamp.parent, CheckpointWriter.__call__
     aim = ["--noise", 0.01]
     with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
 
@@ -385,12 +385,12 @@ def test_a_scheduler_that_goes_away(lamp, monkeypatch):
             keep(self, render, last)
 
         with monkeypatch.context() as patch:
-            patch.setattr(Keeper, "__call__", killing)
+            patch.setattr(CheckpointWriter, "__call__", killing)
             address = process.stdout.readline().strip()
             result = prosim("render", lamp, "--keep", "-o", folder / "a", "--cluster", address, *aim)
     assert result.exit_code == 1 and re.search("the scheduler tcp://.* has gone away", result.output)
-    assert f"prosim resume {folder / 'a.state.exr'}" in result.output
-    assert prosim("resume", folder / "a.state.exr").exit_code == 0
+    assert f"prosim resume {folder / 'a.state.npz'}" in result.output
+    assert prosim("resume", folder / "a.state.npz").exit_code == 0
     assert prosim("render", lamp, "-o", folder / "b", *aim).exit_code == 0
     assert alike(folder / "a", folder / "b")
 
@@ -416,6 +416,6 @@ def test_the_array_of_the_documentation(lamp, monkeypatch):
     monkeypatch.chdir(folder)
     said = subprocess.run(["sh", "-c", script], check=True, capture_output=True, text=True).stdout
     assert re.findall(r"part (\d) of 2", said) == ["1", "2"]
-    assert prosim("merge", *(f"night.{k}-of-2.exr" for k in (1, 2)), "-o", "night").exit_code == 0
+    assert prosim("merge", *(f"night.{k}-of-2.npz" for k in (1, 2)), "-o", "night").exit_code == 0
     assert prosim("render", lamp, "-o", "whole").exit_code == 0
     assert alike(folder / "night", folder / "whole")

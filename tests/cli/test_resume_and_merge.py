@@ -8,11 +8,12 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import OpenEXR
 import pytest
-from mitsuba_prosim.saved import files
-from mitsuba_prosim.saved.keeper import Keeper
-from mitsuba_prosim.scene import atomic
+from mitsuba_prosim import atomic
+from mitsuba_prosim.engine import origin
+from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from running import done, names, pixels, prosim, refused
 from test_render_targets import NOISY
 
@@ -43,21 +44,28 @@ def alike(*paths):
     return all(first == other for other in others)
 
 
+def change(path, **values):
+    """Other facts of a checkpoint."""
+    with np.load(path) as archive:
+        contents = dict(archive)
+    contents["facts"] = np.array(json.dumps(json.loads(str(contents["facts"])) | values))
+    with open(path, "wb") as file:
+        np.savez(file, **contents)
+
+
 def die_after(monkeypatch, steps):
     """The process dies after this many steps, as far as the files are concerned: the state of each is written."""
-    monkeypatch.setattr(Keeper, "SHORTEST", 0.0)
-    monkeypatch.setattr(Keeper, "TIMES", 0)
-    monkeypatch.setattr(Keeper, "SHARE", 1e9)
-    keep, left = Keeper.__call__, [steps]
+    monkeypatch.setattr(CheckpointWriter, "SHORTEST", 0.0)
+    monkeypatch.setattr(CheckpointWriter, "SHARE", 1e9)
+    keep, left = CheckpointWriter.__call__, [steps]
 
     def call(self, render, last=False):
         keep(self, render, last)
-        self.writer.join()
         left[0] -= 1
         if left[0] == 0:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Keeper, "__call__", call)
+    monkeypatch.setattr(CheckpointWriter, "__call__", call)
 
 
 @pytest.mark.parametrize("options", [pytest.param((), marks=pytest.mark.slow), ("--noise", 0.02)])
@@ -66,12 +74,12 @@ def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, option
     with monkeypatch.context() as patch:
         die_after(patch, 3)
         assert prosim("render", lamp, "-o", tmp_path / "a", "--keep", *options).exit_code != 0
-    state = tmp_path / "a.state.exr"
+    state = tmp_path / "a.state.npz"
     assert state.exists() and not (tmp_path / "a.exr").exists()
     done("resume", state)
     done("resume", state, "-o", tmp_path / "again", "--exposure", 0)
     assert alike(tmp_path / "whole", tmp_path / "a", tmp_path / "again")
-    assert names(tmp_path)[-1] == "whole.png" and (tmp_path / "again.state.exr").exists()
+    assert names(tmp_path)[-1] == "whole.png" and (tmp_path / "again.state.npz").exists()
 
 
 @pytest.mark.slow
@@ -80,18 +88,18 @@ def test_another_target_and_another_place(lamp, tmp_path):
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     lamp.rename(moved / "lamp.xml")
-    refuse("scene.xml does not exist, nor is it beside", "resume", tmp_path / "a.state.exr")
-    report = done("resume", tmp_path / "a.state.exr", "--noise", 0.02, "--scene", moved / "lamp.xml", "-o", moved / "b")
+    refuse("scene.xml does not exist, nor is it beside", "resume", tmp_path / "a.state.npz")
+    report = done("resume", tmp_path / "a.state.npz", "--noise", 0.02, "--scene", moved / "lamp.xml", "-o", moved / "b")
     assert re.search(r"noise 0\.0\d+ of 0\.02", report.stdout)
     third = moved.rename(tmp_path / "third")  # beside the state it is found
-    report = done("resume", third / "b.state.exr", "--max-samples", 400, "--noise", 1e-9)
+    report = done("resume", third / "b.state.npz", "--max-samples", 400, "--noise", 1e-9)
     assert "maximum number of samples per pixel, 400" in report.stdout
-    done("resume", third / "b.state.exr", "--max-samples", 4000, "--time", 0.1)
-    refuse("has used up its --time 0.1", "resume", third / "b.state.exr", "--noise", 1e-9)
+    done("resume", third / "b.state.npz", "--max-samples", 4000, "--time", 0.1)
+    refuse("has used up its --time 0.1", "resume", third / "b.state.npz", "--noise", 1e-9)
 
 
 def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
-    state = tmp_path / "a.state.exr"
+    state = tmp_path / "a.state.npz"
     done("render", lamp, "-o", tmp_path / "a", "--keep")
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))
     refuse("scene.xml is not the scene of this state", "resume", state)
@@ -100,17 +108,16 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     refuse(f"not the state of a render. Did you mean {state}?", "resume", tmp_path / "a.exr")
     refuse("the state of a render, not a scene. To continue it: prosim resume ", "render", state)
     refuse("is the state of a whole image", "merge", state)
-    file = OpenEXR.File(str(state), separate_channels=True)
-    header = file.parts[0].header
-    text = json.loads(header[files.ATTRIBUTE])
     for name, value, says in [
-        ("origin", text["origin"] | {"mitsuba-prosim": "0.0.9"}, "mitsuba-prosim 0.0.9 there"),
-        ("origin", text["origin"] | {"variant": "llvm_other"}, "llvm_other"),
+        ("origin", origin.here() | {"mitsuba-prosim": "0.0.9"}, "mitsuba-prosim 0.0.9 there"),
+        ("origin", origin.here() | {"variant": "llvm_other"}, "llvm_other"),
         ("about", {}, "prosim render did not write this state"),
     ]:
-        header |= files.attributes(text | {name: value})
-        file.write(str(state))
+        done("render", lamp, "-o", tmp_path / "a", "--keep")
+        change(state, **{name: value})
         refuse(says, "resume", state)
+    OpenEXR.File({"prosim.state": "{}"}, {"R": np.zeros((2, 2), np.float32)}).write(str(state))
+    refuse("was written by an older version", "resume", state)
 
 
 @pytest.mark.parametrize(
@@ -140,22 +147,22 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
     done("render", lamp, "-o", tmp_path / "whole", *every)
     for number in (1, 2, 3):
         report = done("render", lamp, "-o", tmp_path / "a", "--part", f"{number}/3", *every).stdout
-        assert report.startswith(f"{tmp_path}/a.{number}-of-3.exr: part {number} of 3, 32 x 24 pixels")
-    first, second, third = parts = [tmp_path / f"a.{number}-of-3.exr" for number in (1, 2, 3)]
+        assert report.startswith(f"{tmp_path}/a.{number}-of-3.npz: part {number} of 3, 32 x 24 pixels")
+    first, second, third = parts = [tmp_path / f"a.{number}-of-3.npz" for number in (1, 2, 3)]
     assert not (tmp_path / "a.exr").exists()
     refuse("of 3 parts, part 2 is missing", "merge", first, third)
-    assert f"can be removed: {tmp_path}/a.state.exr" in done("merge", third, first, second, "--keep").stdout
+    assert f"can be removed: {tmp_path}/a.state.npz" in done("merge", third, first, second, "--keep").stdout
     assert alike(tmp_path / "whole", tmp_path / "a")
     # All that a small noise begins with is in the parts.
-    report = done("resume", tmp_path / "a.state.exr", "-o", tmp_path / "on", "--noise", 0.00005, "--adaptive", "graded")
+    report = done("resume", tmp_path / "a.state.npz", "-o", tmp_path / "on", "--noise", 0.00005, "--adaptive", "graded")
     assert re.search(r"noise \S+ of 5e-05", report.stdout)
     refuse("all parts of an image have one target", "resume", second, "--noise", 0.01)
     with monkeypatch.context() as patch:
         die_after(patch, 2)
         assert prosim("render", lamp, "-o", tmp_path / "a", "--part", "2/3", *every).exit_code != 0
-    refuse("a.2-of-3.exr is not finished", "merge", *parts)
+    refuse("a.2-of-3.npz is not finished", "merge", *parts)
     done("resume", second)
-    assert f"finished: prosim merge {tmp_path}/a.*-of-3.exr\n" in done("resume", second).stdout
+    assert f"finished: prosim merge {tmp_path}/a.*-of-3.npz\n" in done("resume", second).stdout
     assert "can be removed, unless" in done("merge", *parts, "-o", tmp_path / "b").stdout
     assert alike(tmp_path / "whole", tmp_path / "b")
 
@@ -166,25 +173,25 @@ def test_a_disk_that_is_full(lamp, tmp_path_factory, monkeypatch):
 
     def full(contents):
         path = next(iter(contents))
-        if path.name.endswith(".state.exr") and path.parent == lamp.parent:
+        if path.name.endswith(".state.npz") and path.parent == lamp.parent:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
         return write(contents)
 
-    monkeypatch.setattr(Keeper, "SHORTEST", 0.0)
+    monkeypatch.setattr(CheckpointWriter, "SHORTEST", 0.0)
     monkeypatch.setattr(atomic, "write", full)
     monkeypatch.setattr(atomic.tempfile, "tempdir", str(elsewhere))
     result = prosim("render", lamp, "--keep")
     assert result.exit_code == 1 and result.stderr.count("the render goes on") == 1
     (folder,) = (path for path in elsewhere.iterdir() if path.name.startswith(atomic.RESCUE))
-    assert f"The result is in {folder / 'scene.state.exr'}" in result.stderr
+    assert f"The result is in {folder / 'scene.state.npz'}" in result.stderr
     assert names(lamp.parent) == ["scene.exr", "scene.png", "scene.xml"]
-    done("resume", folder / "scene.state.exr", "-o", folder / "b")
+    done("resume", folder / "scene.state.npz", "-o", folder / "b")
     assert alike(lamp, folder / "b")
 
 
 #: States are written more often than usual, so that there is something to continue.
 OFTEN = (
-    "from mitsuba_prosim.saved.keeper import Keeper; Keeper.SHORTEST, Keeper.SHARE = 0.1, 1; "
+    "from mitsuba_prosim.engine.checkpoint import CheckpointWriter as W; W.SHORTEST, W.SHARE = 0.1, 1; "
     "from prosim_start import main; main()"
 )
 
@@ -193,7 +200,7 @@ OFTEN = (
 def test_killed_at_any_moment_and_continued(lamp, tmp_path):
     """By the signal that none can handle."""
     lamp.write_text(LAMP.replace('"32"', '"128"').replace('"24"', '"128"'))
-    target, state = ["--noise", "0.006"], tmp_path / "a.state.exr"
+    target, state = ["--noise", "0.006"], tmp_path / "a.state.npz"
     done("render", lamp, "-o", tmp_path / "whole", *target)
     chance, killed = random.Random(1), 0
     while True:

@@ -17,8 +17,9 @@ import OpenEXR
 import prosim_scene
 from prosim_scene import FPS, FRAME, TIME
 
-from ..saved import origin
-from ..scene import atomic, scene_file, session
+from .. import atomic
+from ..engine import origin
+from ..scene import scene_file, session
 from . import output
 from .image import SUFFIXES, Image, Result, Task, finish, render_image, start, unfinished
 from .interrupts import interruptible

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 import mitsuba as mi
 
-from .. import saved
 from ..denoising import halves, layers, oidn
-from ..engine.record import Record
+from ..engine import checkpoint
+from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.render import Reached
-from ..saved.keeper import Keeper
 from ..scene import black, images, rendering, report, scene_file, session
 from . import output
 from .interrupts import interruptible
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from .workers import Workers
 
 #: Suffixes of an image, and of its state.
-SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
+SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
 #: Channels of the raw and of the denoised image, and of the errors.
 DENOISED_CHANNELS = 9
@@ -41,9 +40,8 @@ DENOISED_CHANNELS = 9
 class Task:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
-    ``about``: what its checkpoints belong to; None: it has none. ``begin``: continues from there. ``sources``: files
-    that no image may overwrite. ``facts``: further metadata, of a frame of a film, which is written only when it is
-    finished.
+    ``about``: what its checkpoints belong to; None: it has none. ``begin``: continues from there. ``facts``:
+    further metadata, of a frame of a film, which is written only when it is finished.
     """
 
     job: Job
@@ -52,8 +50,7 @@ class Task:
     sensor: mi.Sensor
     stem: Path
     about: Mapping[str, Any] | None = None
-    begin: Record | None = None
-    sources: Sequence[Path] = ()
+    begin: Checkpoint | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -62,8 +59,7 @@ class Task:
         job: Job,
         file: scene_file.SceneFile,
         stem: Path,
-        begin: Record | None = None,
-        sources: Collection[Path] = (),
+        begin: Checkpoint | None = None,
         facts: Mapping[str, str] | None = None,
     ) -> Task:
         """The task of a job whose scene ``file`` has been opened. Raises what loading it raises, and ValueError where
@@ -82,24 +78,23 @@ class Task:
                 f"{job.scene} is not the scene of this state: its text has changed, or a mesh or a picture that it "
                 "names. Render it again, or give the right one by --scene."
             )
-        sources = [file.path, *sources, *(path.resolve() for path in file.sources())]
-        return cls(job, file, scene, sensor, stem, about if keep else None, begin, sources, facts or {})
+        return cls(job, file, scene, sensor, stem, about if keep else None, begin, facts or {})
 
     @property
     def integrator(self) -> Any:
         """The scene's integrator."""
         return self.scene.integrator()
 
-    def keeper(self) -> Keeper | None:
+    def writer(self) -> CheckpointWriter | None:
         """What writes the checkpoints, if there are some. Raises InputError where the result can't be written."""
         part = self.job.part
-        suffixes = () if part else SUFFIXES
+        states = [f".{part}.npz" if part else STATE] if self.about is not None else []
+        output.check(
+            self.stem, [*(() if part else SUFFIXES), *states], self.size(), [self.file.path, *self.file.sources()]
+        )
         if self.about is None:
-            output.check(self.stem, suffixes, self.size(), self.sources)
             return None
-        state = f".{part}.exr" if part else STATE
-        output.check(self.stem, suffixes, self.size(), self.sources, [state])
-        return Keeper(self.stem.with_name(self.stem.name + state), self.about, warn)
+        return CheckpointWriter(self.stem.with_name(self.stem.name + states[0]), self.about, warn)
 
     def size(self) -> int:
         """Bytes of the image at most."""
@@ -157,8 +152,8 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
     before the first sample, unless it is a frame of a film.
     """
     job, film, is_frame = task.job, task.sensor.film(), bool(task.facts)
-    keeper = task.keeper()
-    consumers: list[Any] = [one for one in (keeper, shown and shown.update) if one]
+    writer = task.writer()
+    consumers: list[Any] = [one for one in (writer, shown and shown.update) if one]
     with interruptible(task.integrator.cancel) as signals:
         executor = workers.executor(task)
         begun = perf_counter()
@@ -169,8 +164,8 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
                 for consume in consumers:
                     consume(steps)
             steps.close()
-            if keeper is not None:
-                keeper(steps, last=True)
+            if writer is not None:
+                writer(steps, last=True)
         except ValueError as error:
             raise InputError(str(error)) from None
         except (RuntimeError, MemoryError) as error:
@@ -186,9 +181,9 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
         if shown is not None:
             shown.show()
         paths = output.save(task.stem, image.contents) if image.contents else []
-    state = None if keeper is None else keeper.path
-    if keeper is not None and keeper.unwritten is not None:
-        output.save(keeper.path.with_suffix(""), {".exr": keeper.unwritten})
+    state = None if writer is None else writer.path
+    if writer is not None and writer.unwritten is not None:
+        output.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
     line = image.line(job, task.file, [*paths, state] if state else paths)
     left = report.interrupted(steps.reached) if interruption else None
     lines = [f"{line}, {left}" if left else line, lost, *image.quality]
@@ -278,22 +273,19 @@ def denoised(steps: halves.Rendering, film: mi.Film) -> tuple[mi.Bitmap, dict[st
 
 def refuse_other_integrators(job: Job, integrator: mi.Integrator) -> None:
     """Raises ValueError where an option needs an integrator of ours."""
-    keep = "--part" if job.part else "--keep" if job.keep else None
-    option = keep or job.distributed
+    option = "--part" if job.part else "--keep" if job.keep else job.distributed
     if option and not rendering.keeps(integrator):
         raise ValueError(
             f"{option} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
             f"{integrator.class_name()}. Add --noise 0.01 or --adaptive none --samples 8, for example: prosim_adaptive "
             "then wraps it."
         )
-    if keep and getattr(integrator, "sampler", None) is not None:
-        raise ValueError(f"{keep} can't store the state of Mitsuba's samplers; leave it out of prosim_adaptive.")
 
 
-def unfinished(stem: Path, about: Mapping[str, Any]) -> Record | None:
+def unfinished(stem: Path, about: Mapping[str, Any]) -> Checkpoint | None:
     """The state of an interrupted render, if it exists and belongs to this job."""
     try:
-        record = saved.load(f"{stem}{STATE}")
+        record = checkpoint.load(f"{stem}{STATE}")
     except (OSError, ValueError):
         return None
     return record if json.dumps(record.about, sort_keys=True) == json.dumps(about, sort_keys=True) else None

@@ -13,9 +13,9 @@ from typing import Any
 
 import click
 
-from .. import saved
+from ..engine import checkpoint
 
-EXR = "an EXR image"
+EXR, ARCHIVE = "an EXR image", "an archive"
 
 #: The first bytes of files that are no scenes, and their kinds.
 MAGIC = {
@@ -24,11 +24,11 @@ MAGIC = {
     b"\xff\xd8\xff": "a JPEG image",
     b"ply": "a mesh",
     b"%PDF": "a PDF file",
-    b"PK\x03\x04": "an archive",
+    b"PK\x03\x04": ARCHIVE,
 }
 
 #: What follows the name of an image in that of its state, or of a part.
-SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))?\.exr$")
+SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$|\.exr$")
 
 
 class InputFile(click.Path, ABC):
@@ -78,7 +78,7 @@ class SceneFile(InputFile):
     def wrong(self, path: Path) -> str | None:
         """As :meth:`InputFile.wrong`."""
         what = kind(path)
-        part = is_part(path) if what == EXR else None
+        part = is_part(path) if what in (EXR, ARCHIVE) else None
         if part:
             return f"a part of an image, not a scene. To merge all parts: prosim merge {parts(path)}"
         if part is not None:
@@ -99,13 +99,13 @@ class LanguageFile(SceneFile):
 class StateFile(InputFile):
     """The state of a render, or a part of an image."""
 
-    patterns: tuple[str, ...] = ("*.state.exr", "*.*-of-*.exr")
+    patterns: tuple[str, ...] = ("*.state.npz", "*.*-of-*.npz")
     described, writer = "the state of a render", "prosim render --keep"
 
     def wrong(self, path: Path) -> str | None:
         """As :meth:`InputFile.wrong`."""
         what = kind(path)
-        if what == EXR and is_part(path) is not None:
+        if what in (EXR, ARCHIVE) and is_part(path) is not None:
             return None
         what = f"{what or 'a text file'}, not {self.described}."
         return what + (self.suggestion(path) or f" {self.writer} writes one.")
@@ -114,7 +114,7 @@ class StateFile(InputFile):
 class PartFile(StateFile):
     """A part of an image."""
 
-    patterns = ("*.*-of-*.exr",)
+    patterns = ("*.*-of-*.npz",)
     described, writer = "a part of an image", "prosim render --part 1/4"
 
 
@@ -125,9 +125,9 @@ def stem(path: Path) -> Path:
 
 
 def parts(path: Path) -> str:
-    """A pattern for all parts of the image of one: ``night.*-of-4.exr``; another path as it is."""
+    """A pattern for all parts of the image of one: ``night.*-of-4.npz``; another path as it is."""
     found = SUFFIXES.search(path.name)
-    return f"{stem(path)}.*-of-{found['of']}.exr" if found and found["of"] else str(path)
+    return f"{stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else str(path)
 
 
 def kind(path: Path) -> str | None:
@@ -140,10 +140,10 @@ def kind(path: Path) -> str | None:
 
 
 def is_part(path: Path) -> bool | None:
-    """Whether an EXR file is the state of a part of an image; None if it is no state."""
+    """Whether a file is the state of a part of an image; None if it is no state."""
     try:
-        return saved.about(path)["facts"]["part"] is not None
-    except saved.NoStateError:
+        return checkpoint.about(path)["facts"]["part"] is not None
+    except checkpoint.NotACheckpointError:
         return None
-    except (saved.StateError, OSError):
+    except (checkpoint.CheckpointError, OSError):
         return False

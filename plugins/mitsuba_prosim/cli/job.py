@@ -14,9 +14,9 @@ import click
 import mitsuba as mi
 import prosim_scene
 
-from ..engine.part import Part
+from ..engine.checkpoint import Checkpoint
 from ..engine.policies import POLICIES
-from ..engine.record import Record
+from ..engine.tiles import Part
 from ..scene import scene_file, session
 from .options import (
     ADDRESS,
@@ -76,7 +76,7 @@ class Job:
         click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="beside the input"
     )
     exposure: float | None = _output(Number("stops", -64, 64), "Exposure of the PNG in stops.")
-    keep: bool = _output(None, "Write checkpoints, NAME.state.exr, from which prosim resume continues.")
+    keep: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
     view: tuple[str, int] | None = _output(VIEWER, "Show the image in tev while it is rendered.")
     verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
 
@@ -102,7 +102,7 @@ class Job:
     threads: int | None = _distribution(Integer(1, 1024), "Number of threads.", "-t", show_default="all")
     workers: int | None = _distribution(Integer(1, 256), "Use this many local processes.")
     cluster: str | None = _distribution(ADDRESS, "Use the workers of the Dask cluster with this scheduler.")
-    part: Part | None = _distribution(PART, "Render only part K of M, to NAME.K-of-M.exr; see prosim merge.")  # noqa: RUF009
+    part: Part | None = _distribution(PART, "Render only part K of M, to NAME.K-of-M.npz; see prosim merge.")  # noqa: RUF009
 
     variant: str = _advanced(
         click.Choice(mi.variants()),
@@ -159,10 +159,10 @@ class Job:
         return {name: getattr(self, name) for name in FIELDS if name not in RUNNING}
 
     @classmethod
-    def of(cls, record: Record) -> Job:
+    def of(cls, checkpoint: Checkpoint) -> Job:
         """The job of a checkpoint. Raises ValueError where prosim render did not write it."""
         try:
-            return cls(**record.about["job"])
+            return cls(**checkpoint.about["job"])
         except (KeyError, TypeError):
             raise ValueError(
                 "prosim render did not write this state; continue it where it comes from, by "
@@ -222,7 +222,7 @@ CONFLICTS = (
         "part",
         " ".join(TARGETS),
         "--noise and --time need the whole image, and a part knows only its own pixels. Render the parts without them, "
-        "with --adaptive none; then prosim merge --keep, and prosim resume NAME.state.exr --noise X --adaptive graded. "
+        "with --adaptive none; then prosim merge --keep, and prosim resume NAME.state.npz --noise X --adaptive graded. "
         "Where the machines are connected, --cluster does all that.",
     ),
     ("denoise", "keep part", "--denoise renders two images, and --keep and --part store one; give one of them."),

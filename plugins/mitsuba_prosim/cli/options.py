@@ -10,7 +10,7 @@ import click
 import prosim_scene
 from prosim_scene import extras
 
-from ..engine.part import Part
+from ..engine.tiles import Part
 from ..scene import overrides, session
 from ..scene.errors import pointed, with_nearest
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 
-from ..scene import atomic
+from .. import atomic
 from .options import InputError
 
 #: Suffixes of files. One that is not written is a mistake, not a part of the name.
 KNOWN = re.compile(
-    r"\.(avi|bmp|csv|exr|gif|hdr|html|jpe?g|json|mov|mp4|pdf|pfm|ply|png|ppm|rgbe|scn|svg|tga|tiff?|txt|web[mp]|xml)"
+    r"\.(avi|bmp|csv|exr|gif|hdr|html|jpe?g|json|mov|mp4|npz|pdf|pfm|ply|png|ppm|rgbe|scn|svg|tga|tiff?|txt|web[mp]|xml)"
 )
 
 
@@ -72,14 +72,12 @@ def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:
     return [stem.with_name(stem.name + suffix) for suffix in suffixes]
 
 
-def check(
-    stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path], states: Collection[str] = ()
-) -> None:
+def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path]) -> None:
     """Raises InputError if files of ``size`` bytes in all could not be written, or one of the ``sources`` would be
-    overwritten. Files with the suffixes ``states`` are written too, and may replace a source.
+    overwritten.
     """
     try:
-        atomic.check(with_suffixes(stem, (*suffixes, *states)), size)
+        atomic.check(with_suffixes(stem, suffixes), size)
     except OSError as error:
         raise InputError(f"the result can't be written: {reason(error)}. Choose another place with -o.") from None
     existing = [path for path in sources if path.exists()]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection
 from contextlib import closing
 from pathlib import Path
 
 import click
 
-from ..engine.record import Record
-from ..scene import atomic, rendering, session
+from .. import atomic
+from ..engine.checkpoint import Checkpoint
+from ..scene import rendering, session
 from . import film, output
 from .image import SUFFIXES, Task, render_image
 from .input_files import SceneFile
@@ -40,15 +40,15 @@ def render(job: Job) -> None:
         film.render(job, stem)
 
 
-def write_image(job: Job, stem: Path, begin: Record | None = None, sources: Collection[Path] = ()) -> None:
+def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
     """Renders a job, or its part alone, writes its image, and prints a report. ``stem``: the path without suffix.
 
-    ``begin``: continues from there; ``sources``: the files of ``begin``, which no image may overwrite. Raises
-    InputError, where nothing has been written, and ClickException; ends the process where it was interrupted.
+    ``begin``: continues from there. Raises InputError, where nothing has been written, and ClickException; ends the
+    process where it was interrupted.
     """
     with log(job.verbose), session.threads(job.threads), atomic.scratch() as folder:
         with wrong_input():
-            task = Task.of(job, job.file(folder), stem, begin, sources)
+            task = Task.of(job, job.file(folder), stem, begin)
         progressive = rendering.keeps(task.integrator)
         with (
             Workers(job) as workers,

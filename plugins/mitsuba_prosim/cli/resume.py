@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from .. import saved
-from ..engine.record import Record
+from ..engine import checkpoint
+from ..engine.checkpoint import Checkpoint
 from ..scene import session
 from . import output
 from .image import STATE, SUFFIXES
@@ -66,7 +66,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
             f"one, such as --time {2 * sampling['time']:g}"
         )
     job = continued(before, job, keep=True, part=record.part, **target)
-    write_image(job, output.stem(job.output, stem(state), SUFFIXES), record, sources=[state])
+    write_image(job, output.stem(job.output, stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
             f"It was finished before. When all parts are finished: prosim merge {parts(state)}"
@@ -85,9 +85,9 @@ def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
     The image is the same to the bit as one that is rendered at once. Each part has to be there once, in any order.
     Nothing is rendered.
     """
-    record, before = opened(files[0], moved, lambda: saved.merge(files))
+    record, before = opened(files[0], moved, lambda: checkpoint.merge(files))
     target = output.stem(job.output, stem(files[0]), SUFFIXES)
-    write_image(continued(before, job), target, record, sources=files)
+    write_image(continued(before, job), target, record)
     click.echo(
         f"The parts can be removed: {target}{STATE} stores all of them."
         if job.keep
@@ -102,17 +102,17 @@ def continued(before: Job, asked: Job, **changes: Any) -> Job:
     return replace(before, exposure=exposure, **running | changes)
 
 
-def opened(state: Path, moved: Path | None, read: Callable[[], Record] | None = None) -> tuple[Record, Job]:
+def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | None = None) -> tuple[Checkpoint, Job]:
     """The record in a file and its job, whose variant is set; ``moved``: path of the job's scene, if that was moved;
     ``read``: makes the record, unless the file alone has it.
 
     Raises InputError.
     """
     try:
-        choose_variant(saved.about(state)["origin"]["variant"])
+        choose_variant(checkpoint.about(state)["origin"]["variant"])
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            record = read() if read else saved.load(state)
+            record = read() if read else checkpoint.load(state)
         job = Job.of(record)
         scene = Path(job.scene)
         for path in filter(None, (moved, scene, state.parent / scene.name)):

@@ -11,7 +11,8 @@ from typing import Any
 import click
 from prosim_scene import Document, Kept
 
-from ..scene import atomic, images, scene_file, session
+from .. import atomic
+from ..scene import images, scene_file, session
 from .image import metadata
 from .input_files import SceneFile
 from .interrupts import interruptible

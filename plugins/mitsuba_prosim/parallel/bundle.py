@@ -13,8 +13,9 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..saved import origin
-from ..scene import atomic, scene_file
+from .. import atomic
+from ..engine import origin
+from ..scene import scene_file
 
 #: Identifies this process: a worker keeps the last scene of each client.
 SESSION = uuid.uuid4().hex
@@ -25,7 +26,7 @@ class SceneBundle:
     """A scene for :mod:`.worker`.
 
     ``key`` identifies the content; ``main`` is the name of the XML file; ``changes`` are further arguments of
-    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` says what the samples depend on, see :mod:`..saved.origin`.
+    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` says what the samples depend on, see :mod:`..engine.origin`.
     ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They travel separately.
     """
 

@@ -15,19 +15,20 @@ import distributed
 import drjit as dr
 import mitsuba as mi
 
+from .. import atomic
 from ..alone import alone
-from ..engine.work import Local, Results, WorkItem
+from ..engine import origin
+from ..engine.work import Results, TimeSlicer, WorkItem
 from ..photons.caustics import Which
-from ..saved import origin
-from ..scene import atomic, rendering, scene_file
+from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
 #: Seconds between two looks at the workers, and without workers until the user is told.
 LOOK, PATIENCE = 0.5, 10.0
 
-#: Tasks for each worker: one runs and one waits. Of ordered tasks others may be finished and wait for earlier ones.
-WINDOW, AHEAD = 2, 4
+#: Tasks for each worker: one runs and one waits.
+WINDOW = 2
 
 #: Number of times that Dask repeats a task that fails.
 RETRIES = 2
@@ -71,7 +72,7 @@ class DaskExecutor:
         self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
     ) -> None:
         self.client, self.bundle, self.say = client, bundle, say
-        self.sizer = Local(SECONDS)
+        self.slicer = TimeSlicer(SECONDS)
         #: Why the cluster has gone away.
         self.gone: str | None = None
         #: Seconds of all workers together.
@@ -98,17 +99,17 @@ class DaskExecutor:
 
     # ---------------------------------------------------------------- the interface of an executor
 
-    def limit(self, most: int | None, left: int) -> int | None:
+    def limit(self, left: int, seconds: float) -> int:
         """Samples of the next work item: some seconds of a worker, less towards the end."""
-        share = max(left // (WINDOW * max(len(self._workers), 1)), self.sizer.size // FEWER)
-        return self.sizer.limit(share if most is None else min(share, most), left)
+        size = self.slicer.limit(left, seconds)
+        return min(size, max(left // (WINDOW * max(len(self._workers), 1)), size // FEWER, 1))
 
-    def __call__(self, items: Iterator[WorkItem], ordered: bool) -> Results:
+    def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each work item with its sums, and None while there is nothing new.
 
         Raises ClusterError if no worker can take part, or if a work item fails again and again.
         """
-        return self._results(map(self._samples, items), ordered)
+        return self._results(map(self._samples, items))
 
     def make(self, images: Iterable[ImageTask]) -> Generator[tuple[ImageTask, Any] | None, None, None]:
         """Yields each image with its result, and None while there is nothing new. Raises ClusterError."""
@@ -117,22 +118,22 @@ class DaskExecutor:
             arguments = worker.make, image.bundle, image.make, image.arguments
             return _Task(image.name, lambda: self._submit(*arguments), lambda result: (image, result))
 
-        return self._results(map(task, images), False)
+        return self._results(map(task, images))
 
     # ---------------------------------------------------------------- tasks
 
     def _samples(self, item: WorkItem) -> _Task:
         """The task that takes the samples of ``item``."""
-        content, sets = worker.packed(item), item.sets()
+        content, sets = worker.packed(item), item.photon_sets()
 
         def submit() -> distributed.Future:
-            photons = [self._draw(which, item) for which in sets] if len(sets) <= SETS else []
+            photons = [self._draw(which) for which in sets] if len(sets) <= SETS else []
             return self._submit(worker.take, self.bundle, content, sets, photons)
 
         def read(result: tuple[float, bytes]) -> tuple[WorkItem, Any]:
             seconds, sums = result
             self.seconds += seconds
-            self.sizer.learn(item.work, seconds)
+            self.slicer.learn(item.work, seconds)
             with alone():
                 values = pickle.loads(sums)
                 dr.eval(values)
@@ -140,11 +141,11 @@ class DaskExecutor:
 
         return _Task("samples", submit, read)
 
-    def _draw(self, which: Which, item: WorkItem) -> distributed.Future:
+    def _draw(self, which: Which) -> distributed.Future:
         """The photons of a set, which one worker draws for all."""
         future, workers = self._photons.get(which, (None, frozenset()))
         if future is None or workers.isdisjoint(self._workers):
-            future = self._submit(worker.draw, self.bundle, worker.pickled(item.plan), which)
+            future = self._submit(worker.draw, self.bundle, which)
             self._photons[which] = future, self._workers
             while len(self._photons) > SETS:
                 del self._photons[next(iter(self._photons))]
@@ -159,7 +160,7 @@ class DaskExecutor:
             call = function, replace(bundle, contents={}), files, *arguments
             return self.client.submit(*call, workers=list(self._workers), retries=RETRIES, pure=False)
 
-    def _results(self, tasks: Iterator[_Task], ordered: bool) -> Generator[Any, None, None]:
+    def _results(self, tasks: Iterator[_Task]) -> Generator[Any, None, None]:
         """Yields the result of each task, and None while there is nothing new."""
         running: list[_Task] = []
 
@@ -180,13 +181,13 @@ class DaskExecutor:
                         submit(task)
                 window = WINDOW * len(self._workers)
                 busy = sum(not task.future.done() for task in running)
-                while busy < window and len(running) < AHEAD * window and (new := next(tasks, None)) is not None:
+                while busy < window and (new := next(tasks, None)) is not None:
                     submit(new)
                     running.append(new)
                     busy += 1
                 if not running:
                     return
-                ready = next((task for task in running[: 1 if ordered else None] if task.future.done()), None)
+                ready = next((task for task in running if task.future.done()), None)
                 if ready is None:
                     time.sleep(0.01)
                     yield None

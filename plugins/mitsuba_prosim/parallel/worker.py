@@ -24,12 +24,11 @@ import prosim_scene
 
 from ..alone import alone
 from ..compat import dr_array
-from ..engine.estimate import Estimator
-from ..engine.plan import Plan
+from ..engine import origin
+from ..engine.estimator import Estimator
 from ..engine.policies import POLICIES
 from ..engine.work import WorkItem
 from ..photons.caustics import Which
-from ..saved import origin
 from ..scene import session
 from .bundle import SceneBundle
 
@@ -63,10 +62,10 @@ class Loaded:
         self.sensor.film().prepare(self.integrator.aov_names())
         self._estimator: Estimator | None = None
 
-    def estimator(self, plan: Plan) -> Estimator:
-        """The estimator of the scene, for ``plan``."""
+    def estimator(self) -> Estimator:
+        """The estimator of the scene."""
         if self._estimator is None:
-            self._estimator = self.integrator.estimator(plan, self.scene, self.sensor)
+            self._estimator = self.integrator.estimator(self.scene, self.sensor)
         return self._estimator
 
 
@@ -131,7 +130,7 @@ def pickled(value: Any) -> bytes:
 
 def packed(item: WorkItem) -> bytes:
     """A work item without the scene and without the function that stores the sums."""
-    return pickled((item.x, item.y, item.start, item.plan, item.end, item.quiet is not None))
+    return pickled((item.plan, item.x, item.y, item.start, item.end, item.policy is not None))
 
 
 @in_render_thread
@@ -141,8 +140,8 @@ def take(
     """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
     scene = loaded(bundle, contents)
 
-    def estimator(plan: Plan) -> Estimator:
-        result = scene.estimator(plan)
+    def estimator() -> Estimator:
+        result = scene.estimator()
         for which, photon_pass in zip(sets, photons):
             if not result.transport.caustics.has(which):
                 result.transport.caustics.put(which, pickle.loads(photon_pass))
@@ -151,25 +150,24 @@ def take(
     return taken(estimator, item)
 
 
-def taken(estimator: Callable[[Plan], Estimator], item: bytes) -> tuple[float, bytes]:
+def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
-        x, y, start, plan, end, quiet = pickle.loads(item)
-        sampled = estimator(plan)
-    policy: Any = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
+        plan, x, y, start, end, decides = pickle.loads(item)
+        policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold) if decides else None
+        whole = WorkItem(estimator(), plan, x, y, start, end, policy)
     begun = time.perf_counter()
-    whole = WorkItem(sampled, x, y, start, plan, end, policy.quiet if quiet else None, 0, (0.0, 1.0), lambda _: None)
     sums = whole.take()
     dr.sync_thread()
     return time.perf_counter() - begun, pickled(sums)
 
 
 @in_render_thread
-def draw(bundle: SceneBundle, contents: Mapping[str, bytes], plan: bytes, which: Which) -> bytes:
-    """The photons of a set, pickled for all workers. ``plan`` is pickled."""
+def draw(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> bytes:
+    """The photons of a set, pickled for all workers."""
     scene = loaded(bundle, contents)
     with alone():
-        return pickled(scene.estimator(pickle.loads(plan)).transport.caustics.photons(which))
+        return pickled(scene.estimator().transport.caustics.photons(which))
 
 
 @in_render_thread

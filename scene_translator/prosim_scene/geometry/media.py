@@ -102,9 +102,10 @@ def boundaries(value: Value, fresnel: Collection[int] = ()) -> list[Boundary]:
     opaque primitives that reflect by Fresnel's equations: where a dielectric touches one, what it touches of the opaque
     solid is an interface too.
     """
-    if not value:
+    bodies = [(m, body) for m, body in sorted(value.items()) if not checked(body.manifold).is_empty()]
+    if not bodies:
         return []
-    (first, body), *others = sorted(value.items(), key=lambda item: item[0])
+    (first, body), *others = bodies
     none = np.empty(0, np.int64)
     layers = [_Layer(first, none, none, body, [])]
     if others:

@@ -19,8 +19,8 @@ MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # around a circle
 #: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer
 #: than so many segments.
 UNSEEN_TOLERANCE, UNSEEN_SEGMENTS = 10.0, 128
-#: A ball that is longer than wide by more than this is as fine as if it was not: near its ends alone that is too coarse,
-#: and manifold3d takes minutes for two such balls with many triangles.
+#: A ball that is longer than wide by more than this is as fine as if it were not: that is too coarse near its ends
+#: alone, and manifold3d takes minutes for two such balls with many triangles.
 NEEDLE = 16.0
 ON_AXIS = 1e-6  # distance from an axis or an apex within which a corner has no azimuth of its own
 

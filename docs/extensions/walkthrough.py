@@ -16,8 +16,3 @@ def steps():
         end = statements.pop("END")
         yield "\n".join([*statements.values(), end, ""]), picture
         statements["END"] = end
-
-
-def whole():
-    """The scene at the end of the page."""
-    return re.findall(r"```scn\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)[-1]

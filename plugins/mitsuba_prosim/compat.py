@@ -222,6 +222,18 @@ RESERVED = ("config", "filename")
 MATERIAL_FILES = ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")
 
 
+#: The plugins of Mitsuba 3.9 that are written in Python, which its command can't run.
+PLUGINS_IN_PYTHON = (
+    "prb",
+    "prb_basic",
+    "prb_projective",
+    "prbvolpath",
+    "direct_projective",
+    "volprim_rf_basic",
+    "flat_sensor",
+)
+
+
 # ---------------------------------------------------------------- the words of errors
 # An error has no attributes: what it speaks of is in its words (as of 3.9).
 

@@ -7,7 +7,7 @@ import tempfile
 from contextlib import contextmanager
 
 import pytest
-from mitsuba_prosim.scene import atomic
+from mitsuba_prosim import atomic
 from prosim_scene import PART
 
 

@@ -5,7 +5,7 @@ import threading
 import drjit as dr
 import mitsuba as mi
 import pytest
-from mitsuba_prosim.engine.estimate import Estimator
+from mitsuba_prosim.engine.estimator import Estimator
 from mitsuba_prosim.scene import scene_file, session
 
 

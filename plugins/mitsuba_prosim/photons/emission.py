@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import emitter_pointers, emitters_in_order, eval_direction
-from ..light.balls import Balls, ball
+from ..light.spheres import SphereLights, sphere_of
 from ..masks import but_not
 from ..optics.nested import parts
 from ..sampling import sobol
@@ -123,7 +123,7 @@ class Sources:
             return
         self.pointers = emitter_pointers(scene, self.emitters)
         self.kind = mi.UInt32([KINDS.index(name) for name in kinds.values()])
-        balls = [ball(e) if name == "surface" and Balls.takes(e) else None for e, name in kinds.items()]
+        balls = [sphere_of(e) if name == "surface" and SphereLights.takes(e) else None for e, name in kinds.items()]
         self.has_balls = any(balls)
         values = [[*np.ravel(np.array(b[0])), *np.ravel(np.array(b[1]))] if b else [0, 0, 0, 0] for b in balls]
         x, y, z, radii = np.array(values, dtype=np.float32).T.tolist()  # see Targets

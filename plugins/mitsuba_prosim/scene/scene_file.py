@@ -176,11 +176,6 @@ def uses(path: str | Path, definitions: Mapping[str, str], names: Iterable[str])
     return {name for name in names if re.search(rf"\${name}\b", text)}
 
 
-def plugin_names(state: mi.parser.ParserState) -> set[str]:
-    """Names of all plugins in a parsed scene."""
-    return {node.props.plugin_name() for node in state.nodes}
-
-
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
     """The sensor of that index. Raises an error that begins as that of the native command."""
     if not isinstance(scene, mi.Scene):

@@ -6,7 +6,7 @@
 ``kills``: renders are killed (``SIGKILL``, at random moments) and resumed, workers are killed, parts are merged; the
 pixels are compared with those of an undisturbed render, for all policies and for films with box and gaussian filters.
 The process ends with an error where they differ. ``costs``: processor seconds of ``--keep``, of two workers of one
-thread, and of four parts, over those of one render; quotients by turns, with 95 % bootstrap intervals.
+thread, and of four parts, over those of one render; quotients by turns, with 95 % intervals.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import psutil
+from measure import interval, shown
 
 SCENE = """<scene version="3.0.0">
     <integrator type="prosim_adaptive"><integrator type="path"/><integer name="band" value="2000"/></integrator>
@@ -93,10 +94,10 @@ def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: f
         of = chance.randint(2, 6)
         for number in chance.sample(range(1, of + 1), of):
             ends(prosim("render", scene, *options, "--part", f"{number}/{of}", "-o", stem))
-        parts = sorted(stem.parent.glob(f"{stem.name}.*-of-*.exr"))
+        parts = sorted(stem.parent.glob(f"{stem.name}.*-of-*.npz"))
         ends(prosim("merge", *chance.sample(parts, of), "-o", stem))
         return 0
-    killed, state = 0, stem.with_name(stem.name + ".state.exr")
+    killed, state = 0, stem.with_name(stem.name + ".state.npz")
     more = ["--workers", chance.choice([2, 3])] if kind else []
     process = prosim("render", scene, "--keep", "-o", stem, *options, *more)
     while not ends(process, chance.uniform(0.2, 0.9 * seconds) if killed < 3 else None):
@@ -155,9 +156,8 @@ def costs(folder: Path, options: argparse.Namespace) -> None:
     print("| | over one process |\n|---|---:|")
     for way in list(ways)[1:]:
         ratios = np.array(seconds[way]) / np.array(seconds["one process"])
-        chosen = np.random.default_rng(1).integers(0, len(ratios), (2000, len(ratios)))
-        low, high = np.percentile(np.median(ratios[chosen], axis=1), [2.5, 97.5])
-        print(f"| `{way}` | {np.median(ratios):.2f} ({low:.2f}–{high:.2f}) |")
+        value = interval(lambda k, r=ratios: np.array(np.median(r[k])), options.rounds)
+        print(f"| `{way}` | {shown(value)} |")
 
 
 def main() -> None:

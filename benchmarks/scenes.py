@@ -1,199 +1,175 @@
-"""The scenes of the benchmarks.
+"""The scenes of the benchmarks: ours, built ones, and scenes by others from a folder that the user names.
 
-Each is made from Mitsuba's own plugins where it can be, so that integrators and samplers are compared, not materials;
-most have a mean near a quarter of white.
+A :class:`Subject` is a scene without an integrator, the thesis's tree for it, and the depth that a path tracer takes.
+Scenes by others are not shipped. ``EXTERNAL`` lists where each comes from; its file is ``FOLDER/NAME/scene.xml``.
 """
 
-import tempfile
+from __future__ import annotations
+
 import warnings
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
-import numpy as np
-from mitsuba_prosim.compare.scenes import FileScene, Scene
-from mitsuba_prosim.scene.scene_file import SceneFile
+import prosim_scene
 
-PALITO = Path(__file__).parents[1] / "examples" / "palito.scn"
-
-
-def rgb(*values):
-    return {"type": "rgb", "value": list(values)}
+EXAMPLES = Path(__file__).parents[1] / "examples"
+OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
+#: Well-known scenes in Mitsuba 3's format, by Benedikt Bitterli (https://benedikt-bitterli.me/resources/).
+EXTERNAL = ("staircase2", "living-room-2", "veach-mis", "veach-ajar")
 
 
-def diffuse(*values):
+def rgb(*values: float) -> dict[str, Any]:
+    """A colour; one value stands for three."""
+    return {"type": "rgb", "value": list(values) * (3 if len(values) == 1 else 1)}
+
+
+def diffuse(*values: float) -> dict[str, Any]:
+    """A diffuse material."""
     return {"type": "diffuse", "reflectance": rgb(*values)}
 
 
-def floor(bsdf, size=6):
-    return {"type": "rectangle", "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90).scale(size), "bsdf": bsdf}
+def sphere(center: list[float], radius: float, **look: Any) -> dict[str, Any]:
+    """A sphere with a ``bsdf`` or an ``emitter``."""
+    return {"type": "sphere", "center": center, "radius": radius, **look}
 
 
-def ball(center, radius, bsdf):
-    return {"type": "sphere", "center": center, "radius": radius, "bsdf": bsdf}
+def lamp(center: list[float], radius: float, radiance: float) -> dict[str, Any]:
+    """A sphere that emits."""
+    return sphere(center, radius, emitter={"type": "area", "radiance": rgb(radiance)})
 
 
-def lamp(center, radius, radiance):
+def rectangle(bsdf: dict[str, Any], transform: Callable[[Any], Any]) -> dict[str, Any]:
+    """A rectangle; ``transform`` places it, given the identity."""
+    return {"type": "rectangle", "to_world": transform(mi.ScalarTransform4f()), "bsdf": bsdf}
+
+
+def stage(**things: Any) -> dict[str, Any]:
+    """A floor and a wall, seen from the front, a pole and a lamp; ``things`` replace or add objects."""
+    look_at = mi.ScalarTransform4f().look_at([0, 2.2, 6], [0, 0.9, 0], [0, 1, 0])
     return {
-        "type": "sphere",
-        "center": center,
-        "radius": radius,
-        "emitter": {"type": "area", "radiance": rgb(*[radiance] * 3)},
-    }
-
-
-def camera(origin, target, fov):
-    return {
-        "type": "perspective",
-        "fov": fov,
-        "to_world": mi.ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 1, 0]),
-    }
-
-
-def stage(**things):
-    """A floor and a wall, seen from the front, and a lamp before them."""
-    return {
-        "sensor": camera([0, 2.2, 6], [0, 0.9, 0], 40),
-        "floor": floor(diffuse(0.6, 0.6, 0.5)),
-        "wall": {
-            "type": "rectangle",
-            "to_world": mi.ScalarTransform4f().translate([0, 0, -2]).scale(6),
-            "bsdf": diffuse(0.6, 0.45, 0.4),
+        "sensor": {"type": "perspective", "fov": 40, "to_world": look_at},
+        "floor": rectangle(diffuse(0.6, 0.6, 0.5), lambda t: t.rotate([1, 0, 0], -90).scale(6)),
+        "wall": rectangle(diffuse(0.6, 0.45, 0.4), lambda t: t.translate([0, 0, -2]).scale(6)),
+        "pole": {
+            "type": "cylinder",
+            "p0": [-1.2, 0, 0.3],
+            "p1": [-1.2, 2.4, 0.3],
+            "radius": 0.12,
+            "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)},
         },
+        "ball": sphere([0.5, 0.8, 0], 0.8, bsdf=diffuse(0.2, 0.5, 0.8)),
         "lamp": lamp([-3, 3.5, 3], 0.5, 75.0),
     } | things
 
 
-def pole():
-    return {
-        "type": "cylinder",
-        "p0": [-1.2, 0, 0.3],
-        "p1": [-1.2, 2.4, 0.3],
-        "radius": 0.12,
-        "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)},
+def copper(alpha: float, material: str = "Cu") -> dict[str, Any]:
+    """Rough metal, of Mitsuba's own plugin."""
+    return {"type": "roughconductor", "material": material, "alpha": alpha}
+
+
+def metal_floor(alpha: float) -> dict[str, Any]:
+    """Diffuse balls above a metal floor, under a lamp and a dim sky (figures 5.3 to 5.5)."""
+    return stage(
+        floor=rectangle(copper(alpha), lambda t: t.rotate([1, 0, 0], -90).scale(10)),
+        wall=sphere([-1.1, 0.7, 0], 0.7, bsdf=diffuse(0.8, 0.2, 0.15)),
+        pole=sphere([0.4, 0.35, 1.2], 0.35, bsdf=diffuse(0.2, 0.7, 0.2)),
+        sky={"type": "constant", "radiance": rgb(0.3, 0.36, 0.5)},
+    )
+
+
+def lamps(count: int) -> dict[str, Any]:
+    """The stage under many small lamps of very different power."""
+    row = range(count)
+    many = {
+        f"lamp{i}": lamp([-3 + 6 * (i % 6) / 5, 3.2, 3 - 1.2 * (i // 6)], 0.12, 8.0 * (1 + i % 5) ** 2) for i in row
     }
-
-
-def copper(alpha):
-    return {"type": "roughconductor", "material": "Cu", "alpha": alpha}
-
-
-def penumbra():
-    """A diffuse ball and a pole, whose shadows are soft, on a diffuse floor."""
-    return stage(pole=pole(), ball=ball([0.5, 0.8, 0], 0.8, diffuse(0.2, 0.5, 0.8)))
-
-
-def copper_ball():
-    """The same with a ball of rough copper, which mirrors the lamp."""
-    return stage(pole=pole(), ball=ball([0.5, 0.8, 0], 0.8, copper(0.15)))
-
-
-def rough_floor(alpha):
-    """Balls above a metal floor (figures 5.3 to 5.5: the same floor at three roughnesses)."""
-    return {
-        "sensor": camera([0, 2.0, 6], [0, 0.6, 0], 38),
-        "floor": floor(copper(alpha), 10),
-        "lamp": lamp([-3, 4, 2], 0.6, 50.0),
-        "sky": {"type": "constant", "radiance": rgb(0.3, 0.36, 0.5)},
-        "red": ball([-1.1, 0.7, 0], 0.7, diffuse(0.8, 0.2, 0.15)),
-        "blue": ball([0.8, 0.9, -0.6], 0.9, diffuse(0.2, 0.3, 0.8)),
-        "green": ball([0.4, 0.35, 1.2], 0.35, diffuse(0.2, 0.7, 0.2)),
-    }
-
-
-def many_lights():
-    """Sixteen small lamps over the diffuse scene."""
-    lamps = {f"lamp_{i}": lamp([-3 + 2 * (i % 4), 3.2, 3.5 - 1.2 * (i // 4)], 0.15, 33.0) for i in range(16)}
-    scene = stage(pole=pole(), ball=ball([0.5, 0.8, 0], 0.8, diffuse(0.2, 0.5, 0.8)))
+    scene = stage(**many)
     del scene["lamp"]
-    return scene | lamps
+    return scene
 
 
-def glass():
-    """Smooth glass balls, one in another, under a sky with dark bars: reflection and refraction at every level."""
-    v, u = np.mgrid[0:128, 0:256] / np.array([128, 256]).reshape(2, 1, 1)
-    sky = (0.08 + 0.25 * ((u * 16) % 1 < 0.5) * (v < 0.7) + 0.1 * v)[..., None] * np.array([0.9, 1.0, 1.1])
+def cornell_box() -> dict[str, Any]:
+    """Mitsuba's Cornell box."""
+    return {name: value for name, value in mi.cornell_box().items() if name not in ("type", "integrator")}
+
+
+def gold_and_glass() -> dict[str, Any]:
+    """A ball of rough gold beside one of glass."""
     glass = {"type": "dielectric", "int_ior": 1.5}
-    return {
-        "sensor": camera([0, 0.6, 6], [0, 0, 0], 38),
-        "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky.astype(np.float32))},
-        "big": ball([-0.7, 0, 0], 1.2, glass),
-        "hollow": ball([-0.7, 0, 0], 1.0, {"type": "dielectric", "int_ior": 1.0, "ext_ior": 1.5}),
-        "small": ball([1.3, -0.3, 0.6], 0.8, glass),
-    }
+    gold = sphere([-0.6, 0.8, 0], 0.8, bsdf=copper(0.15, "Au"))
+    return stage(pole=gold, ball=sphere([1.1, 0.7, 0.5], 0.7, bsdf=glass))
 
 
-def cornell_box():
-    """Mitsuba's Cornell box, with all its interreflection."""
-    scene = mi.cornell_box()
-    return {name: value for name, value in scene.items() if name not in ("type", "integrator")}
+#: Built scenes, and the parameters of ``prosim`` by which its tree follows all of their light; None: only paths do.
+BUILT: dict[str, tuple[Callable[[], dict[str, Any]], dict[str, Any] | None]] = {
+    "stage": (stage, {"max_level": 0}),
+    "copper ball": (lambda: stage(ball=sphere([0.5, 0.8, 0], 0.8, bsdf=copper(0.15))), {"max_level": 0}),
+    "metal floor": (lambda: metal_floor(0.1), {"max_level": 0}),
+    "24 lamps": (lambda: lamps(24), {"max_level": 0}),
+    "Cornell box": (cornell_box, None),
+    "gold and glass": (gold_and_glass, None),
+}
+NAMES = (*OURS, *BUILT)
 
 
-class BuiltScene(Scene):
-    """A scene of a dictionary, ``size`` pixels wide and high; ``settings`` as for every :class:`Scene`."""
+@dataclass(frozen=True)
+class Subject:
+    """A scene of :data:`NAMES` or of a ``folder``, ``size`` pixels wide."""
 
-    def __init__(self, make, size, settings):
-        super().__init__(settings, f"{make()} {settings} {size} {mi.variant()} {mi.__version__}")
-        self.make, self.size = make, size
+    name: str
+    size: int = 256
+    folder: Path | None = None
 
-    def load(self, sampler):
-        scene = self.make()
-        scene["sensor"] = scene["sensor"] | {
-            "film": {
-                "type": "hdrfilm",
-                "width": self.size,
-                "height": self.size,
-                "pixel_format": "rgb",
-                "rfilter": {"type": "box"},
-            },
-            "sampler": {"type": sampler or "independent"},
-        }
-        return mi.load_dict({"type": "scene"} | scene)
-
-
-@dataclass
-class Case:
-    """What is rendered and by whom. ``ours``, ``theirs``: parameters in the same transport."""
-
-    make: object
-    ours: dict = field(default_factory=dict)
-    theirs: dict = field(default_factory=lambda: {"direct": {}})
-    #: Transports of ours and of theirs.
-    transports: tuple = ("scene", "scene")
-
-    def open(self, size, folder):
-        if self.make is PALITO:
-            return FileScene(SceneFile(flat_palito(folder), folder, resolution=(size, size)))
-        return BuiltScene(self.make, size, {"prosim": self.ours, **self.theirs})
+    @cached_property
+    def described(self) -> tuple[dict[str, Any], dict[str, Any] | None]:
+        """``(scene, integrator)`` as dictionaries; the integrator is None where only paths follow its light."""
+        if self.name in BUILT:
+            make, tree = BUILT[self.name]
+            film = {"width": self.size, "height": self.size}
+            return with_film(make(), film), tree and {"type": "prosim"} | tree
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            scene = prosim_scene.load(EXAMPLES / f"{self.name}.scn", resolution=(self.size, self.size))
+        return scene, scene.pop("integrator")
 
     @property
-    def same_light(self):
-        return self.transports[0] == self.transports[1]
+    def tree(self) -> dict[str, Any] | None:
+        """The thesis's integrator for the scene; None where only paths follow its light."""
+        return None if self.name in EXTERNAL else self.described[1]
+
+    def load(self, sampler: str = "independent") -> mi.Scene:
+        """The scene, its sensor with a ``sampler``."""
+        if self.name in EXTERNAL:
+            return self._external(sampler)
+        scene = dict(self.described[0])
+        for name, value in scene.items():
+            if isinstance(value, dict) and "film" in value:
+                scene[name] = value | {"sampler": {"type": sampler}}
+        return mi.load_dict({"type": "scene"} | scene)
+
+    def _external(self, sampler: str) -> mi.Scene:
+        if self.folder is None:
+            raise SystemExit(f"{self.name} is a scene by others: name the folder that has it with --folder.")
+        config = mi.parser.ParserConfig(mi.variant())
+        state = mi.parser.parse_file(config, str(self.folder / self.name / "scene.xml"))
+        for node in state.nodes:
+            props = node.props
+            if node.type == mi.ObjectType.Film:
+                height = round(self.size * props["height"] / props["width"])
+                props["width"], props["height"] = self.size, height
+            elif node.type == mi.ObjectType.Sampler:
+                props.set_plugin_name(sampler)
+            elif node.type == mi.ObjectType.ReconstructionFilter:
+                props.set_plugin_name("box")
+        mi.parser.transform_all(config, state)
+        return mi.parser.instantiate(config, state)[0]
 
 
-def flat_palito(folder):
-    """The scene palito without its textures, as other renderers have been timed on it."""
-    text = PALITO.read_text()
-    for texture in ("t-tijolo", "t-listra", "t-fractal"):
-        text = text.replace(texture, "NULL")
-    path = Path(tempfile.mkdtemp(dir=folder)) / "palito.scn"
-    path.write_text(text)
-    warnings.simplefilter("ignore")
-    return path
-
-
-DIRECT = {"max_level": 0}
-PATHS = {"max_level": -1, "diffuse_bounces": -1}
-
-SCENES = {
-    "penumbra": Case(penumbra, DIRECT),
-    "copper": Case(copper_ball, DIRECT),
-    "many_lights": Case(many_lights, DIRECT),
-    "floor_smooth": Case(lambda: rough_floor(0.02), DIRECT),
-    "floor_rough": Case(lambda: rough_floor(0.1), DIRECT),
-    "floor_rougher": Case(lambda: rough_floor(0.3), DIRECT),
-    "glass": Case(glass, {"max_level": 5}, {"path": {"max_depth": 7, "rr_depth": 100}}),
-    "cornell_box": Case(cornell_box, PATHS | {"max_level": 6}, {"path": {"max_depth": 8}}),
-    "palito": Case(PALITO, {}, {"path": {}}, ("scene", "paths")),
-    "palito_paths": Case(PALITO, {}, {"path": {}}, ("paths", "paths")),
-}
+def with_film(scene: dict[str, Any], film: dict[str, Any]) -> dict[str, Any]:
+    """``scene`` with a film of a box filter on its sensor."""
+    film = {"type": "hdrfilm", "pixel_format": "rgb", "rfilter": {"type": "box"}} | film
+    return scene | {"sensor": scene["sensor"] | {"film": film}}

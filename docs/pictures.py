@@ -1,11 +1,12 @@
-"""Draws docs/pictures: one for each plugin, with the parameters of the example in its documentation, and one for each
-step of docs/walkthrough.md, called ``walkthrough-1`` and so on.
+"""Draws docs/pictures: one for each plugin, with the parameters of the example in its documentation; one for each step
+of docs/walkthrough.md, called ``walkthrough-1`` and so on; and those of the functions below.
 
 ``python docs/pictures.py [NAME...]``; needs matplotlib.
 """
 
-import re
 import sys
+import time
+from functools import partial
 from pathlib import Path
 
 import mitsuba as mi
@@ -13,11 +14,14 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import prosim_scene
 from matplotlib.figure import Figure
+from mitsuba_prosim.scene.images import compress
 from prosim_scene import document_of
 
 DOCS = Path(__file__).parent
-sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent / "examples")]
+EXAMPLES = DOCS.parent / "examples"
+sys.path[:0] = [str(DOCS / "extensions"), str(EXAMPLES)]
 from plugin_pages import example, plugins
+from walkthrough import steps
 
 SIZE = 288
 
@@ -124,7 +128,7 @@ def view(entry):
 
 
 def renderer(entry):
-    return prosim_scene.load(DOCS.parent / "examples" / "palito.scn", resolution=(SIZE, SIZE))
+    return prosim_scene.load(EXAMPLES / "palito.scn", resolution=(SIZE, SIZE))
 
 
 FOLDERS = {"bsdfs": material, "emitters": source, "textures": texture, "sensors": view, "integrators": renderer}
@@ -167,45 +171,164 @@ def association():
     return figure
 
 
+def rendered(scene, spp=0):
+    """The image of a scene's dictionary, shape (height, width, 3)."""
+    return np.array(mi.render(mi.load_dict(scene), seed=1, spp=spp))[..., :3]
+
+
 def turntable():
     """Every sixth frame of the example."""
-    path, size = DOCS.parent / "examples" / "volta.scn", (96, 96)
+    path, size = EXAMPLES / "volta.scn", (96, 96)
     frames = [prosim_scene.load(path, resolution=size, define={"frame": n}) for n in range(0, 48, 6)]
-    return np.concatenate([np.array(mi.render(mi.load_dict(scene), seed=1)) for scene in frames], axis=1)
+    return np.concatenate([rendered(scene) for scene in frames], axis=1)
 
 
-def steps():
-    """The scenes of docs/walkthrough.md."""
-    return re.findall(r"```scn\n(.*?)```", (DOCS / "walkthrough.md").read_text("utf-8"), re.DOTALL)
+def tumbler():
+    return rendered(prosim_scene.load(EXAMPLES / "copo.scn"))
+
+
+def materials():
+    """A ball of each material, from smooth to rough; Phong's exponent is that of an equally wide lobe."""
+    rows = []
+    for name, parameters in {
+        "conductor": {"material": "Cu"},
+        "dielectric": {"int_ior": 1.5},
+        "composite": {"diffuse_reflectance": rgb(0.1, 0.2, 0.5), "specular_reflectance": 0.5},
+        "phong": {"diffuse_reflectance": rgb(0.1, 0.3, 0.1), "specular_reflectance": 0.5},
+        "lambertian": {"reflectance": rgb(0.6, 0.3, 0.2)},
+    }.items():
+        for m in (0.02, 0.1, 0.2, 0.4, 0.6):
+            rough = {"phong": {"exponent": 2 / m**2 - 2}, "lambertian": {}}.get(name, {"alpha": m})
+            scene = studio(ball=ball({"type": f"prosim_{name}", **parameters, **rough}))
+            scene["sensor"]["film"] |= {"width": 96, "height": 96}
+            scene["sensor"]["fov"] = 24
+            rows.append(1.4 * rendered(scene))
+    return np.concatenate([np.concatenate(rows[i : i + 5], axis=1) for i in range(0, 25, 5)])
+
+
+def csg():
+    """Union, difference and intersection of a box and a ball."""
+    text = """LIGHTS AREA position 12 30 20 raio 3 Intensity 150000 150000 150000
+        AMBIENT 18000 18000 20000 BACKGROUND 60000 61000 64000 NSAMPLES 6
+        VIEW RESOLUTION 160 140 OBS 14 12 20 VRP 0 0 0 WINDOW -4.8 -4.2 4.8 4.2
+        CSG-TREE {} CUBE 0 SPHERE 1
+        SURFACE 0 kd = .6 .3 .15 SURFACE 1 material composto kd = .1 .25 .5 n-refr = 1.5
+        TRANSFORM 0 SCALE (5 5 5) TRANSLATE (-2.5 -2.5 -2.5)
+        TRANSFORM 1 SCALE (2.2 2.2 2.2) TRANSLATE (1.5 1.5 2.2) END"""
+    if_one = {"*": text.replace("SCALE (2.2 2.2 2.2)", "SCALE (3.2 3.2 3.2)").replace("1.5 1.5 2.2", "0 0 0")}
+    documents = [document_of(if_one.get(operator, text).format(operator), operator) for operator in "+-*"]
+    return np.concatenate([rendered(prosim_scene.load(document)) for document in documents], axis=1)
+
+
+def samples():
+    """The same scene with N = 2, 5 and 8."""
+    path = EXAMPLES / "esfera-metalica.scn"
+    scenes = [prosim_scene.load(path, resolution=(240, 180), samples=n) for n in (2, 5, 8)]
+    return compress(np.concatenate([rendered(scene) for scene in scenes], axis=1))
+
+
+def equal_time():
+    """Figure 5.18 with every path: prosim with photons, and path with as many samples as take the same time."""
+    scene = prosim_scene.load(EXAMPLES / "caustica.scn", resolution=(320, 240))
+    settings = scene.pop("integrator")
+    scene["background"] = {"type": "constant", "radiance": settings["background"]}
+    scene["view"]["sampler"] = {"type": "multijitter"}
+    ours = settings | {"diffuse_bounces": -1, "caustics": True, "samples": 8, "adaptive": "none"}
+    ours |= {"ambient": 0.0, "background": 0.0, "caustic_photons": 1 << 18}
+    theirs = {"type": "path", "max_depth": settings["max_level"] + 2, "hide_emitters": True}
+    scene = mi.load_dict(scene)
+
+    def timed(integrator, seed, **spp):
+        begun = time.process_time()
+        image = np.array(mi.render(scene, integrator=integrator, seed=seed, **spp))[..., :3]
+        return image, time.process_time() - begun
+
+    ours, theirs = mi.load_dict(ours), mi.load_dict(theirs)
+    timed(ours, 0), timed(theirs, 0, spp=64)  # compiles the kernels
+    (image, seconds), (_, other) = timed(ours, 1), timed(theirs, 1, spp=64)
+    spp = round(64 * seconds / other)
+    beside, other = timed(theirs, 2, spp=spp)
+    print(f"prosim: {seconds:.1f} s of the processor; path, {spp} samples: {other:.1f} s")
+    return compress(np.concatenate([image, beside], axis=1))
+
+
+def hard_to_denoise():
+    """Small tiles, wires thinner than one, a caustic by path, highlights smaller than a pixel."""
+    rng = np.random.default_rng(1)
+    tiles = {"type": "bitmap", "bitmap": mi.Bitmap(rng.random((96, 96, 3), np.float32)), "filter_type": "nearest"}
+    wires = {
+        f"wire_{i}": {
+            "type": "cylinder",
+            "p0": [-1.6, 0.16 * i, -1],
+            "p1": [1.6, 1.8 - 0.13 * i, -1 + 0.03 * i],
+            "radius": 0.006,
+            "bsdf": {"type": "twosided", "bsdf": lambertian(0.9)},
+        }
+        for i in range(12)
+    }
+    copper = {"type": "prosim_conductor", "material": "Cu", "alpha": 0.05}
+    balls = {
+        f"ball_{i}": {"type": "sphere", "center": [x, y, 0], "radius": 0.06, "bsdf": copper}
+        for i, (x, y) in enumerate(rng.uniform([-1.2, 0], [1.2, 2], (150, 2)))
+    }
+    caustic = prosim_scene.load(EXAMPLES / "caustica.scn", resolution=(SIZE, SIZE))
+    caustic["integrator"] = {"type": "prosim_adaptive", "nested": {"type": "path", "max_depth": 8}}
+    return [studio(wall=wall(lambertian(tiles), -2)), studio(**wires), caustic, studio(**balls)]
+
+
+def denoising():
+    """Raw, denoised, final, converged; the estimated and the true error of the final image, four times as bright."""
+    from mitsuba_prosim import denoising
+
+    rows = []
+    for scene in hard_to_denoise():
+        for part in scene.values():
+            if isinstance(part, dict) and "film" in part:
+                part["film"] = {"type": "hdrfilm", "width": 128, "height": 128, "rfilter": {"type": "box"}}
+        scene["integrator"] |= {"adaptive": "none", "samples": 3}
+        found = denoising.render(mi.load_dict(scene), seed=1)
+        scene["integrator"] |= {"samples": 16}
+        loaded = mi.load_dict(scene)
+        truth = np.mean([np.array(mi.render(loaded, seed=2 + i))[..., :3] for i in range(12)], axis=0)
+        white = np.percentile(truth, 99)
+        square = np.mean((found.final - truth) ** 2, axis=2).reshape(16, 8, 16, 8).mean((1, 3))
+        errors = found.final_error, np.kron(np.sqrt(square), np.ones((8, 8)))
+        images = [found.raw, found.denoised, found.final, truth, *(4 * np.dstack([error] * 3) for error in errors)]
+        rows.append(np.concatenate([np.clip(image / white, 0, 1) for image in images], axis=1))
+    return np.concatenate(rows)
+
+
+def step(name, text):
+    size = (320, 240) if "RESOLUTION" in text else (240, 240)
+    return rendered(prosim_scene.load(document_of(text, name), resolution=size))
+
+
+def plugin(folder, entry):
+    image = rendered(FOLDERS[folder](entry))
+    return image * (1.4 if folder in ("bsdfs", "textures", "sensors") else 1 / np.quantile(image, 0.99))
 
 
 def main(only):
     mi.set_variant("llvm_ad_rgb")
-    if not only or "volta" in only:
-        bitmap = mi.Bitmap(turntable()).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
-        bitmap.write(str(DOCS / "pictures" / "volta.jpg"), quality=92)
-    if not only or "copo" in only:
-        image = mi.render(mi.load_dict(prosim_scene.load(DOCS.parent / "examples" / "copo.scn")))
-        mi.Bitmap(image).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(
-            str(DOCS / "pictures" / "copo.jpg"), quality=90
-        )
-    for folder, scene_of in FOLDERS.items():
-        for name, docstring in plugins(folder):
-            if not only or name in only:
-                scene = mi.load_dict(scene_of(example(docstring)))
-                image = np.array(mi.render(scene, seed=1))[:, :, :3]
-                exposure = 1.4 if folder in ("bsdfs", "textures", "sensors") else 1 / np.quantile(image, 0.99)
-                mi.Bitmap(image * np.float32(exposure)).convert(
-                    mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True
-                ).write(str(DOCS / "pictures" / f"{name}.jpg"), quality=88)
-    for number, text in enumerate(steps(), start=1):
-        name = f"walkthrough-{number}"
+    images = {
+        "volta": turntable,
+        "copo": tumbler,
+        "materials": materials,
+        "csg": csg,
+        "samples": samples,
+        "equal-time": equal_time,
+        "denoising": denoising,
+    }
+    for folder in FOLDERS:
+        images |= {name: partial(plugin, folder, example(docstring)) for name, docstring in plugins(folder)}
+    images |= {
+        f"walkthrough-{i}": partial(step, f"walkthrough-{i}", text) for i, (text, _) in enumerate(steps(), start=1)
+    }
+    for name, draw in images.items():
         if not only or name in only:
-            size = (320, 240) if "RESOLUTION" in text else (240, 240)
-            image = mi.render(mi.load_dict(prosim_scene.load(document_of(text, name), resolution=size)))
-            mi.Bitmap(image).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True).write(
-                str(DOCS / "pictures" / f"{name}.jpg"), quality=88
-            )
+            bitmap = mi.Bitmap(draw().astype(np.float32))
+            bitmap = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True)
+            bitmap.write(str(DOCS / "pictures" / f"{name}.jpg"), quality=88)
     for name, draw in {"nrook.jpg": sampler, "passes.png": passes, "association.png": association}.items():
         if not only or Path(name).stem in only:
             draw().savefig(DOCS / "pictures" / name, dpi=100)

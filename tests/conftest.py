@@ -5,7 +5,7 @@ A test that takes ``variant_rgb`` runs in ``llvm_ad_rgb``, and where there is a 
 ``scalar_rgb``. As each change of variant loads all plugins anew, the tests of one variant run together.
 """
 
-import ctypes
+import os
 import platform
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import pytest
+from vector_width.sitecustomize import TARGETS, set_width
 
 #: Where a variant computes, by the beginning of its name. The first is where tests run that name no variant.
 DEVICES = ("llvm", "cuda", "metal")
@@ -51,11 +52,6 @@ variant_scalar = pytest.fixture(activate, params=SCALAR, name="variant_scalar")
 variant = pytest.fixture(activate, params=VARIANTS, name="variant")
 
 
-#: LLVM's target by the width of its vectors. Dr.Jit takes reciprocals and roots otherwise with each: by the
-#: approximations of AVX2 (8) and of AVX-512 (16), or exactly (4).
-TARGETS = {4: "x86-64-v3", 8: "x86-64-v3", 16: "x86-64-v4"}
-
-
 def pytest_addoption(parser):
     parser.addoption("--vector-width", type=int, choices=TARGETS, help="compile kernels as on a CPU with such vectors")
 
@@ -66,8 +62,10 @@ def pytest_configure(config):
         return
     if platform.machine() not in ("x86_64", "AMD64") or "llvm" not in HERE:
         raise pytest.UsageError("--vector-width needs an x86-64 processor and an LLVM; leave it out.")
-    core = ctypes.CDLL(str(next(Path(dr.__file__).parent.glob("*drjit-core.*"))))
-    core["_Z19jit_llvm_set_targetPKcS0_j"](TARGETS[width].encode(), None, ctypes.c_uint32(width))
+    set_width(width)
+    # The processes that tests start set it, too.
+    paths = [str(Path(__file__).with_name("vector_width")), *filter(None, [os.environ.get("PYTHONPATH")])]
+    os.environ.update(VECTOR_WIDTH=str(width), PYTHONPATH=os.pathsep.join(paths))
 
 
 def pytest_report_header(config):

@@ -1,7 +1,7 @@
-"""The notebooks of ``examples`` as pages, each run from its first cell to its last.
+"""The notebooks of ``examples`` as pages.
 
-What was run is kept in ``docs/notebooks`` until the notebook changes. ``-D notebooks=unrun`` runs none, and needs no
-Mitsuba: what is not there yet is shown without outputs.
+``-D notebooks=run`` runs each from its first cell to its last and keeps the outputs in ``docs/notebooks`` until the
+notebook changes. By default none is run, and pages that have no outputs yet are shown without them.
 """
 
 import hashlib
@@ -58,7 +58,7 @@ def link_pages(app, doctree):
 
 
 def setup(app):
-    app.add_config_value("notebooks", "run", "env", str)
+    app.add_config_value("notebooks", "unrun", "env", str)
     app.connect("builder-inited", write_pages)
     app.connect("doctree-read", link_pages)
     return {"parallel_read_safe": True}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -22,6 +24,9 @@ RAYS, ENTRIES = 1 << 16, 1 << 18
 #: Reach of a cell of that table, as a part of the width of the image.
 REACH = 1 / 128
 
+#: Radiance that a surface has besides that of the photons, white being 1: the eye sees the noise of dark ones more.
+OTHER = 0.1
+
 
 class Importance:
     """What a photon adds to the pixels of ``sensor``, by its flux and by the place where it lands.
@@ -39,23 +44,47 @@ class Importance:
         si = scene.ray_intersect(ray)
         start = Start(ray, mi.Spectrum(1), mi.Float(0), dr.zeros(mi.PositionSample3f), dr.zeros(mi.EmitterPtr, RAYS))
         beyond, _ = walk(start, combine(mi.UInt32(0), i))
-        through = dr.select(beyond.lies, dr.minimum(dr.max(beyond.flux), 1) * dr.square(dr.inv_pi), 0)
+        through = dr.select(beyond.lies, dr.sqrt(dr.minimum(dr.max(beyond.flux), 1)) * dr.inv_pi, 0)
         entries = np.concatenate([np.array(self._entry(p)) for p in (si.p, beyond.p)])
-        weights = np.concatenate([np.array(dr.square(reflectance(si))), np.array(through)])
-        self.seen = mi.Float(np.bincount(entries, weights, minlength=ENTRIES).tolist())  # a list: see Targets
+        reflectances = np.concatenate([np.array(reflectance(si)), np.array(through)]).astype(np.float64)
+        self.seen = np.bincount(entries, reflectances**2, minlength=ENTRIES)
+        rays = np.bincount(entries, reflectances > 0, minlength=ENTRIES)
+        self.reflectances = np.bincount(entries, reflectances, minlength=ENTRIES) / np.maximum(rays, 1)
+        self.irradiance, self.rounds = np.zeros(ENTRIES), 0
 
-    def __call__(self, landed: Landed) -> mi.Float:
-        """Mean square of what each ``landed`` photon adds to a pixel, up to a factor; 0 where none has landed."""
-        width = self.footprint.at(self.footprint.distance(landed.p))
-        added = dr.max(landed.flux) / dr.square(width)
-        seen = dr.gather(mi.Float, self.seen, self._entry(landed.p), landed.lies)
-        return dr.select(landed.lies, seen * dr.square(added / dr.select(landed.wide, WIDE, 1)), 0)
+    def __call__(self, landed: Sequence[Landed | None]) -> np.ndarray:
+        """Mean square of what each photon of a round adds to a pixel, in display units up to a factor; 0 where none has
+        ``landed``.
+
+        The tone curve is about a square root: the square of its slope is as the inverse of the radiance, which all
+        rounds up to this one tell.
+        """
+        kinds = [one for one in landed if one is not None]
+        entries = [self._entry(one.p) for one in kinds]
+        for one, entry in zip(kinds, entries):
+            area = dr.square(grid.edge(self._level(one.p)))
+            per_area = np.array(dr.select(one.lies, dr.max(one.flux) / area, 0))
+            self.irradiance += np.bincount(np.array(entry), per_area, minlength=ENTRIES)
+        self.rounds += 1
+        radiance = self.reflectances * self.irradiance / self.rounds
+        weights = mi.Float((self.seen / (OTHER + radiance)).tolist())  # a list: see Targets
+        result = mi.Float(0)
+        for one, entry in zip(kinds, entries):
+            width = self.footprint.width(one.p)
+            added = dr.max(one.flux) / (dr.square(width) * dr.select(one.wide, WIDE, 1))
+            seen = dr.gather(mi.Float, weights, entry, one.lies)
+            result += dr.select(one.lies, seen * dr.square(added), 0)
+        return np.array(result, dtype=np.float64)
 
     def _entry(self, p: mi.Point3f) -> mi.UInt32:
         """The entry of the hash table that the cell of ``p`` has."""
-        level = grid.level_of(self.scale * self.footprint.at(self.footprint.distance(p)))
+        level = self._level(p)
         x, y, z = grid.cell(p, level)
         return combine(grid.key(level, y, z), mi.UInt32(x)) & dr.opaque(mi.UInt32, ENTRIES - 1)
+
+    def _level(self, p: mi.Point3f) -> mi.Int32:
+        """The grid that the cell of ``p`` is of."""
+        return grid.level_of(self.scale * self.footprint.width(p))
 
 
 def reflectance(si: mi.SurfaceInteraction3f) -> mi.Float:

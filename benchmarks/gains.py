@@ -1,0 +1,173 @@
+"""Gains at equal time: one table for each question.
+
+    python benchmarks/gains.py policies [--scene palito ...] [--size 256] [--rounds 10]
+    python benchmarks/gains.py paths --scene "Cornell box" staircase2 --folder SCENES
+    python benchmarks/gains.py denoised | ablations | cycles
+
+``policies``
+    The thesis's tree with ``graded`` and with ``neighbours`` over ``none``, N = 8, at the same mean number of samples.
+``paths``
+    ``prosim`` with every path of light, and ``path`` within ``prosim_adaptive``, over ``path`` with the sampler
+    ``independent``, at 64 samples.
+``denoised``
+    ``prosim_denoised`` over the raw image of as many samples.
+``ablations``
+    ``graded`` without one of its parts over the whole: without adaptive sampling, without the second judgement (the
+    refinement ends after one more pass), and with the light sampling of Mitsuba's own emitters.
+``cycles``
+    The stopping rule of Mitsuba's pull request 1731, which is that of Blender's Cycles, simulated on samples of the
+    same integrator, over ``none``: in samples alone.
+
+A cell is a gain in processor time with its 95 % interval. The column ``samples`` is the gain in samples, tone-mapped.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+from unittest import mock
+
+import numpy as np
+from measure import MEASURES, Run, arguments, begin, by_turns, gain, interval, reference, shown
+from mitsuba_prosim.light import table as lights
+from scenes import Subject
+from scipy.ndimage import maximum_filter
+
+DEPTH = 8
+PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": DEPTH - 1, "rr_depth": DEPTH}
+NESTED = {"type": "prosim_adaptive", "nested": {"type": "path", "max_depth": DEPTH}}
+Entries = tuple[list[Run], dict[str, Any], int]
+
+
+def with_samples(run: Run, wanted: float) -> Run:
+    """``run`` with the threshold that gives a pixel about ``wanted`` samples in the mean."""
+    low, high, found = 1e-4, 1.0, run
+    for _ in range(10):
+        threshold = (low * high) ** 0.5
+        found = Run(run.name, run.scene, run.integrator | {"threshold": threshold}, run.spp)
+        samples = found.samples().mean()
+        if abs(samples / wanted - 1) < 0.05:
+            break
+        low, high = (threshold, high) if samples > wanted else (low, threshold)
+    return found
+
+
+def policies(subject: Subject, n: int = 8) -> Entries:
+    """``(entries, integrator, samples)``: the last entry is the baseline; the others describe the reference."""
+    scene, tree = subject.load(), subject.tree or NESTED
+    uniform = Run("none", scene, tree | {"adaptive": "none", "samples": n})
+    graded = Run("graded", scene, tree | {"adaptive": "graded", "samples": n, "max_samples": 4 * n * n})
+    neighbours = Run("neighbours", scene, tree | {"adaptive": "neighbours", "samples": round(1.6 * n)})
+    return [*(with_samples(run, n * n) for run in (graded, neighbours)), uniform], uniform.integrator, 0
+
+
+def paths(subject: Subject, n: int = 8) -> Entries:
+    """The same for every path of light."""
+    scene, path = subject.load(), {"type": "path", "max_depth": DEPTH}
+    entries = [
+        Run("prosim", scene, PATHS | {"adaptive": "none", "samples": n}),
+        with_samples(Run("prosim, graded", scene, PATHS | {"adaptive": "graded", "samples": n}), n * n),
+        Run("prosim_adaptive", scene, NESTED | {"adaptive": "none", "samples": n}),
+        with_samples(Run("prosim_adaptive, graded", scene, NESTED | {"adaptive": "graded", "samples": n}), n * n),
+        Run("path, owen", subject.load("owen"), path, n * n),
+        Run("path, multijitter", subject.load("multijitter"), path, n * n),
+        Run("path", scene, path, n * n),
+    ]
+    return entries, path, 256
+
+
+def denoised(subject: Subject, n: int = 6) -> Entries:
+    """The same for the denoised image."""
+    scene, nested = subject.load(), (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
+    return [Run("denoised", scene, {"type": "prosim_denoised", "nested": nested}), Run("raw", scene, nested)], nested, 0
+
+
+def ablations(subject: Subject, n: int = 8) -> Entries:
+    """The same for parts that are left out."""
+    scene, tree = subject.load(), subject.tree or PATHS
+    graded = tree | {"adaptive": "graded", "samples": n, "max_samples": 4 * n * n}
+    whole = with_samples(Run("graded", scene, graded), n * n)
+    emitters = OtherLights("Mitsuba's light sampling", subject.load(), whole.integrator)
+    once = with_samples(Run("one judgement", scene, graded | {"max_samples": 2 * n * n}), n * n)
+    uniform = Run("not adaptive", scene, tree | {"adaptive": "none", "samples": n})
+    return [uniform, once, emitters, whole], uniform.integrator, 0
+
+
+class OtherLights(Run):
+    """A run in which every light is sampled by its own plugin."""
+
+    def render(self, seed: int) -> tuple[np.ndarray, float]:
+        with mock.patch.object(lights, "STRATEGIES", lights.STRATEGIES[-1:]):
+            return super().render(seed)
+
+
+TABLES = {"policies": policies, "paths": paths, "denoised": denoised, "ablations": ablations}
+
+
+def rows(subject: Subject, table: str, options: argparse.Namespace) -> None:
+    """Prints a row for each entry but the baseline."""
+    entries, integrator, spp = TABLES[table](subject)
+    truth = reference(subject, integrator, spp, options.reference_seconds, options.cache)
+    by_turns(entries, truth, options.rounds)
+    for entry in entries[:-1]:
+        by_time, by_samples = gain(entry, entries[-1]), gain(entry, entries[-1], "samples")
+        times = np.median(np.array(entry.seconds) / np.array(entries[-1].seconds))
+        cells = [f"{entry.samples().mean():.1f}", f"{times:.2f}", shown(by_samples[:, 0]), *map(shown, by_time.T)]
+        print(f"| {subject.name} | {entry.name} | " + " | ".join(cells) + " |", flush=True)
+
+
+def cycles(subject: Subject, options: argparse.Namespace, passes: int = 16, n: int = 4) -> None:
+    """Prints the gain in samples of the rule of Cycles over ``none``.
+
+    A pixel stops when ``|I - E| / sqrt(I)``, summed over the colours, is below a threshold, I being its mean and E that
+    of every other pass; it goes on while a neighbour does.
+    """
+    tree = (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
+    truth = reference(subject, tree, 0, options.reference_seconds, options.cache)
+    run, scale, found = Run("", subject.load(), tree), 0.25 / truth.mean(), []
+    for seed in range(options.rounds):
+        images = np.array([run.render(seed * passes + k)[0] for k in range(passes)]) * scale
+        counts = np.arange(1, passes + 1)[:, None, None]
+        means = np.cumsum(images, axis=0) / counts[..., None]
+        even = np.cumsum(images[::2], axis=0) / np.arange(1, passes // 2 + 1)[:, None, None, None]
+        full = means[1::2]
+        noise = np.abs(full - even).sum(axis=-1) / (1e-4 + np.sqrt(full.sum(axis=-1)))
+
+        def stopped(threshold: float, noise: np.ndarray = noise) -> np.ndarray:
+            active = np.ones(noise.shape[1:], bool)
+            last = np.zeros(active.shape, int)
+            for k in range(len(noise)):
+                last[active] = k
+                active &= maximum_filter(noise[k] > threshold, 3)
+            return last
+
+        # The threshold by which half of the passes are made.
+        grid = np.geomspace(1e-4, 1, 60)
+        last = min((stopped(t) for t in grid), key=lambda last: abs(last.mean() + 1 - passes / 4))
+        rows, columns = np.indices(last.shape)
+        image, mean = full[last, rows, columns], 2 * (last.mean() + 1)
+        uniform = means[round(mean) - 1]
+        error = [MEASURES["tone-mapped"](x, truth * scale) for x in (image, uniform)]
+        found.append([error[0] * mean, error[1] * round(mean)])
+    table = np.array(found)
+    value = interval(lambda k: np.array(table[k, 1].mean() / table[k, 0].mean()), options.rounds)
+    print(f"| {subject.name} | {shown(value)} |", flush=True)
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("table", choices=[*TABLES, "cycles"])
+    options = parser.parse_args()
+    begin(options)
+    if options.table == "cycles":
+        print("| | samples: tone-mapped |\n|---|---:|")
+    else:
+        print("| | | samples | time | samples: tone-mapped | " + " | ".join(MEASURES) + " |")
+        print("|---|---|---:|---:|" + "---:|" * (len(MEASURES) + 1))
+    for name in options.scene:
+        subject = Subject(name, options.size, options.folder)
+        cycles(subject, options) if options.table == "cycles" else rows(subject, options.table, options)
+
+
+if __name__ == "__main__":
+    main()

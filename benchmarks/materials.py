@@ -1,0 +1,110 @@
+"""Time and variance of each material and light beside the nearest one of Mitsuba's own.
+
+    python benchmarks/materials.py [--only conductor] [--size 256] [--rounds 10]
+
+A ball and a floor of the material, a spherical light, a dim sky; or a diffuse ball and floor under the light. Both
+sides use ``path`` with 32 samples. A cell is a ratio ours / theirs with its 95 % interval: of the times, and of the
+variances of a pixel (mean over the image, divided by the squared mean). The models differ: ours use the G of
+V-cavities, Mitsuba's use Smith's G. Phong's lobe and ``roughplastic`` are only similar. Mitsuba has no spot on an area
+light, so its ``area`` stands beside ours.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from measure import Run, arguments, begin, interval, shown
+from scenes import diffuse, lamp, rectangle, sphere, with_film
+
+CU = {"material": "Cu"}
+HALF = {"diffuse_reflectance": 0.4}
+AIMED = {"direction": [-2.0, -4.0, -2.0]}
+MATERIALS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "lambertian": ({"type": "prosim_lambertian"}, {"type": "diffuse"}),
+    "conductor, smooth": ({"type": "prosim_conductor", **CU}, {"type": "conductor", **CU}),
+    "conductor, 0.1": (
+        {"type": "prosim_conductor", "alpha": 0.1, **CU},
+        {"type": "roughconductor", "alpha": 0.1, **CU},
+    ),
+    "conductor, 0.4": (
+        {"type": "prosim_conductor", "alpha": 0.4, **CU},
+        {"type": "roughconductor", "alpha": 0.4, **CU},
+    ),
+    "dielectric, smooth": ({"type": "prosim_dielectric"}, {"type": "dielectric"}),
+    "dielectric, 0.1": ({"type": "prosim_dielectric", "alpha": 0.1}, {"type": "roughdielectric", "alpha": 0.1}),
+    "composite, smooth": ({"type": "prosim_composite", **HALF}, {"type": "plastic", **HALF}),
+    "composite, 0.1": (
+        {"type": "prosim_composite", "alpha": 0.1, **HALF},
+        {"type": "roughplastic", "alpha": 0.1, **HALF},
+    ),
+    "phong, exponent 50": ({"type": "prosim_phong", "exponent": 50.0}, {"type": "roughplastic", "alpha": 0.1}),
+}
+
+
+def ball_lamp(**emitter: Any) -> dict[str, Any]:
+    """A sphere with an ``emitter``."""
+    return sphere([2, 4, 2], 0.5, emitter=emitter)
+
+
+LIGHTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "area": (ball_lamp(type="prosim_area", radiance=20.0), ball_lamp(type="area", radiance=20.0)),
+    "area, spot": (
+        ball_lamp(type="prosim_area", radiance=20.0, distribution="spot", exponent=8.0, **AIMED),
+        ball_lamp(type="area", radiance=20.0),
+    ),
+    "point": (
+        {"type": "prosim_point", "position": [2, 4, 2], "intensity": 20.0},
+        {"type": "point", "position": [2, 4, 2], "intensity": 20.0},
+    ),
+}
+
+
+def scene(size: int, look: dict[str, Any], light: dict[str, Any], sky: float) -> mi.Scene:
+    """The ball and the floor."""
+    view = mi.ScalarTransform4f().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0])
+    world = {
+        "sensor": {"type": "perspective", "fov": 35, "to_world": view},
+        "material": look | {"id": "material"},
+        "ball": sphere([0, 1, 0], 1.0, bsdf={"type": "ref", "id": "material"}),
+        "floor": rectangle({"type": "ref", "id": "material"}, lambda t: t.rotate([1, 0, 0], -90).scale(4)),
+        "light": light,
+    }
+    if sky:
+        world["sky"] = {"type": "constant", "radiance": sky}
+    return mi.load_dict({"type": "scene"} | with_film(world, {"width": size, "height": size}))
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--only", default="", help="part of a row's name")
+    options = parser.parse_args()
+    begin(options)
+    rows = {
+        name: [scene(options.size, look, lamp([2, 4, 2], 0.5, 20.0), 0.3) for look in pair]
+        for name, pair in MATERIALS.items()
+    }
+    rows |= {name: [scene(options.size, diffuse(0.5), light, 0) for light in pair] for name, pair in LIGHTS.items()}
+    rows = {name: pair for name, pair in rows.items() if options.only in name}
+    print("| | time | variance |\n|---|---:|---:|")
+    for name, scenes in rows.items():
+        pair = [Run("", one, {"type": "path", "max_depth": 6}, 32) for one in scenes]
+        images: list[list[np.ndarray]] = [[], []]
+        for seed in range(options.rounds + 1):
+            for run, of in zip(pair, images):
+                image, seconds = run.render(seed)
+                if seed:
+                    of.append(image)
+                    run.seconds.append(seconds)
+
+        def quotients(k: np.ndarray) -> np.ndarray:
+            seconds = [np.median(np.array(run.seconds)[k]) for run in pair]  # noqa: B023  (used at once)
+            noise = [np.array(of)[k].var(axis=0).mean() / np.mean(of) ** 2 for of in images]  # noqa: B023
+            return np.array([seconds[0] / seconds[1], noise[0] / max(noise[1], 1e-12)])
+
+        print(f"| {name} | " + " | ".join(map(shown, interval(quotients, options.rounds, 200).T)) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""What all benchmarks share: references, runs by turns, errors, and bootstrap intervals of gains.
+
+Errors are squared, in three measures: ``tone-mapped`` (after a square root), ``relMSE`` (squared error over squared
+reference plus 0.01, Rousselle et al. 2011) and ``FLIP`` (Andersson et al. 2020; its square, so that all three fall as
+one over the samples). The cost is processor time. The efficiency of a run is one over error times cost; the gain of a
+over b is the quotient of their efficiencies. Runs take turns, so that a drift of the machine falls on all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import io
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mitsuba_prosim.compare import measures, runs
+from scenes import NAMES, Subject
+
+#: Seeds of references begin here.
+REFERENCE_SEEDS = 1 << 20
+MEASURES: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
+    "tone-mapped": lambda image, reference: measures.tone_mapped_rmse(image, reference) ** 2,
+    "relMSE": measures.relative_mse,
+    "FLIP": lambda image, reference: measures.flip(image, reference) ** 2,
+}
+
+
+@dataclass
+class Run:
+    """One integrator on one scene, and what its images gave: an entry a round."""
+
+    name: str
+    scene: mi.Scene
+    integrator: dict[str, Any]
+    spp: int = 0
+    errors: list[list[float]] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    image: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        self.loaded = mi.load_dict(self.integrator)
+
+    def render(self, seed: int) -> tuple[np.ndarray, float]:
+        """``(image, processor seconds)``; the image has shape (height, width, 3)."""
+        begun = time.process_time()
+        image = mi.render(self.scene, integrator=self.loaded, seed=seed, spp=self.spp)
+        dr.eval(image)
+        dr.sync_thread()
+        return np.array(image, dtype=np.float64)[..., :3], time.process_time() - begun
+
+    def samples(self) -> np.ndarray:
+        """Samples of each pixel, shape (height, width)."""
+        integrator = self.integrator["nested"] if self.integrator["type"] == "prosim_denoised" else self.integrator
+        if not integrator["type"].startswith("prosim"):
+            sampler = self.scene.sensors()[0].sampler().clone()
+            sampler.set_sample_count(self.spp)
+            width, height = self.scene.sensors()[0].film().crop_size()
+            return np.full((height, width), float(sampler.sample_count()))
+        counting = mi.load_dict(integrator | {"aovs": "samples"})
+        return np.array(mi.render(self.scene, integrator=counting, seed=0, spp=self.spp))[..., -1]
+
+
+def by_turns(
+    entries: Sequence[Run], reference: np.ndarray, rounds: int, chosen: Sequence[str] = tuple(MEASURES)
+) -> None:
+    """Renders each entry once to warm up, then once in each round. Images are scaled so that the reference's mean is a
+    quarter of white.
+    """
+    scale = 0.25 / reference.mean()
+    for seed in range(rounds + 1):
+        for entry in entries:
+            image, seconds = entry.render(seed)
+            if seed:
+                entry.seconds.append(seconds)
+                entry.errors.append([MEASURES[name](image * scale, reference * scale) for name in chosen])
+                entry.image = image
+
+
+def interval(ratio: Callable[[np.ndarray], np.ndarray], rounds: int, draws: int = 2000) -> np.ndarray:
+    """Value and 95 % bootstrap interval of ``ratio``, a function of the indices of the rounds: shape (3, ...)."""
+    rng = np.random.default_rng(1)
+    values = np.array([ratio(rng.integers(0, rounds, rounds)) for _ in range(draws)])
+    return np.stack([ratio(np.arange(rounds)), *np.percentile(values, [2.5, 97.5], axis=0)])
+
+
+def gain(a: Run, b: Run, cost: str = "seconds") -> np.ndarray:
+    """How many times less a costs than b for an equal error, with its interval: shape (3, measures). ``cost`` is
+    "seconds", of the processor, or "samples".
+    """
+    seconds = [np.array(run.seconds) for run in (a, b)]
+    errors = [np.array(run.errors) for run in (a, b)]
+    samples = [run.samples().mean() for run in (a, b)] if cost == "samples" else [1.0, 1.0]
+
+    def ratio(k: np.ndarray) -> np.ndarray:
+        costs = samples if cost == "samples" else [np.median(s[k]) for s in seconds]
+        return errors[1][k].mean(axis=0) * costs[1] / (errors[0][k].mean(axis=0) * costs[0])
+
+    return interval(ratio, len(a.seconds))
+
+
+def shown(value: np.ndarray) -> str:
+    """A value and its interval, shape (3,), as a cell of a table."""
+    return f"{value[0]:.2f} ({value[1]:.2f}–{value[2]:.2f})"
+
+
+def reference(subject: Subject, integrator: dict[str, Any], spp: int, seconds: float, cache: Path) -> np.ndarray:
+    """The mean of images of ``spp`` samples (0: the integrator's own number) that take ``seconds`` together, of the
+    processor; kept in ``cache``.
+    """
+    key = f"{subject} {integrator} {spp} {seconds} {mi.variant()} {mi.__version__}"
+    path = cache / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npy"
+    if path.exists():
+        return np.load(path)
+    run, total, count, begun = Run("", subject.load(), integrator, spp), 0.0, 0, time.process_time()
+    while count < 2 or time.process_time() - begun < seconds:
+        total = total + run.render(REFERENCE_SEEDS + count)[0]
+        count += 1
+    cache.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    np.save(buffer, total / count)
+    path.write_bytes(buffer.getvalue())
+    return total / count
+
+
+def arguments(description: str | None, rounds: int = 10) -> argparse.ArgumentParser:
+    """A parser of the options that all benchmarks have."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", nargs="+", default=NAMES, metavar="NAME")
+    parser.add_argument("--folder", type=Path, help="where the scenes by others are")
+    parser.add_argument("--size", type=int, default=256, help="width in pixels")
+    parser.add_argument("--rounds", type=int, default=rounds, help="images of each, with seeds of their own")
+    parser.add_argument("--reference-seconds", type=float, default=120)
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--cache", type=Path, default=runs.cache_folder())
+    return parser
+
+
+def begin(options: argparse.Namespace) -> None:
+    """Sets Mitsuba up."""
+    mi.set_variant(options.variant)
+    import mitsuba_prosim  # noqa: F401  (registers the plugins)
+
+    mi.set_log_level(mi.LogLevel.Error)

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# Makes one table and one figure of docs/benchmarks.md and checks their numbers: about ten minutes on two cores.
+#
+#     benchmarks/replicate.sh
+#
+# It installs the package into .venv if that is missing. The results are in benchmarks/results: policies.md (gains of
+# adaptive sampling at equal time) and penumbra.png (error against time, with crops).
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+if [ ! -x .venv/bin/python ]; then
+    python3 -m venv .venv
+    .venv/bin/pip install -q -e '.[compare]' scipy psutil
+fi
+mkdir -p benchmarks/results
+.venv/bin/python benchmarks/gains.py policies --scene penumbra aranha palito --rounds 10 --reference-seconds 40 |
+    tee benchmarks/results/policies.md
+.venv/bin/python benchmarks/convergence.py --scene penumbra --rounds 10 --reference-seconds 40 --output benchmarks/results |
+    tee benchmarks/results/slopes.md
+.venv/bin/python - <<'END'
+import re
+from pathlib import Path
+
+#: Least and greatest gain in samples, tone-mapped, of `graded` over `none`. They do not depend on the machine.
+EXPECTED = {"penumbra": (3.0, 4.5), "aranha": (2.5, 4.5), "palito": (1.3, 2.0)}
+rows = [re.split(r" *\| *", line.strip("| \n")) for line in Path("benchmarks/results/policies.md").open()]
+found = {row[0]: float(row[4].split()[0]) for row in rows if row[1] == "graded"}
+wrong = {name: found.get(name) for name, (low, high) in EXPECTED.items() if not low <= found.get(name, 0) <= high}
+print("Gains of graded over none in samples:", found)
+raise SystemExit(f"Outside of {EXPECTED}: {wrong}" if wrong else None)
+END

@@ -1,0 +1,48 @@
+"""What made the samples of an image, as far as their bits depend on it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+
+import drjit as dr
+import mitsuba as mi
+
+from .. import __version__, llvm
+
+#: What has to be the same, and what may differ with a warning: samples are then as good, but not the same to the bit.
+EXACT, CLOSE = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LLVM", "processor")
+
+
+def here() -> dict[str, str]:
+    """Names and versions of what makes samples in this process."""
+    found = llvm.version() if (mi.variant() or "").startswith("llvm") else None
+    return {
+        "mitsuba-prosim": __version__,
+        "mitsuba": mi.__version__,
+        "drjit": dr.__version__,
+        "variant": mi.variant() or "",
+        "LLVM": ".".join(map(str, found)) if found else "",
+        "processor": processor(),
+    }
+
+
+def differences(theirs: Mapping[str, str], ours: Mapping[str, str], names: tuple[str, ...]) -> str:
+    """The differences in ``names``, in words; empty if there are none."""
+    return ", ".join(
+        f"{name} {theirs.get(name) or 'unknown'} there, {ours[name] or 'none'} here"
+        for name in names
+        if theirs.get(name) != ours[name]
+    )
+
+
+def processor() -> str:
+    """The kind of this machine's processor: its model, and which vector instructions it has, as far as is known."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            lines = dict(line.rstrip().split("\t: ", 1) for line in file if "\t: " in line)
+    except OSError:
+        lines = {}
+    model = lines.get("model name") or platform.processor() or platform.machine()
+    vectors = [flag for flag in ("avx2", "fma", "avx512f") if flag in lines.get("flags", "").split()]
+    return " ".join([model, *vectors])

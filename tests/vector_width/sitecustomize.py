@@ -1,0 +1,27 @@
+"""Compiles the kernels of this process as on a CPU with other vectors: `--vector-width` in the processes of tests.
+
+Python imports this module at its start, where its folder is in PYTHONPATH. The environment variable VECTOR_WIDTH has
+the width.
+"""
+
+import ctypes
+import importlib.util
+import os
+from pathlib import Path
+
+#: LLVM's target by the width of its vectors. Dr.Jit takes reciprocals and roots otherwise with each: by the
+#: approximations of AVX2 (8) and of AVX-512 (16), or exactly (4).
+TARGETS = {4: "x86-64-v3", 8: "x86-64-v3", 16: "x86-64-v4"}
+
+
+def set_width(width: int) -> None:
+    """Sets LLVM's target for all kernels that follow."""
+    package = Path(importlib.util.find_spec("drjit").origin).parent
+    core = ctypes.CDLL(str(next(package.glob("*drjit-core.*"))))
+    core["_Z24jit_set_log_level_stderr8LogLevel"](1)  # errors
+    core["_Z8jit_initj"](ctypes.c_uint32(1 << 2))  # LLVM; initialising it later would choose the machine's own target
+    core["_Z19jit_llvm_set_targetPKcS0_j"](TARGETS[width].encode(), None, ctypes.c_uint32(width))
+
+
+if "VECTOR_WIDTH" in os.environ:
+    set_width(int(os.environ["VECTOR_WIDTH"]))

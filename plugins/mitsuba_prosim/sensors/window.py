@@ -35,9 +35,9 @@ class Window(mi.Sensor):
        - |float|
        - Depths between which objects are seen. (Default: 0.01, 10000)
 
-    The pinhole camera of the thesis's scene language (VIEW in appendix A): the film's pixels divide a window of any place
-    and proportions evenly. For square pixels, Mitsuba's ``perspective`` with a principal point offset shoots the same
-    rays. Particle tracers cannot sample this sensor.
+    The pinhole camera of the thesis's scene language (VIEW in appendix A): the film's pixels evenly divide a window of
+    any place and proportions. For square pixels, Mitsuba's ``perspective`` with a principal point offset shoots the
+    same rays. Particle tracers cannot sample this sensor.
 
     .. tabs::
         .. code-tab:: xml

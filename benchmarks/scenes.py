@@ -19,7 +19,7 @@ import prosim_scene
 EXAMPLES = Path(__file__).parents[1] / "examples"
 OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
 #: Well-known scenes in Mitsuba 3's format, by Benedikt Bitterli (https://benedikt-bitterli.me/resources/).
-EXTERNAL = ("staircase2", "living-room-2", "veach-mis", "veach-ajar")
+EXTERNAL = ("staircase2", "living-room-2", "veach-mis")
 
 
 def rgb(*values: float) -> dict[str, Any]:

@@ -155,7 +155,9 @@ class Subject:
         if self.folder is None:
             raise SystemExit(f"{self.name} is a scene by others: name the folder that has it with --folder.")
         config = mi.parser.ParserConfig(mi.variant())
-        state = mi.parser.parse_file(config, str(self.folder / self.name / "scene.xml"))
+        path = self.folder / self.name / "scene.xml"
+        mi.file_resolver().prepend(str(path.parent.resolve()))
+        state = mi.parser.parse_file(config, str(path))
         for node in state.nodes:
             props = node.props
             if node.type == mi.ObjectType.Film:

@@ -168,7 +168,7 @@ class Subject:
             elif node.type == mi.ObjectType.ReconstructionFilter:
                 props.set_plugin_name("box")
         mi.parser.transform_all(config, state)
-        return mi.parser.instantiate(config, state)[0]
+        return mi.parser.instantiate(config, state)
 
 
 def with_film(scene: dict[str, Any], film: dict[str, Any]) -> dict[str, Any]:

@@ -18,8 +18,10 @@ import prosim_scene
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
-#: Well-known scenes in Mitsuba 3's format, by Benedikt Bitterli (https://benedikt-bitterli.me/resources/).
-EXTERNAL = ("staircase2", "living-room-2", "veach-mis")
+#: Well-known scenes in Mitsuba 3's format. staircase2 and veach-mis are by Benedikt Bitterli
+#: (https://benedikt-bitterli.me/resources/); torus is in github.com/takkasila/practical_path_guiding_lab, which has
+#: veach-mis, too; staircase2 is also in github.com/niklassanden/ReSTIR_GI_DR.
+EXTERNAL = ("staircase2", "veach-mis", "torus")
 
 
 def rgb(*values: float) -> dict[str, Any]:
@@ -163,6 +165,8 @@ class Subject:
             if node.type == mi.ObjectType.Film:
                 height = round(self.size * props["height"] / props["width"])
                 props["width"], props["height"] = self.size, height
+            elif node.type == mi.ObjectType.Integrator:
+                node.props = mi.Properties("path")  # the file may name one that is not installed
             elif node.type == mi.ObjectType.Sampler:
                 props.set_plugin_name(sampler)
             elif node.type == mi.ObjectType.ReconstructionFilter:

@@ -94,10 +94,10 @@ def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: f
         of = chance.randint(2, 6)
         for number in chance.sample(range(1, of + 1), of):
             ends(prosim("render", scene, *options, "--part", f"{number}/{of}", "-o", stem))
-        parts = sorted(stem.parent.glob(f"{stem.name}.*-of-*.exr"))
+        parts = sorted(stem.parent.glob(f"{stem.name}.*-of-*.npz"))
         ends(prosim("merge", *chance.sample(parts, of), "-o", stem))
         return 0
-    killed, state = 0, stem.with_name(stem.name + ".state.exr")
+    killed, state = 0, stem.with_name(stem.name + ".state.npz")
     more = ["--workers", chance.choice([2, 3])] if kind else []
     process = prosim("render", scene, "--keep", "-o", stem, *options, *more)
     while not ends(process, chance.uniform(0.2, 0.9 * seconds) if killed < 3 else None):

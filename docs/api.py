@@ -1,4 +1,4 @@
-"""Writes docs/api.rst: all plugins and Python functions, with their parameters, from the docstrings.
+"""Writes docs/api.rst: plugins and Python functions with their parameters, and the words of the scene language.
 
 ``python docs/api.py`` writes the page; the tests check that it is up to date.
 """
@@ -12,6 +12,7 @@ import textwrap
 from pathlib import Path
 
 import mitsuba as mi
+from prosim_scene.language.words import WORDS, Numbers
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "api.rst"
@@ -32,13 +33,13 @@ MODULES = {
     "mitsuba_prosim": None,
     "mitsuba_prosim.denoising": ["render"],
     "mitsuba_prosim.parallel": ["render"],
-    "mitsuba_prosim.saved": ["load", "merge", "save"],
     "mitsuba_prosim.engine.integrator": ["ProgressiveIntegrator.progressive"],
     "mitsuba_prosim.engine.render": [
         f"Render.{name}"
         for name in ("image", "error", "counts", "noise_at_most", "reached", "checkpoint", "stop", "close")
     ],
-    "mitsuba_prosim.engine.part": ["Part"],
+    "mitsuba_prosim.engine.checkpoint": ["load", "merge", "save"],
+    "mitsuba_prosim.engine.tiles": ["Part"],
     "prosim_scene": None,
 }
 
@@ -84,10 +85,10 @@ def plugin_section(name, docstring):
     for item in re.split(r"^ \* - ", listed, flags=re.MULTILINE)[1:]:
         cells = [plain(cell) for cell in re.split(r"^   - ", item, flags=re.MULTILINE)] + [""]
         parameter, kind, meaning, flags = cells[:4]
-        default = re.search(r"\(Default: (.*?)\)(?=\.?$| )", meaning)
-        meaning = sentence(re.sub(r" ?\(Default: .*?\)(?=\.?$| )", "", meaning))
+        default = "; ".join(re.findall(r"\(Default: (.*?)\)(?=[.,;]?$|[.,;]? )", meaning))
+        meaning = re.sub(r" ?\(Default: .*?\)(?=[.,;]?$|[.,;]? )", "", meaning)
         flags = flags.replace("exposed", "P").replace("differentiable", "∂").replace("discontinuous", "D")
-        rows.append([f"``{parameter}``", kind, default[1] if default else "", meaning, flags.replace(",", "")])
+        rows.append([f"``{parameter}``", kind, default, meaning, flags.replace(",", "")])
     head = ["parameter", "type", "default", "meaning", ""]
     return f"{name}\n{'~' * len(name)}\n\n{sentence(about)}\n\n{table(head, rows)}\n"
 
@@ -112,6 +113,18 @@ def function_section(module, name):
     return f".. code-block:: python\n\n{code}\n\n{sentence(inspect.getdoc(found).split(chr(10) * 2)[0])}\n"
 
 
+def words_section():
+    """The words of the scene language: spellings, and which numbers follow."""
+    rows = []
+    for word in WORDS:
+        first, *others = (f"``{spelling}``" for spelling in word.spellings)
+        takes = word.takes.counted() if word.takes else ""
+        bounds = word.takes.bounds() if isinstance(word.takes, Numbers) else ""
+        rows.append([first, ", ".join(others), takes, bounds])
+    title = "Words of the scene language"
+    return f"{title}\n{'-' * len(title)}\n\n{table(['word', 'other spellings', 'takes', 'range'], rows)}\n"
+
+
 def page():
     """The whole page."""
     mi.set_variant("scalar_rgb")
@@ -121,6 +134,7 @@ def page():
     for module, names in MODULES.items():
         parts.append(f"{module}\n{'-' * len(module)}\n")
         parts += [function_section(module, name) for name in names or importlib.import_module(module).__all__]
+    parts.append(words_section())
     return "\n".join(parts)
 
 

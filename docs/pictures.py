@@ -4,7 +4,6 @@ of docs/walkthrough.md, called ``walkthrough-1`` and so on; and those of the fun
 ``python docs/pictures.py [NAME...]``; needs matplotlib.
 """
 
-import re
 import sys
 import time
 from functools import partial
@@ -22,6 +21,7 @@ DOCS = Path(__file__).parent
 EXAMPLES = DOCS.parent / "examples"
 sys.path[:0] = [str(DOCS / "extensions"), str(EXAMPLES)]
 from plugin_pages import example, plugins
+from walkthrough import steps
 
 SIZE = 288
 
@@ -252,9 +252,50 @@ def equal_time():
     return compress(np.concatenate([image, beside], axis=1))
 
 
-def steps():
-    """The scenes of docs/walkthrough.md."""
-    return re.findall(r"```scn\n(.*?)```", (DOCS / "walkthrough.md").read_text("utf-8"), re.DOTALL)
+def hard_to_denoise():
+    """Small tiles, wires thinner than one, a caustic by path, highlights smaller than a pixel."""
+    rng = np.random.default_rng(1)
+    tiles = {"type": "bitmap", "bitmap": mi.Bitmap(rng.random((96, 96, 3), np.float32)), "filter_type": "nearest"}
+    wires = {
+        f"wire_{i}": {
+            "type": "cylinder",
+            "p0": [-1.6, 0.16 * i, -1],
+            "p1": [1.6, 1.8 - 0.13 * i, -1 + 0.03 * i],
+            "radius": 0.006,
+            "bsdf": {"type": "twosided", "bsdf": lambertian(0.9)},
+        }
+        for i in range(12)
+    }
+    copper = {"type": "prosim_conductor", "material": "Cu", "alpha": 0.05}
+    balls = {
+        f"ball_{i}": {"type": "sphere", "center": [x, y, 0], "radius": 0.06, "bsdf": copper}
+        for i, (x, y) in enumerate(rng.uniform([-1.2, 0], [1.2, 2], (150, 2)))
+    }
+    caustic = prosim_scene.load(EXAMPLES / "caustica.scn", resolution=(SIZE, SIZE))
+    caustic["integrator"] = {"type": "prosim_adaptive", "nested": {"type": "path", "max_depth": 8}}
+    return [studio(wall=wall(lambertian(tiles), -2)), studio(**wires), caustic, studio(**balls)]
+
+
+def denoising():
+    """Raw, denoised, final, converged; the estimated and the true error of the final image, four times as bright."""
+    from mitsuba_prosim import denoising
+
+    rows = []
+    for scene in hard_to_denoise():
+        for part in scene.values():
+            if isinstance(part, dict) and "film" in part:
+                part["film"] = {"type": "hdrfilm", "width": 128, "height": 128, "rfilter": {"type": "box"}}
+        scene["integrator"] |= {"adaptive": "none", "samples": 3}
+        found = denoising.render(mi.load_dict(scene), seed=1)
+        scene["integrator"] |= {"samples": 16}
+        loaded = mi.load_dict(scene)
+        truth = np.mean([np.array(mi.render(loaded, seed=2 + i))[..., :3] for i in range(12)], axis=0)
+        white = np.percentile(truth, 99)
+        square = np.mean((found.final - truth) ** 2, axis=2).reshape(16, 8, 16, 8).mean((1, 3))
+        errors = found.final_error, np.kron(np.sqrt(square), np.ones((8, 8)))
+        images = [found.raw, found.denoised, found.final, truth, *(4 * np.dstack([error] * 3) for error in errors)]
+        rows.append(np.concatenate([np.clip(image / white, 0, 1) for image in images], axis=1))
+    return np.concatenate(rows)
 
 
 def step(name, text):
@@ -276,10 +317,13 @@ def main(only):
         "csg": csg,
         "samples": samples,
         "equal-time": equal_time,
+        "denoising": denoising,
     }
     for folder in FOLDERS:
         images |= {name: partial(plugin, folder, example(docstring)) for name, docstring in plugins(folder)}
-    images |= {f"walkthrough-{i}": partial(step, f"walkthrough-{i}", text) for i, text in enumerate(steps(), start=1)}
+    images |= {
+        f"walkthrough-{i}": partial(step, f"walkthrough-{i}", text) for i, (text, _) in enumerate(steps(), start=1)
+    }
     for name, draw in images.items():
         if not only or name in only:
             bitmap = mi.Bitmap(draw().astype(np.float32))

@@ -128,8 +128,8 @@ def check_light(count, monkeypatch):
     floors = {"type": "diffuse"}, {"type": "roughconductor", "alpha": 0.4}
     direct = [renderings(under_tubes(count, floor, type="direct"), 12, spp=64) for floor in floors]
     without = renderings(under_tubes(count, floors[0], **settings), 12, spp=16)
-    tubes = module("mitsuba_prosim.light", "Tubes").Tubes
-    monkeypatch.setattr(table, "STRATEGIES", (table.Balls, tubes, table.Others))
+    tubes = module("mitsuba_prosim.light", "Tubes").TubeLights
+    monkeypatch.setattr(table, "STRATEGIES", (table.SphereLights, tubes, table.OtherLights))
     ours = [renderings(under_tubes(count, floor, **settings), 12, spp=16) for floor in floors]
     assert all(map(same_expectation, direct, ours))
     assert ours[0].var(0).mean() < 0.4 * without.var(0).mean()
@@ -137,7 +137,7 @@ def check_light(count, monkeypatch):
 
 @pytest.mark.slow
 def test_policy(variant_rgb, monkeypatch):
-    monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.engine.policies", "All samples where").Contrast)
+    monkeypatch.setitem(POLICIES, "contrast", module("mitsuba_prosim.engine", "All samples where").Contrast)
     scene = prosim_scene.load(ROOT / "examples" / "poste.scn", resolution=(60, 45), samples=3)
 
     def counts(**integrator):

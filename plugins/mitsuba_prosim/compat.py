@@ -10,8 +10,8 @@ import re
 import signal
 import threading
 from collections import Counter
-from collections.abc import MutableMapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, MutableMapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -136,6 +136,40 @@ def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
     return sorted((name, value.tobytes()) for name, value in values.items() if value.dtype != object)
 
 
+# ---------------------------------------------------------------- loading
+# Mitsuba 3.9 makes the objects of a scene in parallel. With plugins in Python it then fails now and then with a
+# meaningless string or allocation, most often in the first scene of a process.
+#
+# Its integrators choose an emitter by its number, and merging gives meshes another order in every process, as above. So
+# shapes that emit are not merged.
+
+
+def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in_python: Collection[str]) -> mi.Scene:
+    """Makes the scene of a parser state, which is used up. Meshes that share a BSDF are merged, but for emitters.
+
+    ``in_python``: names of the plugins in Python.
+    """
+    config.parallel = not any(node.props.plugin_name() in in_python for node in state.nodes)
+    config.merge_meshes = False
+    mi.parser.transform_all(config, state)
+    if state.root.type == mi.ObjectType.Scene:
+        root, emitters = state.root.props, []
+        for name, child in _children(root):
+            node = state.nodes[child.index()]
+            if mi.ObjectType.Emitter in (node.type, *(state.nodes[c.index()].type for _, c in _children(node.props))):
+                emitters.append(child)
+                del root[name]
+        mi.parser.transform_merge_meshes(config, state)
+        for number, emitter in enumerate(emitters):
+            state.root.props[f"emitter_{number}"] = emitter
+    return cast(mi.Scene, mi.parser.instantiate(config, state))
+
+
+def _children(props: mi.Properties) -> list[tuple[str, Any]]:
+    """Names and references of the objects among the properties of an object."""
+    return [(name, value) for name, value in props.items() if isinstance(value, mi.Properties.ResolvedReference)]
+
+
 # ---------------------------------------------------------------- pointers
 # A ShapePtr has no way back to the object in Python. Its bits are the number of the shape in Dr.Jit's registry (1.5).
 
@@ -149,6 +183,24 @@ def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
 
 def _number(pointer: mi.ShapePtr) -> int:
     return int(dr.reinterpret_array(mi.UInt32, pointer)[0])
+
+
+# ---------------------------------------------------------------- emitters
+# A virtual function call is compiled for all kinds of emitters that there are. Mitsuba's "directionalarea" has no
+# `eval_direction`, but raises, which ended the call for all others too (3.9).
+
+
+def eval_direction(
+    emitter: mi.Emitter | mi.EmitterPtr, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
+) -> mi.Spectrum:
+    """``emitter.eval_direction(it, ds, active)``; 0 of emitters without that method."""
+    if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
+        return emitter.eval_direction(it, ds, active)
+
+    def value(one: mi.Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Spectrum:
+        return mi.Spectrum(0) if one.class_name() == "DirectionalArea" else one.eval_direction(it, ds, active)
+
+    return dr.dispatch(emitter, value, it, ds, active)
 
 
 # ---------------------------------------------------------------- threads
@@ -166,8 +218,20 @@ LIBRARIES = (".so", ".dylib", ".dll")
 #: Names that the arguments of Mitsuba's Python parser have, so that no parameter of a scene can be given by them.
 RESERVED = ("config", "filename")
 
-#: Parameter of a plugin -> the files that its value, a name, stands for.
-DATA_FILES = {"material": ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")}
+#: The files of a conductor's ``material``.
+MATERIAL_FILES = ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")
+
+
+#: The plugins of Mitsuba 3.9 that are written in Python, which its command can't run.
+PLUGINS_IN_PYTHON = (
+    "prb",
+    "prb_basic",
+    "prb_projective",
+    "prbvolpath",
+    "direct_projective",
+    "volprim_rf_basic",
+    "flat_sensor",
+)
 
 
 # ---------------------------------------------------------------- the words of errors
@@ -188,9 +252,6 @@ UNREFERENCED = re.compile(r'unreferenced propert(?:y|ies) in \w+ plugin of type 
 
 #: Tag in XML -> name of the kind of plugin, where they differ.
 TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}
-
-#: A file ends too early, in most formats of images: bytes that are there, and bytes that should be.
-DAMAGED = re.compile(r"read (\d+) out of (\d+) bytes")
 
 
 # ---------------------------------------------------------------- arrays

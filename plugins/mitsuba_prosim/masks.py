@@ -1,6 +1,9 @@
-"""Masks that are Dr.Jit arrays, or Python booleans in scalar variants (where ``~True`` is -2)."""
+"""Where scalar variants differ: masks are Python booleans there (``~True`` is -2), pointers are objects."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -14,3 +17,10 @@ def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
 def idle(active: mi.Bool) -> bool:
     """Whether no lane is active, as far as that is known: scalar variants have no shape, BSDF or emitter then."""
     return not dr.is_jit_v(active) and not active
+
+
+def dispatch(pointer: Any, function: Callable[..., Any], *args: Any) -> Any:
+    """What ``function(instance, *args)`` returns for each instance of a Dr.Jit ``pointer``: once for each kind, with
+    everything that it computes with among ``args``. In scalar variants ``pointer`` is the instance.
+    """
+    return dr.dispatch(pointer, function, *args) if dr.is_jit_v(mi.Float) else function(pointer, *args)

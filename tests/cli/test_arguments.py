@@ -38,7 +38,7 @@ def folder(tmp_path, monkeypatch):
         ("resume", "mug.scn", "'mug.scn' is a scene, not the state of a render. prosim render --keep writes one.\n"),
         ("resume", "night.exr", "is an EXR image, not the state of a render. prosim render --keep writes one.\n"),
         ("merge", "mug.scn", "'mug.scn' is a scene, not a part of an image. prosim render --part 1/4 writes one.\n"),
-        ("merge", "night.*-of-4.exr", "File 'night.*-of-4.exr' does not exist.\n"),
+        ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],
 )
 def test_a_file_that_was_not_meant(folder, command, path, says):

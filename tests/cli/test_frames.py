@@ -192,7 +192,7 @@ def test_a_wrong_frame_is_named_and_those_before_it_are_kept(film):
         (["--frames", "0:3", "--workers", "2", "-m", "scalar_rgb"], "--workers: scalar_rgb"),
         (["--fps", "3"], "--fps is for films"),
         (["--overwrite"], "--overwrite is for films"),
-        (["-D", "turn=3"], "nothing in the scene says $turn"),
+        (["-D", "turn=3"], "the scene does not use $turn"),
     ],
 )
 def test_what_has_no_meaning_is_refused(film, options, words):

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mitsuba_prosim.scene import atomic, scene_file
+from mitsuba_prosim import atomic
+from mitsuba_prosim.scene import scene_file
 from running import prosim
 from test_resume_and_merge import LAMP, alike
 

@@ -27,7 +27,7 @@ from tqdm.auto import tqdm
         (["--crop", "1,2,3"], "not of the form X,Y,W,H"),
         (["--crop", "0,0,0,0"], "1 or more"),
         (["--crop", "-1,0,1,1"], "0 or more"),
-        (["--crop", "0,0,100,100"], "a crop window of 100 x 100 pixels from (0, 0) on, in an image of 12 x 8"),
+        (["--crop", "0,0,100,100"], "a crop window of 100 x 100 pixels at (0, 0) leaves the image of 12 x 8"),
         (["-D", "key"], "key=value"),
         (["-m", "no_such_variant"], "llvm_ad_rgb"),
         (["--spp", "0"], "spp"),
@@ -73,7 +73,7 @@ def test_resolution_of_a_scene_that_no_film_can_hold(palito):
 def test_levels_that_only_paths_have(palito, level):
     done = prosim("render", palito, "--max-level", level)
     assert done.exit_code == 2 and "scratch" not in done.stderr
-    assert f"the deepest level is to be {level}, and a tree of rays has levels 0 to 24" in done.stderr
+    assert f"the maximum depth is {level}; a tree of rays allows 0 to 24" in done.stderr
     assert "--paths" in done.stderr
 
 

@@ -119,7 +119,7 @@ def test_a_signal_is_heard_within_seconds_in_a_long_wave(scene):
         stderr=subprocess.PIPE,
     ) as process:
         end = time.monotonic() + 60
-        while not scene.with_suffix(".state.exr").exists() and time.monotonic() < end:
+        while not scene.with_suffix(".state.npz").exists() and time.monotonic() < end:
             time.sleep(0.1)  # until it is at work, and has kept what there is
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=10)

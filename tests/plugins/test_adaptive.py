@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.engine.error import standard_error
-from mitsuba_prosim.engine.policies.neighbours import REACH, error_of_neighbours
+from mitsuba_prosim.engine.policies import Neighbours, error_of_neighbours
 
 
 @pytest.mark.parametrize("shape", [(7, 9), (3, 3), (1, 6), (2, 1), (1, 1)])
@@ -22,7 +22,7 @@ def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
                     samples[v, u]
                     for v in range(height)
                     for u in range(width)
-                    if max(abs(v - y), abs(u - x)) <= REACH and (v, u) != (y, x)
+                    if max(abs(v - y), abs(u - x)) <= Neighbours.reach and (v, u) != (y, x)
                 ]
             )
             if len(around) == 0:

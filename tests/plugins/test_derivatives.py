@@ -580,11 +580,11 @@ def test_the_collector_does_not_run_while_a_kernel_is_traced():
                          "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180)},
                 "light": {"type": "sphere", "center": [1, 2, 0], "radius": .3, "emitter": {"type": "area"}}})
 
-        def end(*args, last=loop.end):
+        def last_emission(*args, own=loop.last_emission):
             many = [[] for _ in range(200_000)]  # the collector would run
-            return last(*args)
+            return own(*args)
 
-        loop.end = end
+        loop.last_emission = last_emission
         alive = scene({"type": "roughconductor"})
         gc.collect()
         gc.disable()

@@ -5,7 +5,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.light.balls import Balls, direction_to_ball
+from mitsuba_prosim.light.spheres import SphereLights, direction_to_sphere
+from mitsuba_prosim.light.strategy import Receiver
 
 
 def T():
@@ -33,7 +34,8 @@ def check_ball(normal, aside, radius):
     center = distance * (normal * np.cos(aside) + across / np.linalg.norm(across) * np.sin(aside))
     sample = grid()
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(sample))
-    ds = direction_to_ball(si, mi.Point3f(*center.tolist()), mi.Float(radius), mi.Normal3f(*normal.tolist()), sample)
+    receiver = Receiver(si, mi.Normal3f(*normal.tolist()))
+    ds = direction_to_sphere(receiver, mi.Point3f(*center.tolist()), mi.Float(radius), sample)
     d, pdf = np.array(ds.d, dtype=float), np.array(ds.pdf, dtype=float)
     assert np.abs(np.linalg.norm(d, axis=0) - 1).max() < 1e-6
     beside = np.linalg.norm(np.cross(d.T, center), axis=1)
@@ -123,14 +125,14 @@ def test_no_ray_that_meets_a_ball_is_given_up(variant_rgb, distance, radius):
             },
         }
     )
-    balls = Balls(sphere.emitters())
+    lights = SphereLights(sphere.emitters())
     side = mi.Frame3f(mi.Vector3f(*axis.tolist()))
     p = 2 * grid(64) - 1
     d = dr.normalize(mi.Vector3f(*axis.tolist()) * distance + side.s * (p.x * radius) + side.t * (p.y * radius))
     ray = mi.Ray3f(mi.Point3f(0), d)
     meets = np.array(sphere.ray_test(ray))
-    may_meet = np.array(balls.may_meet(0, ray.o, ray.d))
+    may_meet = np.array(lights.may_meet(0, ray.o, ray.d))
     assert meets.mean() > 0.2
     assert np.all(may_meet[meets])
     far = mi.Vector3f(*axis.tolist()) * distance + side.s * (3 * radius + 2e-3 * distance)
-    assert not balls.may_meet(0, ray.o, dr.normalize(far))[0]
+    assert not lights.may_meet(0, ray.o, dr.normalize(far))[0]

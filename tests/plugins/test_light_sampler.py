@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.light.light_sampler import LightSampler
+from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from scenes import penumbra, rgb
 
@@ -84,17 +85,20 @@ def test_probabilities_sum_to_one_and_are_those_of_the_choice(variant_rgb, monke
     sampler, active = lights.sampler, mi.Bool(True)
     si, n, both = points(scene, 200)
     both = both if transmits else False
-    each = [np.array(sampler.probability(mi.UInt32(k), si.p, n, both, None, active)) for k in range(lights.lamps)]
+    each = [
+        np.array(sampler.probability(mi.UInt32(k), Receiver(si, n, both), None, active)) for k in range(lights.lamps)
+    ]
     assert np.min(each) > 0
     assert np.allclose(np.sum(each, 0), 1, atol=1e-5)
     assert np.max(each) > 0.5 and np.min(each) < 1e-3
     # 4,096 evenly spaced numbers: each lamp has its share of them, in one piece, which is spread over [0, 1) again.
     point, steps = 7, 4096
-    one = dr.gather(mi.Point3f, si.p, mi.UInt32(point)), dr.gather(mi.Normal3f, n, mi.UInt32(point))
+    one = dr.gather(mi.SurfaceInteraction3f, si, mi.UInt32(point))
     u = (dr.arange(mi.Float, steps) + 0.5) / steps
     both = dr.gather(mi.Bool, both, mi.UInt32(point)) if transmits else False
-    total = sampler.total(*one, both, active)
-    k, probability, rest = (np.array(x) for x in sampler.choose(*one, both, total, u, active))
+    receiver = Receiver(one, dr.gather(mi.Normal3f, n, mi.UInt32(point)), both)
+    total = sampler.total(receiver, active)
+    k, probability, rest = (np.array(x) for x in sampler.choose(receiver, total, u, active))
     assert np.all(np.diff(k.astype(int)) >= 0)
     for number in range(lights.lamps):
         mine = k == number
@@ -109,15 +113,16 @@ def test_the_density_of_a_lamp_that_is_met_is_that_of_its_sample(variant_rgb):
     scene = mi.load_dict(lit())
     lights = Lights(scene, choose=True)
     si, n, _ = points(scene, 1009)
-    total = lights.sampler.total(si.p, n, False, mi.Bool(True))
+    receiver = Receiver(si, n)
+    total = lights.sampler.total(receiver, mi.Bool(True))
     for name in ("strong", "weak", "panel", "textured"):
         k = next(i for i, e in enumerate(lights.emitters) if e.get_shape() is not None and e.get_shape().id() == name)
-        sample = lights.lamp(mi.UInt32(k)).sample(si, n, False, mi.Point2f(0.3, 0.6), mi.Bool(True))
-        probability = lights.sampler.probability(mi.UInt32(k), si.p, n, False, total, mi.Bool(True))
-        expected = np.array(sample.pdf * probability)
-        there = (expected > 0) & (np.array(dr.dot(sample.d, n)) > 0.05)
-        for estimates in (total, None):
-            pdf = np.array(lights.pdf(si, n, False, sample.ds, mi.Bool(True), estimates))
+        ds, _ = lights.lamp(mi.UInt32(k)).sample(receiver, mi.Point2f(0.3, 0.6), mi.Bool(True))
+        probability = lights.sampler.probability(mi.UInt32(k), receiver, total, mi.Bool(True))
+        expected = np.array(ds.pdf * probability)
+        there = (expected > 0) & (np.array(dr.dot(ds.d, n)) > 0.05)
+        for importance in (total, None):
+            pdf = np.array(lights.pdf(receiver, ds, mi.Bool(True), importance))
             assert there.sum() > 50 and np.allclose(pdf[there], expected[there], rtol=2e-2)
 
 
@@ -137,7 +142,7 @@ def test_the_sky_is_no_lamp(monkeypatch, variant, unrolled):
             mi.Vector3f(0, 1, 0),
             mi.EmitterPtr(lights.emitters[-1]) if lights.jit else lights.emitters[-1],
         )
-        pdf = lights.pdf(dr.zeros(mi.SurfaceInteraction3f), mi.Normal3f(0, 1, 0), False, ds, mi.Bool(True))
+        pdf = lights.pdf(Receiver(dr.zeros(mi.SurfaceInteraction3f), mi.Normal3f(0, 1, 0)), ds, mi.Bool(True))
         assert np.all(np.array(pdf) == 0)
 
 

@@ -6,12 +6,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.engine.part import Part, Tiles
+from mitsuba_prosim.engine.checkpoint import put_together
 from mitsuba_prosim.engine.plan import Rectangle
-from mitsuba_prosim.engine.work import Local
-from mitsuba_prosim.saved.parts import put_together
+from mitsuba_prosim.engine.tiles import Part, Tiles
+from mitsuba_prosim.engine.work import TimeSlicer
 from scenes import penumbra
-from test_waves import begun, grow
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
 CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
@@ -56,18 +55,16 @@ def test_an_image_goes_on_to_the_same_bits(variant_rgb):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kept, settings",
+    "settings",
     [
-        *((0, {"adaptive": name}) for name in ("none", "thesis", "graded")),
-        *((kept, {"adaptive": "neighbours"}) for kept in (0, 1 << 30)),
-        (0, {"noise": 0.004, "noise_99": 0.01, "noise_999": 0.02, "max_samples": 100, "rfilter": "box"}),
-        (1 << 30, {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"}),
-        (1 << 30, {"film": CROP, "adaptive": "graded"}),
+        *({"adaptive": name} for name in ("none", "thesis", "neighbours")),
+        {"noise": 0.004, "noise_99": 0.01, "noise_999": 0.02, "max_samples": 100, "rfilter": "box"},
+        {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"},
+        {"film": CROP, "adaptive": "graded"},
     ],
     ids=str,
 )
-def test_an_image_goes_on_to_the_same_bits_from_anywhere(variant_rgb, monkeypatch, kept, settings):
-    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
+def test_an_image_goes_on_to_the_same_bits_from_anywhere(variant_rgb, settings):
     goes_on_the_same(loaded(band=700, **settings), (0, 0.4, 0.8, 1))
 
 
@@ -89,39 +86,26 @@ def test_what_belongs_to_another_image_is_refused(variant_rgb):
         ({"samples": 4}, "samples of a pass: 5 there, 4 here"),
         ({"size": 10}, "window"),
         ({"rfilter": "box"}, "reach of the filter: 2 there, 0 here"),
-        ({"aovs": "samples"}, "channels"),
-        ({"max_samples": 60}, "let graded go on"),
+        ({"aovs": "d:depth"}, "channels"),
+        ({"max_samples": 60}, "continue with adaptive = graded"),
     ]:
         with pytest.raises(ValueError, match=says):
             finished(loaded(**{"size": 8, **settings}), begin=last)
-    nested = {"type": "prosim_adaptive", "nested": {"type": "path"}, "sampler": {"type": "independent"}}
-    with pytest.raises(ValueError, match="does not say where it was"):
-        finished(mi.load_dict(penumbra(size=8, **nested)), begin=last)
-
-
-def test_rows_that_were_made_of_fewer_samples_are_made_anew(variant_rgb, monkeypatch):
-    """Where sums are not kept: after a pass that was stopped, another one to other counts."""
-    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
-    scene = loaded(size=16, band=64, adaptive="graded")
-    through, stopped = begun(scene), begun(scene)
-    assert not grow(stopped, 7, 2)
-    assert stopped.state.decisions.rows is not None and stopped.state.decisions.rows[1] == 8
-    assert grow(stopped, 9) and grow(through, 9)
-    assert np.array_equal(np.array(stopped.image()), np.array(through.image()))
 
 
 def test_work_items_take_about_as_long_as_they_should(variant_rgb):
     """The first one compiles; then the machine is as slow as before, and later twenty times as fast."""
-    local, took = Local(1.0), []
-    local.size = 10_000
-    local.learn(10_000, 300.0)
+    slicer, took = TimeSlicer(1.0), []
+    slicer.speed = 10_000
+    slicer.learn(10_000, 300.0)
     for k in range(20):
-        work = local.limit(None, 10**12)
+        work = slicer.limit(10**12)
         took.append(work / (100 if k < 10 else 2000))
-        local.learn(work, took[-1])
+        slicer.learn(work, took[-1])
     assert took[0] == 100 and all(0.9 < seconds <= 1 for seconds in took[1:10])
     assert took[10] < 0.1 and 0.9 < took[-1] <= 1
-    assert local.limit(7, 10**9) == 7 and local.limit(None, int(1.2 * local.size)) == int(1.2 * local.size)
+    assert slicer.limit(10**9, 0.1) == int(0.1 * slicer.speed)
+    assert slicer.limit(int(1.2 * slicer.speed)) == int(1.2 * slicer.speed)
 
 
 # ------------------------------------------------------------------ parts
@@ -140,15 +124,15 @@ def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_
         sizes = np.sum(mine, axis=(1, 2))
         assert sizes.min() > 0.5 * sizes.mean()
         for part, own, reach in zip(parts, mine, (0, 1, 3, 6)):
-            near = tiles.near(part, *(mi.Int32(v.ravel()) for v in (x, y)), reach)
+            near = tiles.near(part, x, y, reach)
             around = np.zeros_like(own)
             for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
                 around |= np.roll(own, (dy, dx), (0, 1))
             within = (np.abs(2 * x - left - right + 1) < right - left + 2 * reach) & (
                 np.abs(2 * y - top - bottom + 1) < bottom - top + 2 * reach
             )
-            assert not np.any(around & within & ~np.array(near).reshape(x.shape))
-            assert np.all((np.array(near).reshape(x.shape) & inside & ~around) == 0)
+            assert not np.any(around & within & ~near)
+            assert np.all((near & inside & ~around) == 0)
 
 
 @pytest.mark.parametrize("margin, most", [(0, 1.03), (2, 1.06), (6, 1.25)])
@@ -177,16 +161,13 @@ def test_parts_make_the_image(variant_rgb):
 @pytest.mark.parametrize(
     "adaptive, rfilter", [("none", "box"), ("thesis", "gaussian"), ("neighbours", "box"), ("graded", "gaussian")]
 )
-def test_any_number_of_parts_makes_the_image(variant_rgb, monkeypatch, adaptive, rfilter):
-    """Also where the sums of a whole image would not be kept; with a crop window, and with a sampled border."""
+def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive, rfilter):
+    """Also with a crop window, and with a sampled border."""
     for film, numbers in [({}, [7]), (CROP, [4]), ({"sample_border": True}, [2])]:
         scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, aovs="samples,error", max_level=1)
-        with monkeypatch.context() as patch:
-            if film:
-                patch.setattr("mitsuba_prosim.engine.state.KEPT", 0)
-            expected = finished(scene)[0]
-            for of in numbers:
-                assert np.array_equal(in_parts(scene, of), expected), of
+        expected = finished(scene)[0]
+        for of in numbers:
+            assert np.array_equal(in_parts(scene, of), expected), of
 
 
 def test_a_part_that_was_stopped_goes_on(variant_rgb):

@@ -47,7 +47,7 @@ def test_what_renders_is_imported_with_the_first_image():
     """It would take longer than all plugins together; a variant is set as the plugins are imported then only."""
     done = python(
         "import sys, mitsuba as mi; mi.set_variant('llvm_ad_rgb'); import mitsuba_prosim;"
-        "late = ['numpy', 'mitsuba_prosim.engine.state', 'mitsuba_prosim.denoising'];"
+        "late = ['numpy', 'mitsuba_prosim.engine.accumulators', 'mitsuba_prosim.denoising'];"
         "print([name for name in late if name in sys.modules], 'mitsuba_prosim.integrators.prosim' in sys.modules)"
     )
     assert done.stdout.strip() == "[] True", done.stderr

@@ -10,16 +10,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
-from mitsuba_prosim.engine.estimate import Estimator
+from mitsuba_prosim.engine.estimator import Estimator
 from mitsuba_prosim.parallel import worker
-from scenes import penumbra
 from test_record import CROP, loaded
 
 
 class Elsewhere:
-    """Takes samples by what travels, in another copy of the scene, a few work items at a time; the sums come in any
-    order, unless they are wanted in theirs.
-    """
+    """Takes samples by what travels, in another copy of the scene, a few work items at a time, in any order."""
 
     sets = None
 
@@ -30,22 +27,20 @@ class Elsewhere:
         #: Kernels that were compiled, work item by work item.
         self.compiled = []
 
-    def limit(self, most, left):
+    def limit(self, left, seconds):
         return self.chance.randint(1, self.most)
 
-    def __call__(self, items, ordered):
+    def __call__(self, items):
         while some := list(itertools.islice(items, self.together)):
             yield None  # nothing yet
-            order = self.chance.sample(range(len(some)), len(some))
-            results = {number: (some[number], self.take(some[number])) for number in order}
-            yield from (results[number] for number in (sorted(order) if ordered else order))
+            yield from [(item, self.take(item)) for item in self.chance.sample(some, len(some))]
 
     def take(self, item):
         if self.estimator is None:
             sensor = self.scene.sensors()[0]
-            self.estimator = self.scene.integrator().estimator(item.plan, self.scene, sensor)
+            self.estimator = self.scene.integrator().estimator(self.scene, sensor)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, self.history):
-            _, sums = worker.taken(lambda plan: self.estimator, worker.packed(item))
+            _, sums = worker.taken(lambda: self.estimator, worker.packed(item))
             self.compiled.append(sum(not kernel.get("cache_hit", True) for kernel in dr.kernel_history()))
         return pickle.loads(sums)
 
@@ -94,15 +89,12 @@ def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
         {"adaptive": "neighbours"},
         {"adaptive": "thesis"},
         {"adaptive": "graded"},
-        {"adaptive": "graded", "kept": 0},
-        {"noise": 0.006, "kept": 0, "max_samples": 60},
+        {"noise": 0.006, "max_samples": 60},
         {"size": 10, "noise": 0.01, "max_samples": 60},
     ],
     ids=str,
 )
-def test_samples_of_all_policies_and_filters(variant_rgb, monkeypatch, rfilter, settings):
-    settings = dict(settings)
-    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", settings.pop("kept", 1 << 30))
+def test_samples_of_all_policies_and_filters(variant_rgb, rfilter, settings):
     taken_alike({"size": 24, "rfilter": rfilter, **settings}, most=10000)
 
 
@@ -125,10 +117,3 @@ def test_a_crop_is_a_matter_of_who_asks(variant_rgb):
     params.update()
     there.integrator().samples = 7  # nor are these
     assert np.array_equal(image(here)[0], image(here, Elsewhere(there))[0])
-
-
-def test_a_sampler_of_mitsubas_stays_where_it_is(variant_rgb):
-    settings = {"type": "prosim_adaptive", "nested": {"type": "direct"}, "sampler": {"type": "independent"}}
-    scene = mi.load_dict(penumbra(size=4, **settings))
-    with pytest.raises(ValueError, match="nor shared out"):
-        image(scene, Elsewhere(scene))

@@ -209,8 +209,8 @@ def test_a_scene_without_surfaces_shows_its_background(monkeypatch, variant, lig
 def test_a_scene_is_looked_through_once_a_render_in_scalar_variants(monkeypatch):
     mi.set_variant("scalar_rgb")
     looked = []
-    of = context.SceneFacts.of.__func__
-    monkeypatch.setattr(context.SceneFacts, "of", classmethod(lambda cls, *args: looked.append(1) or of(cls, *args)))
+    of = context.Context.of.__func__
+    monkeypatch.setattr(context.Context, "of", classmethod(lambda cls, *args: looked.append(1) or of(cls, *args)))
     mi.render(mi.load_dict(penumbra(size=4, type="prosim")), spp=4)
     assert len(looked) == 1
 

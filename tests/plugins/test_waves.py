@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim.engine.error_target import SecondImage
+from mitsuba_prosim.engine.work import work_items
 from scenes import alone, penumbra
 from scipy import stats
 
@@ -54,15 +55,15 @@ def reached(scene, seed=0):
 
 
 def grow(render, counts, items=1 << 30):
-    """Takes the samples of a pass to those counts, or of so many work items; returns whether that was all."""
-    work = render.image_pass(mi.UInt32(np.broadcast_to(np.asarray(counts, dtype=np.uint32), width(render))))
-    for _ in itertools.islice(render.execute(work), items):
-        pass
-    return work.whole
+    """Takes the samples up to those counts, or of so many work items; returns whether that was all."""
+    wanted = np.broadcast_to(np.asarray(counts, dtype=np.uint32), width(render))
+    for item in itertools.islice(work_items(render.state, wanted, render.policy, lambda left: left), items):
+        item.put(item.take())
+    return np.all(np.array(render.state.accumulators.count) >= wanted)
 
 
 def width(render):
-    return dr.width(render.state.estimate.count)
+    return dr.width(render.state.accumulators.count)
 
 
 # ------------------------------------------------------------------ the counts alone make the image
@@ -80,10 +81,8 @@ def test_policies_that_ask_for_the_same_counts_give_the_same_bits(variant_rgb, p
         assert alike.mean() > 0.8 and np.array_equal(ours[alike], everything[alike])
 
 
-@pytest.mark.parametrize("kept", [0, 1 << 30])
-def test_stopped_and_taken_up_again_is_run_through(variant_rgb, monkeypatch, kept):
+def test_stopped_and_taken_up_again_is_run_through(variant_rgb):
     """After any pass, and within one, whose work items are then partly done."""
-    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
     scene = loaded(COPPER, rfilter="gaussian", band=200)
     through, paused = begun(scene), begun(scene)
     counts = np.random.default_rng(1).integers(5, 60, width(through))
@@ -92,11 +91,10 @@ def test_stopped_and_taken_up_again_is_run_through(variant_rgb, monkeypatch, kep
     grow(paused, np.minimum(counts, 8))  # fewer: nothing happens
     assert not grow(paused, counts, 2)
     assert grow(paused, counts)
-    through, paused = through.state, paused.state
-    assert np.array_equal(np.array(paused.estimate.count), counts)
-    assert np.array_equal(np.array(paused.image().tensor()), np.array(through.image().tensor()))
-    for name in ("total", "squares", "pass_squares", "in_pass"):
-        assert np.array_equal(*(np.array(getattr(state.estimate, name)) for state in (paused, through)))
+    assert np.array_equal(np.array(paused.image()), np.array(through.image()))
+    through, paused = (render.checkpoint().pixels for render in (through, paused))
+    assert np.array_equal(paused["count"], counts)
+    assert all(np.array_equal(paused[name], through[name]) for name in through)
 
 
 # ------------------------------------------------------------------ those who watch
@@ -131,13 +129,10 @@ def test_passes_show_the_image_grow_until_it_is_the_rendered_one(variant_rgb, fi
 CROPPED = {"width": 40, "crop_offset_x": 7, "crop_offset_y": 11, "crop_width": 32, "crop_height": 20}
 
 
-@pytest.mark.parametrize(
-    "kept, film", [(1 << 30, {"sample_border": True}), (0, {}), (1 << 30, CROPPED)], ids=["kept", "anew", "crop"]
-)
-def test_what_is_seen_between_two_work_items(variant_rgb, monkeypatch, kept, film):
-    """In the first pass some pixels are as they are at its end; in the others all that there is, if sums are kept."""
-    monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
-    settings = {"rfilter": "gaussian", "adaptive": "graded", "aovs": "samples,error", "film": film}
+@pytest.mark.parametrize("film", [{"sample_border": True}, CROPPED], ids=["border", "crop"])
+def test_the_image_between_two_work_items(variant_rgb, film):
+    """In the first pass some pixels have samples; in the others all that there are."""
+    settings = {"rfilter": "box", "adaptive": "graded", "aovs": "samples,error", "film": film}
     scene, seen, ends = loaded(COPPER, band=200, **settings), [], []
     render = scene.integrator().progressive(scene, seed=5)
     size = list(render.film.crop_size())
@@ -145,21 +140,17 @@ def test_what_is_seen_between_two_work_items(variant_rgb, monkeypatch, kept, fil
         if step.complete:
             ends.append(np.array(render.image()))
         else:
-            seen.append(render.current and (render.known(), np.array(render.image()), render.counts()))
+            seen.append((render.counts() > 0, np.array(render.image()), render.counts()))
         assert list(render.film.crop_size()) == size  # the film is the user's
     assert np.array_equal(ends[-1], np.array(mi.render(loaded(COPPER, **settings), seed=5)))
-    first = [known for known, *_ in filter(None, seen) if not known.all()]
+    first = [known for known, *_ in seen if not known.all()]
     assert len(first) >= 2 and all(np.all(a <= b) for a, b in itertools.pairwise(first))
     assert film is CROPPED or all(np.any(a < b) for a, b in itertools.pairwise(first))
     for known, image, _ in seen[: len(first) + 1]:
         assert np.array_equal(image[known], ends[0][known])
     later = seen[len(first) + 1 :]
-    if kept:
-        means = [counts.mean() for _, image, counts in later if np.array_equal(counts, np.rint(image[..., -2]))]
-        assert len(set(means)) == len(later) > len(ends) and means == sorted(means)
-    else:
-        whole = [image for _, image, _ in filter(None, later)]
-        assert len(later) > len(whole) and np.array_equal(whole, ends[1:])
+    means = [counts.mean() for _, image, counts in later if np.array_equal(counts, np.rint(image[..., -2]))]
+    assert len(set(means)) == len(later) > len(ends) and means == sorted(means)
 
 
 def test_whoever_stops_has_a_whole_image(variant_rgb):
@@ -275,11 +266,12 @@ def test_the_second_image_measures_the_noise_and_is_independent(variant_rgb):
     for seed in range(40):
         render = begun(loaded(adaptive="none", samples=4), seed)
         state, twin = render.state, SecondImage(render.state)
-        for _ in render.execute(twin.catch_up(state, 1, lambda left: None)):
-            pass
+        counts = np.array(state.accumulators.count)[twin.index]
+        for item in work_items(twin, counts, None, lambda left: left):
+            item.put(item.take())
         measured.append(twin.noise(state)[0] ** 2)
-        images.append(np.array(state.estimate.at(twin.index).total) / 16)
-        twins.append(np.array(twin.estimate.total) / 16)
+        images.append(np.array(state.accumulators.total)[twin.index] / 16)
+        twins.append(np.array(twin.accumulators.total) / 16)
     images, twins = np.array(images, dtype=float), np.array(twins, dtype=float)
     images, twins = (np.sqrt(x + 0.01) for x in (images, twins))
     off = (images - images.mean(0)) ** 2 * 40 / 39
@@ -400,13 +392,3 @@ def test_time_ends_in_time(variant_rgb, adaptive):
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
     image = render(COPPER, time=1e-6, aovs="samples,error")
     assert np.all(image[..., -2] == 1)
-
-
-@pytest.mark.parametrize("noise", [0.0025, pytest.param(0.001, marks=pytest.mark.slow)])
-def test_an_image_until_a_noise_is_the_same_whether_sums_are_kept_or_not(variant_rgb, monkeypatch, noise):
-    """What is taken anew begins with the first samples."""
-    images = []
-    for kept in (1 << 30, 0):
-        monkeypatch.setattr("mitsuba_prosim.engine.state.KEPT", kept)
-        images.append(np.array(mi.render(loaded(COPPER, noise=noise, samples=3, aovs="samples"))))
-    assert images[0][..., -1].max() > 9 and np.array_equal(*images)

@@ -1,4 +1,4 @@
-"""An image that is not whole is told at its place in the scene, and awaited."""
+"""A damaged image is named at its place in the scene, and watched."""
 
 import mitsuba as mi
 import numpy as np
@@ -17,9 +17,7 @@ END
 
 
 @pytest.mark.parametrize("background, texture, line", [("NULL", '"cut file.{}"', 4), ('"cut file.{}"', "NULL", 2)])
-@pytest.mark.parametrize(
-    "suffix, says", [("png", "it ends after 162 of 795 bytes that are to follow"), ("jpg", "Invalid JPEG file")]
-)
+@pytest.mark.parametrize("suffix, says", [("png", "read 162 out of 795 bytes"), ("jpg", "Invalid JPEG file")])
 def test_an_image_that_is_cut_short(variant_rgb, tmp_path, background, texture, line, suffix, says):
     scene, image, out = tmp_path / "scene.scn", tmp_path / f"cut file.{suffix}", tmp_path / "out"
     scene.write_text(SCENE.format(background, texture).replace("{}", suffix), encoding="utf-8")
@@ -32,7 +30,7 @@ def test_an_image_that_is_cut_short(variant_rgb, tmp_path, background, texture, 
         SceneFile(scene, out).load()
     assert (error.value.filename, error.value.line) == (str(scene), line)
     words = str(error.value)
-    assert f"the image 'cut file.{suffix}' is not whole, or damaged: " in words and says in words
+    assert f"the image 'cut file.{suffix}' is incomplete or damaged: " in words and says in words
     assert "save it again" in words and str(out) not in words
     files = Files(scene)  # as prosim watch that begins with it
     files.failed(words)

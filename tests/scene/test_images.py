@@ -1,4 +1,4 @@
-"""What is written of a film is what the film holds."""
+"""Image files hold what the film holds."""
 
 import io
 
@@ -72,6 +72,17 @@ def test_png_is_srgb_of_the_exposed_image(variant_rgb, tmp_path):
     (tmp_path / "a.png").write_bytes(images.encode(bitmap, {}, 1)[".png"])
     shown = mi.Bitmap(str(tmp_path / "a.png"))
     assert np.all(np.abs(np.array(shown) - 255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055)) <= 1)
+
+
+def test_the_tone_curve_keeps_the_range_the_order_and_the_colours():
+    rgb = np.random.default_rng(1).uniform(0, 1, (20, 20, 3)).astype(np.float32)
+    assert np.allclose(images.compress(rgb), rgb, atol=1e-6)
+    rgb = np.linspace(0, 8, 300, dtype=np.float32).reshape(20, 15, 1) * np.array([1, 0.5, 0.25], dtype=np.float32)
+    shown = images.compress(rgb)
+    luminance = shown @ [0.2126, 0.7152, 0.0722]
+    assert np.all(np.diff(luminance.ravel()) > 0)
+    assert np.percentile(luminance, 99) == pytest.approx(1, abs=0.01)
+    assert np.allclose(shown[..., 1], shown[..., 0] / 2, atol=1e-6)
 
 
 def test_spectral_bins_have_no_png(variant_spectral):

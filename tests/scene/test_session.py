@@ -1,14 +1,12 @@
-"""What is said of Mitsuba's errors, and what of the process a scene is loaded by."""
+"""Messages of Mitsuba's errors, variants, and threads that load scenes."""
 
 import threading
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-import OpenEXR
 import pytest
-from mitsuba_prosim.engine.estimate import Estimator
-from mitsuba_prosim.scene import images, scene_file, session
+from mitsuba_prosim.engine.estimator import Estimator
+from mitsuba_prosim.scene import scene_file, session
 
 
 def test_message_without_a_traceback_and_with_its_cause():
@@ -81,19 +79,3 @@ def test_while_a_scene_is_loaded_other_threads_neither_load_nor_trace(variant_rg
         thread.join()
     assert not met and both.broken
     assert ([str(folder) for folder in mi.file_resolver()], dr.thread_count()) == before
-
-
-def test_threads_are_lent_to_scenes_that_name_an_exr_alone(variant_rgb, tmp_path, monkeypatch):
-    """Two threads take longer to begin than a small scene to load; with fewer than three an EXR would never be read."""
-    lent, image = [], np.ones((1, 1), np.float32)
-    OpenEXR.File({}, dict.fromkeys("RGB", image)).write(str(tmp_path / "a.exr"))
-    (tmp_path / "a.exr").rename(tmp_path / "a.png")  # Mitsuba goes by the content
-    (tmp_path / "b.png").write_bytes(images.png(np.ones((1, 1, 3), np.float32)))
-    monkeypatch.setattr(session, "enough_threads", lambda: lent.append(path.name) or session.threads(3))
-    for name in "ab":
-        texture = f'<texture name="reflectance" type="bitmap"><string name="filename" value="{name}.png"/></texture>'
-        path = tmp_path / f"{name}.xml"
-        path.write_text(f'<scene version="3.0.0"><bsdf type="diffuse" id="x">{texture}</bsdf></scene>')
-        with session.threads(1):
-            scene_file.SceneFile(path, tmp_path).load()
-    assert lent == ["a.xml"]

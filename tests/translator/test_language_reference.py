@@ -1,4 +1,4 @@
-"""The examples in docs/language.md."""
+"""The examples in docs/language.md and docs/cheat_sheet.md."""
 
 import re
 from pathlib import Path
@@ -8,8 +8,10 @@ import pytest
 from prosim_scene.language.words import WORDS, normalise
 from prosim_scene.mitsuba import textures
 
-TEXT = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"```scn\n(.*?)```", TEXT, re.DOTALL)
+DOCS = Path(__file__).parents[2] / "docs"
+TEXT = (DOCS / "language.md").read_text(encoding="utf-8")
+CHEAT_SHEET = (DOCS / "cheat_sheet.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```scn\n(.*?)```", TEXT + CHEAT_SHEET, re.DOTALL)
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")

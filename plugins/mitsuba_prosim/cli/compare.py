@@ -9,7 +9,9 @@ import click
 import mitsuba as mi
 from prosim_scene import extras
 
-from ..scene import atomic, session
+from .. import atomic
+from ..scene import session
+from ..scene.errors import with_nearest
 from . import output as files
 from .image import check_denoising
 from .input_files import SceneFile
@@ -18,7 +20,7 @@ from .log import log
 from .options import Command, Finite, InputError, Pattern, Whole, option, whole_numbers, wrong_input
 from .progress import Progress, warn
 
-SUFFIXES = (".html", ".json", ".csv")
+SUFFIXES = (".html", ".json")
 
 
 def levels(text: str) -> tuple[int, ...]:
@@ -75,7 +77,7 @@ def compare(
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5. B also renders with as many samples, and in as much time, as A; errors are against a
     converged reference. Where A is prosim and B is not, A renders both in B's transport of light and in the scene's.
-    Without SAMPLER, it is the scene's. The page (.html) and its numbers (.json, .csv) are written beside the scene, as
+    Without SAMPLER, it is the scene's. The page (.html) and its numbers (.json) are written beside the scene, as
     SCENE-compare.
     """
     if extras.missing("compare"):
@@ -95,19 +97,21 @@ def compare(
         with wrong_input():
             specs = scenes.Spec(a), scenes.Spec(b)
             if noise:
-                if not any(spec.counts_itself for spec in specs):
+                if not any(spec.is_adaptive for spec in specs):
                     raise ValueError(f"--noise is for prosim, and neither {a} nor {b} is")
                 specs = specs[0].until(noise), specs[1].until(noise)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            opened = scenes.FileScene(replace(job, integrator={}).file(folder))
+            opened = scenes.Scene(replace(job, integrator={}).file(folder))
             if job.denoise:
-                check_denoising(opened.scene().sensors()[0].film())
+                check_denoising(opened.sensor().film())
             for spec in specs:  # whatever is wrong with them shows before the long work
                 try:
                     opened.contestant(spec, spec.transport or "scene", spp=4)
                 except RuntimeError as error:
-                    raise ValueError(scenes.unknown(spec, error) or session.message(error)) from None
-        width, height = opened.scene().sensors()[0].film().crop_size()
+                    raise ValueError(
+                        scenes.unknown_parameter(spec, error) or with_nearest(session.message(error))
+                    ) from None
+        width, height = opened.sensor().film().crop_size()
         if min(width, height) < 7:
             raise InputError(f"{scene}: {width} x {height} pixels are too few for SSIM; 7 x 7 or more are needed.")
         files.check(scene, stem, SUFFIXES, 2**23)
@@ -116,10 +120,10 @@ def compare(
             tell = lambda doing, done: bar.show(done, doing)  # noqa: E731
             effort = Effort(levels, rounds, reference_seconds, cache, job.denoise, tell)
             facts, images = study(opened, scene.name, *specs, effort, exposure)
-    texts = page.html(facts, images), page.json_text(facts), page.csv_text(facts)
-    written = list(map(str, files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})))
+    texts = page.html(facts, images), page.json_text(facts)
+    written = files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
     click.echo(summary(facts))
-    click.echo(f"{', '.join(written[:-1])} and {written[-1]}")
+    click.echo(" and ".join(map(str, written)))
 
 
 def place_of_references(asked: Path | None, scratch: Path, size: int) -> Path:

@@ -19,8 +19,9 @@ import prosim_scene
 from prosim_scene import FPS, FRAME, TIME
 from tqdm.auto import tqdm
 
-from ..saved import origin
-from ..scene import atomic, scene_file, session
+from .. import atomic
+from ..engine import origin
+from ..scene import scene_file, session
 from . import output
 from .image import SUFFIXES, Image, Result, Task, finish, start, unfinished
 from .image import render as render_image
@@ -247,11 +248,11 @@ class Apart:
         return ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))
 
 
-def on_worker(scene: mi.Scene, sensor: mi.Sensor, wanted: Callable[[], bool], job: Job, facts: dict[str, str]) -> Image:
-    """The image of a frame, rendered by a worker as long as it is ``wanted``."""
+def on_worker(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str]) -> Image:
+    """The image of a frame, rendered by a worker."""
     begun = perf_counter()
     steps = start(job, scene, sensor)
-    while wanted() and next(steps, None) is not None:
+    for _ in steps:
         pass
     steps.close()
     return finish(job, scene, sensor, steps, perf_counter() - begun, facts=facts)

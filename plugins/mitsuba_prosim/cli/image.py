@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 import mitsuba as mi
 
-from .. import saved
+from .. import atomic
 from ..denoising import halves, layers, oidn
-from ..engine.record import Record
+from ..engine import checkpoint
+from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.render import Reached
-from ..engine.state import KEPT
-from ..saved.keeper import Keeper
-from ..scene import atomic, black, images, rendering, report, scene_file, session
+from ..scene import black, images, rendering, report, scene_file, session
 from . import output
 from .interrupts import interruptible
 from .job import ENDS, Job
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from .workers import Workers
 
 #: What an image is written as, and its state.
-SUFFIXES, STATE = (".exr", ".png"), ".state.exr"
+SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
 #: Channels of the raw and of the denoised image, and of the errors.
 DENOISED_CHANNELS = 9
@@ -62,7 +61,7 @@ class Task:
     sensor: mi.Sensor
     stem: Path
     about: Mapping[str, Any] | None = None
-    begin: Record | None = None
+    begin: Checkpoint | None = None
     sources: Sequence[Path] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
     #: The scene as it is sent to workers, where they take the samples.
@@ -74,7 +73,7 @@ class Task:
         job: Job,
         file: scene_file.SceneFile,
         stem: Path,
-        begin: Record | None = None,
+        begin: Checkpoint | None = None,
         sources: Collection[Path] = (),
         facts: Mapping[str, str] | None = None,
     ) -> Task:
@@ -100,7 +99,7 @@ class Task:
         """The scene's integrator."""
         return self.scene.integrator()
 
-    def checked(self) -> Keeper | None:
+    def checked(self) -> CheckpointWriter | None:
         """Checks that the image can be rendered and written; returns what writes its checkpoints, if it has some.
 
         Raises InputError and ClickException.
@@ -109,15 +108,15 @@ class Task:
         refuse_waves([name for name in ENDS if getattr(self.integrator, name, 0)], job.variant)
         if job.denoise:
             check_denoising(film, self.integrator)
-        size, suffixes, keeper = self.size(), () if part else SUFFIXES, None
+        size, suffixes, writer = self.size(), () if part else SUFFIXES, None
         if self.about is not None:
-            state = f".{part}.exr" if part else STATE
+            state = f".{part}.npz" if part else STATE
             suffixes = (*suffixes, state)
             size += 2 * size_of_state(self.integrator, film, 1 / part.of if part else 1.0)  # the old one is there, too
-            keeper = Keeper(self.stem.with_name(self.stem.name + state), self.about, warn)
+            writer = CheckpointWriter(self.stem.with_name(self.stem.name + state), self.about, warn)
         output.check(Path(job.scene), self.stem, suffixes, size)
         output.spare(self.sources, output.SOURCES, self.stem, () if part else SUFFIXES)
-        return keeper
+        return writer
 
     def size(self) -> int:
         """Bytes that the image takes at most."""
@@ -177,7 +176,7 @@ def render(task: Task, bar: Bar, workers: Workers, shown: Viewer | None = None) 
     before the first sample, unless it is a frame of a film.
     """
     job, is_frame = task.job, bool(task.facts)
-    keeper = task.checked()
+    writer = task.checked()
     with interruptible(task.integrator.cancel) as signals:
         executor = workers.executor(task.bundle)
         begun = perf_counter()
@@ -185,13 +184,13 @@ def render(task: Task, bar: Bar, workers: Workers, shown: Viewer | None = None) 
             steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
             while not (signals or gone(executor)) and (step := next(steps, None)) is not None:
                 bar.show(step.done)
-                if keeper is not None:
-                    keeper(steps)
+                if writer is not None:
+                    writer(steps)
                 if shown is not None:
                     shown.update(steps)
             steps.close()
-            if keeper is not None:
-                keeper(steps, True)
+            if writer is not None:
+                writer(steps, True)
         seconds, lost = perf_counter() - begun, gone(executor)
         interrupted = "the loss of the cluster" if lost else "a signal" if signals else None
         if interrupted and not is_frame and report.nothing(steps.reached):
@@ -201,13 +200,13 @@ def render(task: Task, bar: Bar, workers: Workers, shown: Viewer | None = None) 
         if shown is not None:
             shown.show()
         paths = output.save(task.stem, image.contents) if image.contents else []
-    if keeper is not None:
-        if keeper.unwritten is not None:
-            output.save(keeper.path.with_suffix(""), {".exr": keeper.unwritten})
-        paths.append(keeper.path)
+    if writer is not None:
+        if writer.unwritten is not None:
+            output.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
+        paths.append(writer.path)
     said = image.line(job, task.file, paths) + (f", {report.interrupted(steps.reached)}" if interrupted else "")
     lines = [said, lost, *image.said]
-    state = None if keeper is None else keeper.path
+    state = None if writer is None else writer.path
     return Result("\n".join(filter(None, lines)), bool(interrupted), lost, state, image.black)
 
 
@@ -329,27 +328,19 @@ def refuse_to_keep(integrator: mi.Integrator) -> None:
             "a state can be kept where prosim or prosim_adaptive takes the samples, in all but scalar variants; this "
             f"scene's integrator is {integrator.class_name()}. {HOW_TO_SAMPLE}"
         )
-    if getattr(integrator, "sampler", None) is not None:
-        raise ValueError(
-            "a state can't be kept where samples are drawn from a sampler of Mitsuba's, which does not say where it "
-            "was; leave the sampler out of prosim_adaptive."
-        )
 
 
 def size_of_state(integrator: mi.Integrator, film: mi.Film, part: float) -> int:
-    """Bytes that the state of a part of an image takes, about. What measures the noise is small, and other parts are
-    compressed to nothing.
-    """
+    """Bytes that the state of a part of an image takes, about."""
     values = (5 + len(integrator.aov_names())) * (2 * film.rfilter().border_size() + 1) ** 2
     pixels = int(film.crop_size()[0] * film.crop_size()[1])
-    sums = 4 * pixels * values if part < 1 else min(4 * pixels * values, KEPT)
-    return int(part * (sums + 48 * pixels)) + 2**16
+    return int(part * pixels * (4 * values + 56)) + 2**16
 
 
-def unfinished(stem: Path, about: Mapping[str, Any]) -> Record | None:
+def unfinished(stem: Path, about: Mapping[str, Any]) -> Checkpoint | None:
     """The state of a render that was interrupted, where it was kept and is of this job; None otherwise."""
     try:
-        record = saved.load(f"{stem}{STATE}")
+        record = checkpoint.load(f"{stem}{STATE}")
     except (OSError, ValueError):
         return None
     return record if json.dumps(record.about, sort_keys=True) == json.dumps(about, sort_keys=True) else None
@@ -358,7 +349,7 @@ def unfinished(stem: Path, about: Mapping[str, Any]) -> Record | None:
 # ---------------------------------------------------------------- the command
 
 
-def write_image(job: Job, stem: Path, begin: Record | None = None, sources: Collection[Path] = ()) -> None:
+def write_image(job: Job, stem: Path, begin: Checkpoint | None = None, sources: Collection[Path] = ()) -> None:
     """Renders a job, or its part alone, writes its image, ``stem`` being the path without suffix, and prints what was
     done.
 

@@ -13,13 +13,11 @@ from typing import Any
 
 import click
 
-from ..scene import scene_file
-
-EXR = "an EXR image"
+EXR, ARCHIVE = "an EXR image", "an archive"
 
 #: The first bytes of files that are no scenes, and what these files are.
 MAGIC = {
-    scene_file.EXR: EXR,
+    b"v/1\x01": EXR,
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
     b"GIF8": "a GIF image",
@@ -28,12 +26,12 @@ MAGIC = {
     b"ply\n": "a mesh",
     b"ply\r": "a mesh",
     b"%PDF": "a PDF",
-    b"PK\x03\x04": "an archive",
+    b"PK\x03\x04": ARCHIVE,
     b"\x1f\x8b": "a compressed file",
 }
 
 #: What follows the name of an image in that of its checkpoint, or of a part.
-SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))?\.exr$")
+SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$|\.exr$")
 
 
 class InputFile(click.Path, ABC):
@@ -85,7 +83,7 @@ class SceneFile(InputFile):
     def wrong(self, path: Path) -> str | None:
         """What a file is that is no scene, and what to do; None where it may be one."""
         what = kind(path)
-        state = state_of(path) if what == EXR else None
+        state = state_of(path) if what in (EXR, ARCHIVE) else None
         if state:
             return f"a part of an image, not a scene. To put all of them together: prosim merge {parts(path)}"
         if state is not None:
@@ -106,13 +104,13 @@ class LanguageFile(SceneFile):
 class StateFile(InputFile):
     """The state of a render, or a part of an image."""
 
-    patterns: tuple[str, ...] = ("*.state.exr", "*.*-of-*.exr")
+    patterns: tuple[str, ...] = ("*.state.npz", "*.*-of-*.npz")
     described, writes = "the state of a render", "prosim render --keep"
 
     def wrong(self, path: Path) -> str | None:
         """What a file is that is no state, and what to do; None where it may be one."""
         what = kind(path)
-        if what == EXR and state_of(path) is not None:
+        if what in (EXR, ARCHIVE) and state_of(path) is not None:
             return None
         if what is None and path.suffix.lower() in (".scn", ".xml"):
             what = "a scene"
@@ -123,7 +121,7 @@ class StateFile(InputFile):
 class PartFile(StateFile):
     """A part of an image."""
 
-    patterns = ("*.*-of-*.exr",)
+    patterns = ("*.*-of-*.npz",)
     described, writes = "a part of an image", "prosim render --part 1/4"
 
 
@@ -134,9 +132,9 @@ def stem(path: Path) -> Path:
 
 
 def parts(path: Path) -> str:
-    """What the shell expands to all parts of the image of one: ``night.*-of-4.exr``; another path as it is."""
+    """What the shell expands to all parts of the image of one: ``night.*-of-4.npz``; another path as it is."""
     found = SUFFIXES.search(path.name)
-    return f"{stem(path)}.*-of-{found['of']}.exr" if found and found["of"] else str(path)
+    return f"{stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else str(path)
 
 
 def kind(path: Path) -> str | None:
@@ -149,12 +147,12 @@ def kind(path: Path) -> str | None:
 
 
 def state_of(path: Path) -> bool | None:
-    """Whether an EXR file is the state of a part of an image alone; None where it is none at all."""
-    from .. import saved
+    """Whether a file is the state of a part of an image alone; None where it is none at all."""
+    from ..engine import checkpoint
 
     try:
-        return saved.about(path)["facts"]["part"] is not None
-    except saved.NoStateError:
+        return checkpoint.about(path)["facts"]["part"] is not None
+    except checkpoint.NotACheckpointError:
         return None
-    except (saved.StateError, OSError):
+    except (checkpoint.CheckpointError, OSError):
         return False

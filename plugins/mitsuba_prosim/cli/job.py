@@ -13,8 +13,8 @@ from typing import Any
 import click
 import prosim_scene
 
-from ..engine.part import Part
-from ..engine.record import Record
+from ..engine.checkpoint import Checkpoint
+from ..engine.tiles import Part
 from ..scene import scene_file
 from .options import OPTIONS, choose_variant, refuse_waves
 
@@ -91,7 +91,7 @@ class Job:
         return {name: getattr(self, name) for name in IMAGE}
 
     @classmethod
-    def of(cls, record: Record) -> Job:
+    def of(cls, record: Checkpoint) -> Job:
         """The job that a record is of. Raises ValueError where it is of none."""
         try:
             said = dict(record.about["job"])

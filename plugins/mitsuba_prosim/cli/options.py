@@ -10,8 +10,8 @@ import click
 import mitsuba as mi
 import prosim_scene
 
-from ..engine.part import Part
 from ..engine.policies import POLICIES
+from ..engine.tiles import Part
 from ..scene import overrides, session
 from ..scene.errors import pointed, with_nearest
 
@@ -265,7 +265,7 @@ TABLE: dict[str, dict[str, tuple[Any, ...]]] = {
             "--output",
         ),
         "exposure": (EXPOSURE, "Exposure of the PNG in stops."),
-        "keep": (None, "Write checkpoints, NAME.state.exr, from which prosim resume continues."),
+        "keep": (None, "Write checkpoints, NAME.state.npz, from which prosim resume continues."),
         "view": (
             Pattern("tev[=HOST:PORT]", "tev=127.0.0.1:14158", viewer),
             "Show the image in tev while it is rendered.",
@@ -303,7 +303,7 @@ TABLE: dict[str, dict[str, tuple[Any, ...]]] = {
         "threads": (Whole(1, MOST_THREADS), "Number of threads. [default: all]", "-t", "--threads"),
         "workers": (Whole(1, MOST_WORKERS), "Use this many local processes."),
         "cluster": (ADDRESS, "Use the workers of the Dask cluster with this scheduler."),
-        "part": (Pattern("K/M", "3/16", part), "Render only part K of M, to NAME.K-of-M.exr; see prosim merge."),
+        "part": (Pattern("K/M", "3/16", part), "Render only part K of M, to NAME.K-of-M.npz; see prosim merge."),
     },
     "Advanced": {
         "mode": (

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 
-from ..scene import atomic
+from .. import atomic
 from .options import InputError
 
 #: Kinds of files that a name may end in. One that is not written is a mistake, not a part of the name.
 KNOWN = re.compile(
-    r"\.(avi|bmp|csv|exr|gif|hdr|html|jpe?g|json|mov|mp4|pdf|pfm|ply|png|ppm|rgbe|scn|svg|tga|tiff?|txt|web[mp]|xml)"
+    r"\.(avi|bmp|csv|exr|gif|hdr|html|jpe?g|json|mov|mp4|npz|pdf|pfm|ply|png|ppm|rgbe|scn|svg|tga|tiff?|txt|web[mp]|xml)"
 )
 
 #: What an image may not overwrite, in words.

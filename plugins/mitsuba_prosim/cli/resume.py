@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from .. import saved
-from ..engine.record import Record
+from ..engine import checkpoint
+from ..engine.checkpoint import Checkpoint
 from ..scene import session
 from . import output
 from .image import STATE, SUFFIXES, write_image
@@ -93,7 +93,7 @@ def merge(asked: Job, files: tuple[Path, ...], scene: Path | None) -> None:
 
     All parts have to be there, each once, in any order. Nothing is rendered.
     """
-    record, job = opened(files[0], scene, asked.exposure, lambda: saved.merge(files))
+    record, job = opened(files[0], scene, asked.exposure, lambda: checkpoint.merge(files))
     target = output.stem(asked.output, stem(files[0]), SUFFIXES)
     write_image(continued(job, asked, exposure=job.exposure), target, record, sources=files)
     number = f"The {len(files)} parts" if len(files) > 1 else "The part"
@@ -104,10 +104,10 @@ def merge(asked: Job, files: tuple[Path, ...], scene: Path | None) -> None:
     )
 
 
-def further(record: Record) -> str:
+def further(record: Checkpoint) -> str:
     """Options that take a finished image further than it is: half its noise, where that is known, or twice its time."""
     sampling = record.facts["sampling"]
-    noises = [noise for noise in (record.facts["noise"], sampling["noise"]) if noise > 0]  # not NaN
+    noises = [noise for noise in (record.facts["noise"][0], sampling["noise"]) if noise > 0]  # not NaN
     options = [f"--noise {min(noises) / 2:.2g}"] if noises else []
     if not noises or sampling["time"]:
         options.append(f"--time {max(2 * record.facts['seconds'], 1):.3g}")
@@ -117,18 +117,18 @@ def further(record: Record) -> str:
 
 
 def opened(
-    state: Path, scene: Path | None, exposure: float | None, read: Callable[[], Record] | None = None
-) -> tuple[Record, Job]:
+    state: Path, scene: Path | None, exposure: float | None, read: Callable[[], Checkpoint] | None = None
+) -> tuple[Checkpoint, Job]:
     """The record in a file, and the job that it is of, whose variant is set; ``scene``: where that of the job is now;
     ``exposure``: instead of that of the job; ``read``: what makes the record, if it is not in this file alone.
 
     Raises InputError.
     """
     try:
-        choose_variant(saved.about(state)["origin"]["variant"])
+        choose_variant(checkpoint.about(state)["origin"]["variant"])
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            record = read() if read else saved.load(state)
+            record = read() if read else checkpoint.load(state)
         job = Job.of(record)
         job = replace(job, scene=str(scene or found(Path(job.scene), state)))
         return record, job if exposure is None else replace(job, exposure=exposure)
@@ -146,7 +146,7 @@ def found(scene: Path, state: Path) -> Path:
     raise ValueError(f"{scene} is not there any more, nor beside {state}; say where it is with --scene")
 
 
-def changed(record: Record, aim: Mapping[str, Any]) -> dict[str, Any]:
+def changed(record: Checkpoint, aim: Mapping[str, Any]) -> dict[str, Any]:
     """Parameters of the integrator by which another ``aim`` is pursued."""
     if not aim:
         return {}

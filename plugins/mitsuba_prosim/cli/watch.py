@@ -11,8 +11,9 @@ from typing import Any
 import click
 from prosim_scene import Document, Kept, extras
 
+from .. import atomic
 from ..denoising import oidn
-from ..scene import atomic, images, scene_file, session
+from ..scene import images, scene_file, session
 from .image import metadata
 from .input_files import SceneFile
 from .interrupts import interruptible

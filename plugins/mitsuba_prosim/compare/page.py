@@ -1,7 +1,6 @@
-"""The page of ``prosim compare``: one HTML file without links, and its numbers as JSON and CSV."""
+"""The page of ``prosim compare``: one HTML file without links, and its numbers as JSON."""
 
 import base64
-import csv
 import io
 import json
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ import numpy as np
 
 from .measures import display
 
-#: What a comparison says: texts and numbers, fit for JSON.
+#: The results of a comparison: texts and numbers, fit for JSON.
 Facts = Mapping[str, Any]
 
 #: Measure -> (heading, explanation).
@@ -157,22 +156,3 @@ def chart(section: Facts) -> str:
 def json_text(facts: Facts) -> str:
     """All facts, each number in full."""
     return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
-
-
-def csv_text(facts: Facts) -> str:
-    """One line a run: the rows of the tables and the points of the curves, medians."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(["transport", "contestant", "role", "samples", "seconds", "cpu_seconds", *MEASURES])
-    for section in facts["sections"]:
-        runs = [
-            (row, row["role"], row["samples"], [row[k]["median"] for k in ("seconds", "cpu", *MEASURES)])
-            for row in section["rows"]
-        ]
-        for curve in section["curves"]:
-            for point in curve["points"]:
-                role = f"{curve['role']} level {point['level']}"
-                runs.append((curve, role, point["samples"], [point[k] for k in ("seconds", "cpu", *MEASURES)]))
-        for run, role, samples, values in runs:
-            writer.writerow([section["transport"], run["name"], role, samples, *values])
-    return file.getvalue()

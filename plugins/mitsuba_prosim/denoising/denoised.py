@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.estimate import BRIGHTEST
+from ..engine.accumulators import BRIGHTEST
 from .mixing import displayed, inputs, mix
 from .oidn import Denoiser
 

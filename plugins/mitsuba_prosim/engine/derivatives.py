@@ -7,27 +7,28 @@ from collections.abc import Iterator, Sequence
 import drjit as dr
 import mitsuba as mi
 
-from .accumulate import Image
+from ..compat import dr_array
+from .accumulators import FilmState
 from .camera import uncropped
-from .estimate import Estimator
-from .plan import Plan, index_within, pixels
+from .film import film_values
+from .plan import index_within, pixels
 
 #: Samples that are followed at a time: many, as each time all is traced anew; but each keeps some 100 numbers a node.
 LANES = 1 << 18
 
 
 class Derivatives:
-    """An image that was rendered without derivatives, so that the number of samples in each pixel is known.
+    """The samples of an image that was rendered without derivatives, so that the counts of its pixels are known.
 
-    ``image``: that image, without own channels; ``counts``: the number of samples of each pixel of ``plan.region``;
-    ``estimator``: one whose transport is attached.
+    ``state``: that image, whose transport is attached now.
     """
 
-    def __init__(self, plan: Plan, estimator: Estimator, image: Image, counts: mi.UInt32) -> None:
-        self.plan, self.estimator, self.sensor, self.film = plan, estimator, estimator.sensor, estimator.sensor.film()
-        self.counts = counts
+    def __init__(self, state: FilmState) -> None:
+        self.plan, self.estimator, self.sensor = state.plan, state.estimator, state.estimator.sensor
+        self.film = self.sensor.film()
+        self.counts = dr_array(state.counts.ravel())
         #: The film's values of that image.
-        self.storage = image.tensor()
+        self.storage = film_values(state, [])
 
     def develop(self, storage: mi.TensorXf, aov_names: Sequence[str]) -> mi.TensorXf:
         """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
@@ -47,7 +48,7 @@ class Derivatives:
         with uncropped(self.sensor):
             for pixel, t in self.lanes():
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                values, _, position = self.estimator.sample(px, py, t)
+                values, _, position = self.estimator.sample(self.plan, px, py, t)
                 share = dr.rcp(mi.Float(dr.gather(mi.UInt32, self.counts, pixel)))
                 spread = []
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]

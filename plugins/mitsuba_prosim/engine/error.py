@@ -7,25 +7,20 @@ import mitsuba as mi
 
 
 def variance(total: mi.Float, squares: mi.Float, count: mi.Float) -> mi.Float:
-    """Variance of a sample, from the sum of ``count`` of them and that of their squares."""
+    """Variance of a sample, from the sum of ``count`` samples and the sum of their squares."""
     return dr.maximum(squares / count - dr.square(total / count), 0) * count / dr.maximum(count - 1, 1)
 
 
 def standard_error(total: mi.Float, squares: mi.Float, count: mi.Float) -> mi.Float:
     """Standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation 4.4).
 
-    Samples of one N-rook pass are stratified, so their mean is better than this says.
+    Samples of one N-rook pass are stratified, so their mean is better than this estimate.
     """
     return dr.sqrt(variance(total, squares, count) / count)
 
 
-def error_between_passes(total: mi.Float, pass_squares: mi.Float, passes: mi.Float) -> mi.Float:
-    """Standard error of the mean of ``passes`` independent passes, from the sum of their means and of its squares."""
-    return standard_error(total, pass_squares, passes)
-
-
 def displayed(mean: mi.Float) -> mi.Float:
-    """Displayed value of a radiance, white being 1, up to a constant: a square root, which is close to sRGB's curve."""
+    """Displayed value of a radiance up to a constant, white being 1: a square root, which is close to sRGB's curve."""
     return dr.sqrt(dr.maximum(mean, 0) + 0.01)
 
 

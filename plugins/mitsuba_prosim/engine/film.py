@@ -1,14 +1,19 @@
-"""What a film stores of a sample: its channels, and which are asked for."""
+"""The channels of a film: the values of a sample, and those of an image."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import create
+from .plan import area, index_within, inside, pixels
+
+if TYPE_CHECKING:
+    from .accumulators import FilmState
 
 #: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
 OWN_AOVS = ("samples", "error")
@@ -100,3 +105,35 @@ def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
     i = dr.arange(mi.UInt32, height * width * channels)
     dr.scatter(complete, image.array, i // channels * (channels + more) + i % channels)
     return mi.TensorXf(complete, (height, width, channels + more))
+
+
+def film_values(state: FilmState, own_aovs: Sequence[str]) -> mi.TensorXf:
+    """The film's values of the image so far, shape (height, width, channels), with the ``own_aovs`` multiplied by the
+    weight, as films expect. Pixels without samples are black.
+
+    Each pixel gathers the sums of the pixels within the filter's reach, row after row.
+    """
+    plan, accumulators, names = state.plan, state.accumulators, state.estimator.channels.names
+    (left, top, right, bottom), reach = plan.window, plan.reach
+    x, y, *_ = pixels(plan.window)
+    offsets = range(-reach, reach + 1)
+    share = dr.select(accumulators.count > 0, dr.rcp(mi.Float(accumulators.count)), 0)
+    own = [mi.Float(accumulators.count) if name == "samples" else accumulators.error(plan.n) for name in own_aovs]
+    dr.eval(share, own)
+    totals = [mi.Float(0) for _ in names]
+    for dy in reversed(offsets):
+        for dx in reversed(offsets):
+            there = inside(plan.region, x - dx, y - dy)
+            source = index_within(state.outer, x - dx, y - dy)
+            weight = dr.gather(mi.Float, share, source, there)
+            place = ((dy + reach) * (2 * reach + 1) + dx + reach) * len(names)
+            for c, sums in enumerate(accumulators.sums[place : place + len(names)]):
+                totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, there)
+    source = index_within(state.outer, x, y)
+    totals += [totals[names.index("W")] * dr.gather(mi.Float, values, source) for values in own]
+    values = dr.empty(mi.Float, area(plan.window) * len(totals))
+    index = dr.arange(mi.UInt32, area(plan.window)) * len(totals)
+    for c, total in enumerate(totals):
+        dr.scatter(values, total, index + c)
+    dr.eval(values)
+    return mi.TensorXf(values, (bottom - top, right - left, len(totals)))

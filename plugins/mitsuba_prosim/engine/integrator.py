@@ -18,11 +18,11 @@ from .plan import SAMPLING, Plan, Sampling
 from .policies import POLICIES
 
 if TYPE_CHECKING:
+    from .checkpoint import Checkpoint
     from .derivatives import Derivatives
-    from .estimate import Estimator
-    from .part import Part
-    from .record import Record
+    from .estimator import Estimator
     from .render import Render
+    from .tiles import Part
     from .work import Executor
 
 
@@ -50,10 +50,10 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.noise_999 = number(props, "noise_999", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
         # What makes most of many samples is the default where there may be many.
-        aims = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
-        default = "graded" if aims else "neighbours"
+        has_target = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
+        default = "graded" if has_target else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
-        if aims and self.adaptive == "thesis":
+        if has_target and self.adaptive == "thesis":
             raise reject(
                 props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"
             )
@@ -63,8 +63,6 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
         self.band = whole(props, "band", 1 << 18, 1)
         self.own_aovs, self.mitsuba_aovs = asked_aovs(props)
-        #: What the samples are drawn from, if not from N-rook patterns.
-        self.sampler: mi.Sampler | None = None
         #: What :meth:`cancel` ends.
         self._renders: weakref.WeakSet[Render] = weakref.WeakSet()
         self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
@@ -129,7 +127,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         spp: int = 0,
         *,
         executor: Executor | None = None,
-        begin: Record | None = None,
+        begin: Checkpoint | None = None,
         part: Part | None = None,
         sampling: Sampling | None = None,
     ) -> Render:
@@ -140,9 +138,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         ``part``: takes the samples of this part of the image alone (``begin`` knows its own); ``sampling``: in the
         place of the integrator's parameters.
 
-        Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError where ``begin`` belongs to another
-        image, where samples are drawn from a sampler of Mitsuba's, which does not say where it was, and for a part
-        where noise or time are asked for, which go by the whole image.
+        Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError if ``begin`` belongs to another
+        image, and for a part with noise or time, which go by the whole image.
         """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(
@@ -157,17 +154,12 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         sampling = sampling or self.sampling
         part = part if begin is None else begin.part
-        if part is not None and sampling.aims:
+        if part is not None and sampling.has_target:
             raise ValueError(
                 f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
                 "without them, and let the image that is put together go on until it is good enough."
             )
-        if self.sampler is not None and (part is not None or begin is not None or executor is not None):
-            raise ValueError(
-                f"{self.name()}: an image can't be kept and gone on with, nor shared out, where its samples are drawn "
-                "from a sampler of Mitsuba's, which does not say where it was; leave the sampler out."
-            )
-        return self._progressive(scene, sensor, seed, spp, self.own_aovs, sampling, part, executor, begin)
+        return self._begin(scene, sensor, seed, spp, sampling, self.own_aovs, part, executor, begin)
 
     @property
     def sampling(self) -> Sampling:
@@ -175,14 +167,14 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         return Sampling(**{name: getattr(self, name) for name in SAMPLING})
 
     @alone()
-    def _progressive(
+    def _begin(
         self,
         scene: mi.Scene,
         sensor: mi.Sensor,
         seed: int | mi.UInt32,
         spp: int,
-        own_aovs: Sequence[str] | None,
         sampling: Sampling,
+        own_aovs: Sequence[str] | None,
         *how: Any,
     ) -> Render:
         # With the first image: what makes images, and NumPy, would take longer to load than all plugins together.
@@ -190,23 +182,23 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
         sensor.film().prepare(self.aov_names())
         plan = Plan.of(sampling, sensor.film(), seed, spp)
-        render = Render(plan, self.estimator(plan, scene, sensor), own_aovs, *how)
+        render = Render(plan, self.estimator(scene, sensor), own_aovs, *how)
         self._renders.add(render)
         return render
 
-    def estimator(self, plan: Plan, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
-        """What takes the samples of a ``plan``, through the scene to the film's values."""
-        from .estimate import Estimator
+    def estimator(self, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
+        """The estimator of the image of ``scene`` as seen by ``sensor``."""
+        from .estimator import Estimator
 
         transport = self.transport(scene, sensor)
         channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
-        return Estimator(plan, scene, sensor, transport, channels, self.sampler)
+        return Estimator(scene, sensor, transport, channels)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
         if self._scalar is not None:  # Mitsuba calls render() of this class once more
             return super().render(scene, sensor, *arguments)
-        if self.sampling.aims:
+        if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name()}: noise and time end nothing in scalar variants; the samples do.")
         self._scalar = self.transport(scene, sensor)
         try:
@@ -258,7 +250,6 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
-            render = self._progressive(scene, sensor, seed, spp, None, self.sampling).run()
-        state = render.state
+            state = self._begin(scene, sensor, seed, spp, self.sampling, None).run().state
         state.estimator.transport = self.transport(scene, sensor, attached=True)
-        return Derivatives(state.plan, state.estimator, state.image(), state.counts())
+        return Derivatives(state)

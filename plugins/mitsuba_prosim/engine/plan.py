@@ -20,9 +20,7 @@ UNLIMITED, GRADED = 1 << 20, 4
 
 @dataclass(frozen=True)
 class Sampling:
-    """How an image is to be sampled, as the integrator's parameters say it; :ref:`integrator-prosim` has their
-    meaning.
-    """
+    """The integrator's parameters of sampling; :ref:`integrator-prosim` has their meaning."""
 
     samples: int
     adaptive: str
@@ -37,9 +35,14 @@ class Sampling:
     band: int
 
     @property
-    def aims(self) -> bool:
+    def noises(self) -> tuple[float, float, float]:
+        """Limits of the RMS error, and of the errors of 99 and of 99.9 % of the pixels; 0 for none."""
+        return self.noise, self.noise_99, self.noise_999
+
+    @property
+    def has_target(self) -> bool:
         """Whether noise or time end the image."""
-        return self.noise > 0 or self.noise_99 > 0 or self.noise_999 > 0 or self.time > 0
+        return any(self.noises) or self.time > 0
 
 
 #: Names of these parameters.
@@ -58,9 +61,8 @@ class Plan:
     least: int
     full: int
     most: int
-    #: Whether the points have no end; and places of N-rook samples in their cells, ``"multi"`` or ``"uniform"``.
+    #: Whether the points have no end.
     endless: bool
-    jitter: str
     permutations: Permutations
     seed: mi.UInt32
     #: The film's crop window.
@@ -69,9 +71,7 @@ class Plan:
     domain: Rectangle
     #: Pixels around its own that a sample is spread over.
     reach: int
-    #: Pixels that are rendered at a time.
-    band: int
-    #: What was asked for.
+    #: The parameters.
     sampling: Sampling
     #: Seed of the photons, where that of the samples may differ from pixel to pixel.
     own_photon_seed: int | None = None
@@ -81,7 +81,7 @@ class Plan:
         """The plan for ``film``; a nonzero ``spp`` stands for N², in the place of ``samples`` and ``max_samples``."""
         full = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or full)
-        if sampling.aims:
+        if sampling.has_target:
             most = sampling.max_samples or UNLIMITED
         elif sampling.adaptive == "graded":
             most = (0 if spp else sampling.max_samples) or GRADED * full
@@ -98,14 +98,12 @@ class Plan:
             min(sampling.min_passes * n, most),
             min(full, most),
             most,
-            bool(spp) or sampling.aims or sampling.adaptive == "graded" or most > n * n,
-            sampling.jitter,
+            bool(spp) or sampling.has_target or sampling.adaptive == "graded" or most > n * n,
             Permutations(n),
             seed,
             (x, y, x + w, y + h),
             (-border, -border, width + border, height + border),
             reach,
-            sampling.band,
             sampling,
         )
 
@@ -126,16 +124,7 @@ class Plan:
         key = pixel_key(self.seed, pixel)
         if self.endless:
             return Sobol(key, t, dr.opaque(mi.UInt32, self.n))
-        return NRook.in_first_epoch(self.permutations, key, t, self.jitter)
-
-    def counts(self, need: mi.Float) -> mi.UInt32:
-        """Counts for the samples that are needed: those of the first pass, or a power of two, where Sobol' points are
-        best, within what the plan allows.
-        """
-        # Opaque, as the kernel is to serve every plan.
-        least, most = (dr.opaque(mi.UInt32, v) for v in (self.least, self.most))
-        power = 32 - dr.lzcnt(mi.UInt32(dr.ceil(dr.clip(need, 1, UNLIMITED))) - 1)
-        return dr.minimum(dr.select(need <= mi.Float(least), least, mi.UInt32(1) << power), most)
+        return NRook.in_first_epoch(self.permutations, key, t, self.sampling.jitter)
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
@@ -162,6 +151,12 @@ def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
     """Number of the pixel (x, y) in the order of :func:`pixels`."""
     left, top, width = (dr.opaque(mi.Int32, v) for v in (rectangle[0], rectangle[1], rectangle[2] - rectangle[0]))
     return mi.UInt32((y - top) * width + x - left)
+
+
+def inside(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.Bool:
+    """Whether the pixels (x, y) are in ``rectangle``."""
+    left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in rectangle)
+    return (x >= left) & (x < right) & (y >= top) & (y < bottom)
 
 
 def area(rectangle: Rectangle) -> int:

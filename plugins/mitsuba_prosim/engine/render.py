@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..alone import alone
+from .accumulators import FilmState
+from .checkpoint import Checkpoint
 from .error import in_display_units
-from .error_target import ErrorTarget, Refinement
-from .estimate import Estimator
-from .part import Part
-from .plan import Plan, index_within, pixels
+from .error_target import ENOUGH, ErrorTarget, SecondImage, mean, next_counts, remaining
+from .estimator import Estimator
+from .film import film_values
+from .plan import Plan
 from .policies import POLICIES
-from .record import Record
-from .state import State
-from .work import Executor, Local, Pass, Step, WorkItem, image_pass
+from .tiles import Part
+from .work import Executor, Local, Pixels, Step, photon_steps, work_items
 
-#: A pass over the image takes so many times the samples that a pixel has, at most.
+#: A pass over the image takes at most so many times the samples that a pixel has, unless it is the last.
 GROWTH = 4
 
 
@@ -31,29 +31,54 @@ GROWTH = 4
 class Reached:
     """How far an image came."""
 
-    #: Mean number of samples of a pixel, and that of the one which has the fewest.
+    #: Mean number of samples of a pixel, and the least.
     samples: float
     least: int
-    #: Root mean square over the pixels of the error of the displayed value, white being 1; not a number where no noise
-    #: was asked for, as nobody has measured it then.
+    #: RMS error of the displayed image (white = 1), and the bounds of the errors of 99 and of 99.9 % of the pixels; NaN
+    #: without a limit of noise, as they were not measured.
     noise: float
-    #: What the error of 99 pixels in 100 is within; likewise.
     noise_99: float
-    #: And of 999 pixels in 1000.
     noise_999: float
     #: Since the beginning.
     seconds: float
 
 
+@dataclass
+class Pass:
+    """The samples that ``pixels`` lack to the counts ``wanted``."""
+
+    pixels: Pixels
+    wanted: np.ndarray
+    #: The part of the image that is done before and after; None: it stays the same.
+    span: tuple[float, float] | None = None
+    #: Whether the image is shown afterwards; whether the time limit ends it; whether a call of ``stop()`` does.
+    shown: bool = True
+    timed: bool = False
+    stoppable: bool = True
+    #: Whether all samples have been taken.
+    complete: bool = field(default=False, init=False)
+
+    @classmethod
+    def nothing(cls, pixels: Pixels, done: float | None) -> Pass:
+        """A pass without samples, after which the image is shown."""
+        return cls(pixels, np.array(pixels.accumulators.count), None if done is None else (done, done))
+
+    @property
+    def missing(self) -> int:
+        """Number of the samples."""
+        lack = np.int64(self.wanted) - np.array(self.pixels.accumulators.count)
+        return int(lack[lack > 0].sum())
+
+
 class Render:
     """The image of ``plan``, or a ``part`` of it, in progress: an iterator of :class:`Step`.
 
-    Its methods may be called between two steps. When it ends, or is closed, the film holds the image so far. To leave
+    Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To leave
     its loop is to cancel it: :meth:`close` then gives every pixel a sample, if it has begun. ``estimator`` takes the
-    samples; ``own_aovs``: names of the channels that say how the image was made, None where the image is not to be put
-    into the film; ``executor``: of this process unless given; ``begin``: continues from there.
+    samples; ``own_aovs``: names of the channels of statistics, None to leave the film alone; ``executor``: of this
+    process by default; ``begin``: continues from there.
 
-    Raises ValueError where ``begin`` belongs to another image.
+    Raises ValueError if ``begin`` belongs to another image.
     """
 
     def __init__(
@@ -63,32 +88,26 @@ class Render:
         own_aovs: Sequence[str] | None,
         part: Part | None = None,
         executor: Executor | None = None,
-        begin: Record | None = None,
+        begin: Checkpoint | None = None,
     ) -> None:
-        policy: Any = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
-        self.policy, self.executor = policy, executor or Local()
-        self.state = State(plan, estimator, own_aovs or [], policy.judgements * policy.reach, part)
-        self.film = estimator.sensor.film()
-        self.target = ErrorTarget.of(plan, 0.0 if begin is None else begin.facts["seconds"])
-        #: Whether it has ended; and whether the image has then all that was asked for.
+        self.policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
+        self.state, self.executor = FilmState(plan, estimator, self.policy, part), executor or Local()
+        self.film, self.own_aovs, self._put = estimator.sensor.film(), own_aovs or [], own_aovs is not None
+        self.target = ErrorTarget.of(plan.sampling, 0.0 if begin is None else begin.facts["seconds"])
+        #: Whether it has ended; and whether the image then has all the samples that were asked for.
         self.ended = self.finished = False
-        self._stopped, self._put, self._before, self._done = False, own_aovs is not None, False, 0.0
+        self._stopped, self._finished_before, self._done = False, False, 0.0
         if begin is not None:
-            begin.restore(self.state)
-            self._before = begin.finished and begin.same_aim(self.state)
-        self._steps: Generator[Step, None, None] = self._run()
+            self._finished_before = begin.restore(self.state)
+        self._steps = self._run()
 
     # ---------------------------------------------------------------- as an iterator
 
-    def __iter__(self) -> Render:
-        return self
+    def __iter__(self) -> Generator[Step, None, None]:
+        return self._steps
 
     def __next__(self) -> Step:
-        try:
-            return next(self._steps)
-        except BaseException:
-            self._end()
-            raise
+        return next(self._steps)
 
     def run(self) -> Render:
         """Takes all steps, and returns itself."""
@@ -97,148 +116,152 @@ class Render:
         return self
 
     def stop(self) -> None:
-        """Ends it after the work item at hand; from any thread."""
+        """Ends it after the current work item; from any thread."""
         self._stopped = True
 
     def close(self) -> None:
-        """Ends it with what there is."""
+        """Ends it with the image so far."""
         if not self.ended:
             self.stop()
             self.run()
+            self._end()
 
     def _end(self) -> None:
         if not self.ended:
             self.ended = True
-            self._steps.close()
             if self._put:
                 self.put()
 
     def _run(self) -> Generator[Step, None, None]:
         """Gives the work items of all passes to the executor."""
-        whole = True
-        for work in _guarded(self._passes()):
-            if not self._over(work):
-                for _ in self.execute(work):
-                    yield Step(self._done, False)
-            whole = work.whole
-            with alone():
-                if whole:
-                    self._progress(work, 1.0)
-                    work.finish()
-                complete = (work.of_image or not whole) and bool(dr.all(self.state.counts() > 0))
-            if complete:
-                yield Step(self._done, True)
-        self.finished = not self._stopped and (whole or self.target.over)
-        if self.finished and self._done < 1:
-            yield Step(1.0, True)
-
-    def execute(self, work: Pass) -> Iterator[None]:
-        """Takes the samples of a pass, until it is whole or over."""
-        begun = time.perf_counter()
-        for items in _guarded(work.steps):
-            asked = _Asked(items, lambda: self._over(work))
-            with closing(self.executor(_guarded(asked), work.ordered)) as results:
-                for result in results:
-                    if result is not None:
-                        item, sums = result
-                        with alone():
-                            item.put(sums)
-                            dr.sync_thread()  # bounds the memory, and lets progress be true
-                        self._progress(work, asked.done(item))
-                    work.seconds += time.perf_counter() - begun
-                    yield
-                    begun = time.perf_counter()
-                    if asked.out and self._over(work):
-                        return
-            if not asked.exhausted or asked.out:
-                return
-        work.whole = True
-
-    def _progress(self, work: Pass, part: float) -> None:
-        self._done = self._done if work.progress is None else work.progress(part)
+        complete = True
+        try:
+            for work in _alone(self._passes()):
+                taken, missing = 0, work.missing
+                begin, end = work.span or (self._done, self._done)
+                policy = self.policy if work.pixels is self.state else None
+                for wanted in photon_steps(work.pixels, work.wanted, self.executor.sets):
+                    items = work_items(work.pixels, wanted, policy, self._limit)
+                    with closing(self.executor(items)) as results:
+                        for result in results if not self._over(work) else ():
+                            if result is not None:
+                                item, sums = result
+                                with alone():
+                                    item.put(sums)
+                                taken += item.work
+                                self._done = max(begin + (end - begin) * taken / missing, self._by_time(work))
+                            yield Step(self._done, False)
+                            if taken < missing and self._over(work):
+                                break
+                complete = work.complete = taken == missing
+                if complete:
+                    self._done = max(end, self._by_time(work))
+                if (work.shown or not complete) and np.all(self.state.counts > 0):
+                    yield Step(self._done, True)
+            self.finished = not self._stopped and (complete or self.target.over)
+            if self.finished and self._done < 1:
+                yield Step(1.0, True)
+        except GeneratorExit:  # nobody wants it any more
+            raise
+        except BaseException:
+            self._end()
+            raise
+        self._end()
 
     def _over(self, work: Pass) -> bool:
-        return not work.always and (self._stopped or (work.timed and self.target.over))
+        return (work.stoppable and self._stopped) or (work.timed and self.target.over)
 
-    # ---------------------------------------------------------------- what it takes
+    def _by_time(self, work: Pass) -> float:
+        seconds = self.target.seconds
+        return min(1 - self.target.left / seconds, 1.0) if work.timed and seconds else 0.0
 
-    def _limit(self, most: int | None = None) -> Callable[[int], int | None]:
-        return lambda left: self.executor.limit(most, left)
+    def _limit(self, left: int) -> int:
+        return self.executor.limit(left, self.target.item_seconds)
 
-    def image_pass(self, wanted: mi.UInt32, most: int | None = None) -> Pass:
-        """A pass over the image to the counts that are ``wanted``; ``most``: samples of a work item."""
-        return image_pass(self.state, wanted, self.policy.quiet, self.executor.sets, self._limit(most))
+    # ---------------------------------------------------------------- the passes
 
     def _passes(self) -> Iterator[Pass]:
         """The passes over the image, decided one after the other. A state with samples and decisions continues."""
-        plan, policy, state, target = self.state.plan, self.policy, self.state, self.target
-        if self._before:
-            yield Pass([], lambda _: 1.0)
+        state, plan, policy = self.state, self.state.plan, self.policy
+        if self._finished_before:
+            yield Pass.nothing(state, 1.0)
             return
-        pixel_count = dr.width(state.estimate.count)
-        begun = policy.first / plan.most  # the first pass's part, as long as nobody knows how many follow
-        decisions = state.decisions
-        if decisions.judged == 0:
-            first = state.share(dr.opaque(mi.UInt32, policy.first, pixel_count), policy.judgements * policy.reach)
-            whole = yield from self._first(first, begun)
-            if not whole or policy.first == plan.most:
-                return
-        if target:
-            decisions.judged = 1
-            yield from Refinement(target, state, policy, self.executor.sets, self.image_pass, self._limit).passes()
-            return
-        while decisions.wanted is not None or decisions.judged < policy.judgements:
-            left = policy.judgements - decisions.judged
-            if decisions.wanted is None:
-                left -= 1
-                # What is to be judged again must be known as far as those after it look.
-                wanted = plan.counts(state.judge(policy.need, policy.reach, left * policy.reach))
-                if left:
-                    wanted = dr.minimum(wanted, soon(plan, state.estimate.count))
-                decisions.wanted, decisions.judged = state.share(wanted, left * policy.reach), decisions.judged + 1
-            end = int(dr.max(decisions.wanted)[0]) / plan.most if left else 1.0
-            work = self.image_pass(decisions.wanted)
-            work.progress = between(begun, end)
+        begin = policy.first / plan.most  # as long as the number of the following passes is unknown
+        if state.rounds == 0:
+            first = np.full(dr.width(state.x), policy.first, np.uint32)
+            first = state.share(first, policy.rounds * policy.reach)
+            if self.target.seconds:  # there is an image after one sample of each pixel
+                yield Pass(state, np.minimum(first, 1), shown=False)
+            work = Pass(state, first, (0.0, begin), timed=True)
             yield work
-            if not work.whole:
+            if not work.complete and dr.any(state.accumulators.count > 0):
+                yield Pass(state, np.minimum(first, 1), shown=False, stoppable=False)
+            if not work.complete or policy.first == plan.most:
                 return
-            decisions.wanted = None
-            begun = end
+        if plan.sampling.has_target:
+            state.rounds = 1
+            yield from self._refine()
+            return
+        while state.wanted is not None or state.rounds < policy.rounds:
+            left = policy.rounds - state.rounds
+            if state.wanted is None:
+                left -= 1
+                # The next decision looks at pixels around: their samples must be those of the whole image.
+                wanted = state.rounded(state.request(left * policy.reach))
+                if left:  # few samples know little
+                    wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
+                state.wanted, state.rounds = state.share(wanted, left * policy.reach), state.rounds + 1
+            end = int(state.wanted.max()) / plan.most if left else 1.0
+            work = Pass(state, state.wanted, (begin, end))
+            yield work
+            if not work.complete:
+                return
+            state.wanted, begin = None, end
 
-    def _first(self, first: mi.UInt32, end: float) -> Generator[Pass, None, bool]:
-        """The pass that takes the ``first`` samples of each pixel; if it is cut short, another takes one of those that
-        have none. ``end``: the part of the image that it is. Returns whether it got to its end.
+    def _refine(self) -> Iterator[Pass]:
+        """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
+        in proportion to those that the policy requests.
         """
         state, target = self.state, self.target
-        counts, most = [first], int(dr.max(first)[0])
-        by_time = target.seconds and state.keeps and state.estimator.sampler is None
-        if by_time:  # sample by sample, as after one of them there is an image
-            counts = [dr.minimum(first, dr.opaque(mi.UInt32, count)) for count in range(1, most + 1)]
-        portion = None
-        for number, count in enumerate(counts, 1):
-            work = self.image_pass(count, portion)
-            work.progress = between((number - 1) / len(counts) * end, number / len(counts) * end)
-            work.of_image, work.timed = number == len(counts), number > 1
+        second = SecondImage(state) if any(target.limits) else None
+        speed = mean(state.counts) / target.passed if state.effort else 0.0  # else the first pass had to compile
+        while True:
+            if state.wanted is None and second is not None:
+                work = Pass(second, np.array(state.accumulators.count)[second.index], shown=False, timed=True)
+                yield work
+                if not work.complete:
+                    return
+                state.noise = second.noise(state)
+                if state.effort:
+                    yield Pass.nothing(state, None)
+            if target.over or target.excess(state.noise) <= ENOUGH:
+                return
+            count = np.array(state.accumulators.count)
+            if state.wanted is None:
+                state.wanted = next_counts(state, target, speed)
+                if not np.any(state.wanted > count):  # each pixel has all that the plan allows
+                    state.wanted = None
+                    return
+            have, wanted = mean(count), mean(state.wanted)
+            end = max(have * remaining(state, target), wanted) if second else np.inf
+            work = Pass(state, state.wanted, (have / end, wanted / end), shown=second is None, timed=True)
+            begun = time.perf_counter()
             yield work
-            if not work.whole:
-                break
-            if by_time:
-                passed = (0.1 if number == 1 else 1) * work.seconds  # the first had to compile
-                portion = target.portion(state, 1 / max(passed, 1e-9))
-        if not work.whole and state.keeps and dr.any(state.estimate.count > 0):
-            one = self.image_pass(dr.minimum(first, dr.opaque(mi.UInt32, 1)))
-            one.always, one.of_image = True, False
-            yield one
-        return work.whole
+            speed = (mean(np.array(state.accumulators.count)) - have) / max(time.perf_counter() - begun, 1e-9)
+            if not work.complete:
+                return
+            state.wanted = None
 
-    # ---------------------------------------------------------------- what can be seen of it
+    # ---------------------------------------------------------------- the image so far
 
     @alone()
     def put(self) -> None:
         """Makes the image so far what the film holds."""
-        image = self.state.image()
-        self.film.prepare(self.state.aov_names)  # another image on this film may have had others meanwhile
-        self.film.put_block(mi.ImageBlock(image.tensor(), mi.ScalarPoint2i(image.window[:2]), border=False))
+        state = self.state
+        names = state.estimator.channels.names
+        self.film.prepare([*names[names.index("W") + 1 :], *self.own_aovs])  # another image may have had others
+        offset = mi.ScalarPoint2i(state.plan.window[:2])
+        self.film.put_block(mi.ImageBlock(film_values(state, self.own_aovs), offset, border=False))
         self.film.schedule_storage()
         dr.eval()  # what is pending in one thread is in the way of a function that another one freezes
 
@@ -249,116 +272,48 @@ class Render:
         return self.film.develop()
 
     @property
-    def current(self) -> bool:
-        """Whether :meth:`image` has all samples so far, and not those of the last whole pass alone."""
-        return self.state.current
-
-    @property
     @alone()
     def reached(self) -> Reached:
         """How far it came."""
-        counts, state = np.array(self.state.counts()), self.state
-        mean = float(np.mean(counts, dtype=np.float64))
-        noises = state.noise, state.noise_99, state.noise_999
-        return Reached(mean, int(counts.min()), *noises, self.target.passed)
+        counts = self.state.counts
+        return Reached(mean(counts), int(counts.min()), *self.state.noise, self.target.passed)
 
     @alone()
     def error(self) -> np.ndarray:
         """Standard error of the luminance of each pixel as its own samples show it, shape (height, width)."""
-        return self._picture(self.state.estimate.error(self.state.plan.n))
+        return self.state.crop(self.state.accumulators.error(self.state.plan.n), self.state.plan.window)
 
     @alone()
     def counts(self) -> np.ndarray:
         """Number of samples of each pixel, shape (height, width)."""
-        return self._picture(self.state.estimate.count)
-
-    @alone()
-    def known(self) -> np.ndarray:
-        """Which pixels have samples, and so have all around whose samples reach them, shape (height, width): within the
-        first pass some have not.
-        """
-        plan, side = self.state.plan, 2 * self.state.plan.reach + 1
-        (left, top, right, bottom), window = plan.region, plan.window
-        taken = np.array(self.state.counts()).reshape(bottom - top, right - left) > 0
-        # Beyond the domain there are none to wait for.
-        above, below = plan.reach - (window[1] - top), plan.reach - (bottom - window[3])
-        before, after = plan.reach - (window[0] - left), plan.reach - (right - window[2])
-        taken = np.pad(taken, ((above, below), (before, after)), constant_values=True)
-        return np.asarray(np.lib.stride_tricks.sliding_window_view(taken, (side, side)).all(axis=(2, 3)))
+        return self.state.crop(self.state.accumulators.count, self.state.plan.window)
 
     @alone()
     def noise_at_most(self) -> float:
-        """Root mean square of the error of the displayed pixels, white being 1, as the samples within each pixel show
-        it; not a number where some have less than two.
+        """Upper bound of the RMS error of the displayed image (white = 1) by the samples within each pixel; NaN if some
+        have less than two.
 
-        It is what these samples would come to if they had been drawn without a pattern, or in passes that knew nothing
-        of each other. Their pattern makes the error smaller, by how much only another image can show.
+        It is the error of samples without a pattern. Their pattern makes it smaller, by how much only another image can
+        show.
         """
-        state = self.state
-        x, y, *_ = pixels(state.plan.region)
-        estimate = replace(state.estimate, sums=[]).at(state.index(x, y))
-        error = in_display_units(estimate.error(state.plan.n), estimate.total / mi.Float(estimate.count))
-        values = np.array(error, dtype=np.float64)
+        state, sums = self.state, self.state.accumulators
+        error = in_display_units(sums.error(state.plan.n), sums.total / mi.Float(sums.count))
+        values = np.float64(state.crop(error, state.plan.region))
         result = float(np.sqrt(np.mean(values**2))) * state.estimator.smoothing
-        return result if int(dr.min(estimate.count)[0]) > 1 and np.isfinite(result) else float("nan")
+        return result if state.counts.min() > 1 and np.isfinite(result) else float("nan")
 
     @alone()
-    def checkpoint(self) -> Record:
-        """What a process that continues it has to know."""
-        return Record.of(self.state, self.target.passed, self.finished)
-
-    def _picture(self, values: mi.Float) -> np.ndarray:
-        outer, window = self.state.outer, self.state.plan.window
-        if outer != window:
-            x, y, *_ = pixels(window)
-            values = dr.gather(type(values), values, index_within(outer, x, y))
-        return np.array(values).reshape(window[3] - window[1], window[2] - window[0])
+    def checkpoint(self) -> Checkpoint:
+        """What another process needs to continue it."""
+        return Checkpoint.of(self.state, self.target.passed, self.finished)
 
 
-class _Asked:
-    """The work items of a step that an executor asks for, until it is ``over``, and what part of the pass is done."""
-
-    def __init__(self, items: Iterator[WorkItem], over: Callable[[], bool]) -> None:
-        self.items, self.over = items, over
-        #: Whether all have been asked for, and how many of them are out.
-        self.exhausted, self.out = False, 0
-        self.end = self.open = 0.0
-
-    def __iter__(self) -> Iterator[WorkItem]:
-        while not self.over():
-            item = next(self.items, None)
-            if item is None:
-                self.exhausted = True
-                return
-            self.out += 1
-            self.end, self.open = item.span[1], self.open + item.span[1] - item.span[0]
-            yield item
-
-    def done(self, item: WorkItem) -> float:
-        """The part of the pass that is done, now that ``item`` is."""
-        self.out -= 1
-        self.open = self.open - (item.span[1] - item.span[0]) if self.out else 0.0
-        return self.end - self.open
-
-
-def _guarded(items: Iterable[Any]) -> Iterator[Any]:
-    """Yields ``items``, each made while this thread is :func:`.alone`."""
-    iterator = iter(items)
+def _alone(passes: Iterable[Pass]) -> Iterator[Pass]:
+    """Yields ``passes``, each decided while this thread is :func:`.alone`."""
+    iterator = iter(passes)
     while True:
         with alone():
-            item = next(iterator, None)
-        if item is None:
+            work = next(iterator, None)
+        if work is None:
             return
-        yield item
-
-
-def soon(plan: Plan, count: mi.UInt32) -> mi.UInt32:
-    """The most samples that a pass leads to if it is not the last, as few samples know little: a first pattern, or some
-    times as many as there are.
-    """
-    return dr.maximum(GROWTH * count, dr.opaque(mi.UInt32, plan.n**2))
-
-
-def between(begin: float, end: float) -> Callable[[float], float]:
-    """From a part of a pass to that of the image, of which the pass is what lies between ``begin`` and ``end``."""
-    return lambda done: begin + (end - begin) * done
+        yield work

@@ -10,7 +10,7 @@ from ..engine.film import aov_values, with_more_channels
 from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import reject
 from ..registry import plugin
-from ..transport.inner_integrator import InnerIntegrator
+from ..transport.transport import InnerIntegrator
 
 
 @plugin("integrator", "prosim_adaptive")
@@ -25,29 +25,21 @@ class ProsimAdaptive(ProgressiveIntegrator):
 
      * - (Nested plugin)
        - :paramtype:`integrator`
-       - What computes the radiance along a ray: :monosp:`path`, :monosp:`volpath`, :monosp:`direct`, :monosp:`aov`,
-         :monosp:`prb`, or any other that takes samples from a sensor.
-
-     * - (Nested plugin)
-       - :paramtype:`sampler`
-       - What it draws from, in the place of our patterns; each wave takes a pattern of its own, whose sample count is
-         that of the wave. (Default: the points of :ref:`integrator-prosim`, each sample a pure function of seed, pixel,
-         dimension and index)
+       - Computes the radiance along a ray: :monosp:`path`, :monosp:`volpath`, :monosp:`direct`, :monosp:`aov`,
+         :monosp:`prb`, or any other that takes samples from a sensor
 
      * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, noise_999, time, jitter, channels,
          aovs, band
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 
-    Takes samples where they are needed, until the noise is small enough or the time is up, as :ref:`integrator-prosim`
-    does: it is the same engine. The image has the expected value of the nested integrator's own. By default it is the
-    same to the bit for any crop window, :monosp:`band` and number of threads; a sampler that is given has a state, so
-    that this no longer holds; nor does it for crop windows with :monosp:`noise`, nor with :monosp:`time`. The sensor's
-    sampler is not used.
+    Takes samples where the image is noisy, until an error target or a time limit is reached, with the engine of
+    :ref:`integrator-prosim`. The expected value is that of the nested integrator. The image has the same bits for any
+    crop window, :monosp:`band` and number of threads (but crop windows with :monosp:`noise`, and all with
+    :monosp:`time`). The sensor's sampler is not used.
 
-    Derivatives are the nested integrator's, by uniform sampling with its own means; the image is ours. In scalar
-    variants, and nested in another integrator, every pixel gets the sample count of the sensor's sampler, and that
-    sampler's samples.
+    Derivatives are those of the nested integrator with uniform sampling. In scalar variants, and within another
+    integrator, every pixel gets the samples of the sensor's sampler.
 
     .. tabs::
         .. code-tab:: xml
@@ -72,10 +64,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
         for name, child in props.objects():
             if isinstance(child, mi.Integrator):
                 nested.append(child)
-            elif isinstance(child, mi.Sampler) and self.sampler is None:
-                self.sampler = child
             else:
-                raise reject(props, name, child.class_name(), "one integrator, and one sampler at most")
+                raise reject(props, name, child.class_name(), "one integrator")
         if len(nested) != 1:
             raise ValueError(
                 f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as "

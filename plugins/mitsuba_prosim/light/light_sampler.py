@@ -1,8 +1,8 @@
 """The choice of one light: which lamp a vertex of a path samples (a light sampler of pbrt; Estevez and Kulla 2018).
 
-A lamp is chosen in proportion to an estimate of the light that it sends to the vertex, if nothing is in the way. Every
-estimate is positive, so that no lamp is lost. The estimate of the lamp that a ray meets is known, too: multiple
-importance sampling needs its probability.
+A lamp is chosen in proportion to its importance: an estimate of the light that it sends to the vertex if nothing is in
+the way. Every importance is positive, so that no lamp is lost. That of a lamp which a ray meets can be evaluated, too:
+multiple importance sampling needs the probability.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ import numpy as np
 from ..compat import emitter_pointers
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
+from .strategy import Index, Receiver
 
 #: Rays that are drawn from each lamp to measure its power, place and directions.
 RAYS = 256
 
-#: Bounds of the errors of an estimate: the least cosine at the receiver, the least share of a lamp's power that goes
+#: Bounds of the errors of an importance: the least cosine at the receiver, the least share of a lamp's power that goes
 #: evenly in all directions, and the least power of a lamp, over the mean of all.
 LEAST_COSINE, LEAST_EVEN, LEAST_POWER = 0.02, 0.1, 0.01
 
@@ -52,85 +53,59 @@ class LightSampler:
             self.table = mi.Float(np.pad(rows, ((0, 0), (0, 2))).ravel().tolist())
             dr.make_opaque(self.table)
 
-    def total(self, p: mi.Point3f, n: mi.Normal3f, both_sides: mi.Bool | bool, active: mi.Bool) -> mi.Float:
-        """Sum of all estimates at ``p``; parameters as for :meth:`estimate`."""
+    def total(self, receiver: Receiver, active: mi.Bool) -> mi.Float:
+        """Sum of the importance of all lamps."""
+        return self._fold(lambda k, total: total + self.importance(k, receiver, active), mi.Float(0), active)
 
-        def add(k: int | mi.UInt32, total: mi.Float) -> mi.Float:
-            return total + self.estimate(k, p, n, both_sides, active)
-
-        return self._fold(add, mi.Float(0), active)
-
-    def probability(
-        self,
-        k: int | mi.UInt32,
-        p: mi.Point3f,
-        n: mi.Normal3f,
-        both_sides: mi.Bool | bool,
-        total: mi.Float | None,
-        active: mi.Bool,
-    ) -> mi.Float:
-        """Probability with which :meth:`choose` takes the lamp ``k``. ``total``: :meth:`total`, if that is known; other
-        parameters as for :meth:`estimate`.
-        """
+    def probability(self, k: Index, receiver: Receiver, total: mi.Float | None, active: mi.Bool) -> mi.Float:
+        """Probability with which :meth:`choose` takes the lamp ``k``. ``total``: :meth:`total`, if that is known."""
         if total is None:
-            total = self.total(p, n, both_sides, active)
-        return self.estimate(k, p, n, both_sides, active) / dr.select(total > 0, total, 1)
+            total = self.total(receiver, active)
+        return self.importance(k, receiver, active) / dr.select(total > 0, total, 1)
 
     def choose(
-        self,
-        p: mi.Point3f,
-        n: mi.Normal3f,
-        both_sides: mi.Bool | bool,
-        total: mi.Float,
-        sample: mi.Float,
-        active: mi.Bool,
+        self, receiver: Receiver, total: mi.Float, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """``(k, probability, rest)``: the number of the lamp that ``sample`` in [0, 1) chooses, the probability of
-        that lamp, and what ``sample`` leaves over, again in [0, 1). ``total``: :meth:`total`; other parameters as for
-        :meth:`estimate`.
+        that lamp, and what ``sample`` leaves over, again in [0, 1). ``total``: :meth:`total`.
         """
         sample = sample * total
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
 
-        def look(k: int | mi.UInt32, state: State) -> State:
-            chosen, estimate, begin, end = state
-            own = self.estimate(k, p, n, both_sides, active)
+        def look(k: Index, state: State) -> State:
+            chosen, importance, begin, end = state
+            own = self.importance(k, receiver, active)
             # The last lamp that begins below the number: sums are rounded.
             takes = sample >= end
-            chosen, estimate = dr.select(takes, mi.UInt32(k), chosen), dr.select(takes, own, estimate)
-            return chosen, estimate, dr.select(takes, end, begin), end + own
+            chosen, importance = dr.select(takes, mi.UInt32(k), chosen), dr.select(takes, own, importance)
+            return chosen, importance, dr.select(takes, end, begin), end + own
 
         state = (mi.UInt32(0), mi.Float(1), mi.Float(0), mi.Float(0))
-        k, estimate, begin, _ = self._fold(look, state, active)
-        rest = dr.clip((sample - begin) / estimate, 0, 1 - 2.0**-24)
-        return k, dr.select(total > 0, estimate / total, 1), rest
+        k, importance, begin, _ = self._fold(look, state, active)
+        rest = dr.clip((sample - begin) / importance, 0, 1 - 2.0**-24)
+        return k, dr.select(total > 0, importance / total, 1), rest
 
-    def estimate(
-        self, k: int | mi.UInt32, p: mi.Point3f, n: mi.Normal3f, both_sides: mi.Bool | bool, active: mi.Bool
-    ) -> mi.Float:
-        """Light of the lamp ``k``, an integer or a Dr.Jit array, at the point ``p`` of a surface; without unit.
-
-        ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
-        reaches too, or False.
-        """
-        p, n = dr.detach(p), dr.detach(n)  # choices have no derivatives
+    def importance(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
+        """Estimate of the light of the lamp ``k`` at ``receiver``, without unit."""
+        # Choices have no derivatives.
+        p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
         center, radius, even, lobe, exponent, axis = self._lamp(k, active)
         to_lamp = center - p
         inverse = dr.rsqrt(dr.maximum(dr.squared_norm(to_lamp), dr.square(radius)))
         # Bounds of both cosines, for the whole of the lamp.
-        receiver = dr.dot(n, to_lamp)
+        height = dr.dot(n, to_lamp)
         if both_sides is not False:
-            receiver = dr.select(both_sides, dr.abs(receiver), receiver)
-        receiver = dr.clip((receiver + radius) * inverse, LEAST_COSINE, 1)
+            height = dr.select(both_sides, dr.abs(height), height)
+        cos_receiver = dr.clip((height + radius) * inverse, LEAST_COSINE, 1)
         intensity = even
         if self.lobes:
-            sender = dr.clip((radius - dr.dot(axis, to_lamp)) * inverse, 0, 1)
+            cos_lamp = dr.clip((radius - dr.dot(axis, to_lamp)) * inverse, 0, 1)
             if self.beams:
-                sender = dr.select(sender > 0, dr.power(dr.maximum(sender, 1e-6), exponent), 0)
-            intensity += lobe * sender
-        return intensity * receiver * dr.square(inverse)
+                cos_lamp = dr.select(cos_lamp > 0, dr.power(dr.maximum(cos_lamp, 1e-6), exponent), 0)
+            intensity += lobe * cos_lamp
+        return intensity * cos_receiver * dr.square(inverse)
 
-    def _lamp(self, k: int | mi.UInt32, active: mi.Bool) -> tuple[Any, ...]:
+    def _lamp(self, k: Index, active: mi.Bool) -> tuple[Any, ...]:
         """Center, radius, intensity of the even part and that of the lobe, its exponent and its axis."""
         if dr.is_jit_v(mi.Float):
             k = mi.UInt32(k)

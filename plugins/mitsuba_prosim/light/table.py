@@ -1,10 +1,10 @@
-"""The light sources of a scene, as surfaces sample them: each at every point (sections 4.1, 5.2), or one that is
-chosen (:mod:`.light_sampler`).
+"""The light sources of a scene, as surfaces sample them: every one (sections 4.1, 5.2), or one that the
+:mod:`.light_sampler` chooses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,123 +13,101 @@ import mitsuba as mi
 
 from ..compat import emitter_pointers, emitters_in_order
 from ..masks import but_not, idle
-from .balls import Balls
-from .others import Others
-from .sample import LightSample
-from .sky import Sky
+from .spheres import SphereLights
+from .strategy import ConstantSky, Emitter, Index, OtherLights, Receiver
 
 #: Strategies for lamps, which are all sources but a constant sky: an emitter belongs to the first one that takes it.
-STRATEGIES = (Balls, Others)
+STRATEGIES = (SphereLights, OtherLights)
 
+#: Samples any source from a surface that light reaches from both sides.
+WHOLE = OtherLights(())
 
 #: A strategy, and the numbers of its first lamp and of the one after its last.
-Group = tuple[Balls | Others, int, int]
-
-
-class Mixed(Others):
-    """The strategies of several ``groups`` as one, for a lamp whose number only the kernel knows."""
-
-    def __init__(self, groups: Sequence[Group]) -> None:
-        self.groups = groups
-        self.whole_sphere = all(strategy.whole_sphere for strategy, *_ in groups)
-
-    def sample(
-        self,
-        number: int | mi.UInt32,
-        emitter: mi.Emitter | mi.EmitterPtr,
-        si: mi.SurfaceInteraction3f,
-        n: mi.Normal3f,
-        sample: mi.Point2f,
-        active: mi.Bool,
-    ) -> LightSample:
-        """A point of the lamp ``number``, which is ``emitter``; see :meth:`.balls.Balls.sample`."""
-        return self._select(number, active, lambda one, k, mine: one.sample(k, emitter, si, n, sample, mine))
-
-    def pdf(
-        self,
-        number: int | mi.UInt32,
-        si: mi.SurfaceInteraction3f,
-        n: mi.Normal3f,
-        ds: mi.DirectionSample3f,
-        active: mi.Bool,
-    ) -> mi.Float:
-        """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
-        return self._select(number, active, lambda one, k, mine: one.pdf(k, si, n, ds, mine))
-
-    def carried(
-        self,
-        number: int | mi.UInt32,
-        si: mi.SurfaceInteraction3f,
-        n: mi.Normal3f,
-        d: mi.Vector3f,
-        met: mi.SurfaceInteraction3f,
-        active: mi.Bool,
-    ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """The direction ``d`` from ``si`` to a point of the lamp ``number``; see :meth:`.balls.Balls.carried`."""
-        return self._select(number, active, lambda one, k, mine: one.carried(k, si, n, d, met, mine))
-
-    def follows_shape(self, number: int | mi.UInt32) -> mi.Bool | bool:
-        """Whether :meth:`carried` needs to know the point of the lamp ``number``."""
-        return self._select(number, mi.Bool(True), lambda one, k, mine: mi.Bool(one.follows_shape(k)))
-
-    def _select(
-        self, number: int | mi.UInt32, active: mi.Bool, evaluate: Callable[[Balls | Others, Any, mi.Bool], Any]
-    ) -> Any:
-        """What ``evaluate`` returns for the strategy of the lamp ``number``, that lamp's number within it, and a mask.
-
-        In scalar variants the number must be that of a lamp, and ``active`` true.
-        """
-        result: Any = None
-        for strategy, first, end in self.groups:
-            mine = active & (first <= number) & (number < end)
-            if not idle(mine):
-                value = evaluate(strategy, dr.clip(number - first, 0, end - 1 - first), mine)
-                result = value if result is None else dr.select(mine, value, result)
-        return result
+Group = tuple[OtherLights, Any, Any]
 
 
 @dataclass
 class Lamp:
-    """A source on its turn: number ``k`` of the table, ``number`` of its ``strategy``, both integers or Dr.Jit
-    arrays.
+    """The source ``emitter``, number ``k`` of the table. ``groups``: those that it may belong to; several where only
+    the kernel knows the number.
     """
 
-    k: int | mi.UInt32
-    emitter: mi.Emitter | mi.EmitterPtr
-    strategy: Balls | Others
-    number: int | mi.UInt32
+    k: Index
+    emitter: Emitter
+    groups: list[Group]
+
+    @property
+    def whole_sphere(self) -> bool:
+        """See :attr:`.OtherLights.whole_sphere`."""
+        return all(strategy.whole_sphere for strategy, *_ in self.groups)
+
+    @property
+    def follows_shape(self) -> mi.Bool | bool:
+        """See :attr:`.OtherLights.follows_shape`."""
+        if len(self.groups) == 1:
+            return self.groups[0][0].follows_shape
+        return self._by_strategy(mi.Bool(True), lambda strategy, *_: mi.Bool(strategy.follows_shape))
 
     def sample(
-        self,
-        si: mi.SurfaceInteraction3f,
-        n: mi.Normal3f,
-        both_sides: mi.Bool | bool,
-        sample: mi.Point2f,
-        active: mi.Bool,
-    ) -> LightSample:
-        """A point of the source, seen from ``si``.
+        self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """``(ds, weight)``: a point of the source, see :meth:`.OtherLights.sample`. ``sample``: a point in [0, 1)²."""
+        both_sides = receiver.both_sides
 
-        ``n``: normal on the viewer's side; ``both_sides``: mask of the surfaces that light from below the horizon
-        reaches too (rough glass), or False where there is none; ``sample``: a point in [0, 1)².
+        def by_strategy(active: mi.Bool) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+            return self._by_strategy(active, lambda s, k, mine: s.sample(k, self.emitter, receiver, sample, mine))
+
+        if self.whole_sphere or both_sides is False:
+            return by_strategy(active)
+        above = by_strategy(but_not(active, both_sides))
+        return dr.select(both_sides, WHOLE.sample(self.k, self.emitter, receiver, sample, active & both_sides), above)
+
+    def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
+        both_sides = receiver.both_sides
+
+        def by_strategy(active: mi.Bool) -> mi.Float:
+            return self._by_strategy(active, lambda s, k, mine: s.pdf(k, receiver, ds, mine))
+
+        if self.whole_sphere or both_sides is False:
+            return by_strategy(active)
+        pdf, above, whole = mi.Float(0), but_not(active, both_sides), active & both_sides
+        if not idle(above):
+            pdf = by_strategy(above)
+        return pdf if idle(whole) else dr.select(whole, WHOLE.pdf(self.k, receiver, ds, whole), pdf)
+
+    def reparameterised(
+        self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Float]:
+        """``(ds, jacobian)``, both with derivatives; see :meth:`.OtherLights.reparameterised`."""
+        return self._by_strategy(active, lambda s, k, mine: s.reparameterised(k, receiver, d, met, mine))
+
+    def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
+        """Whether the ray (o, d) may meet the source; see :meth:`.OtherLights.may_meet`."""
+        return self._by_strategy(mi.Bool(True), lambda s, k, _: s.may_meet(k, o, d))
+
+    def _by_strategy(self, active: mi.Bool, evaluate: Callable[[OtherLights, Index, mi.Bool], Any]) -> Any:
+        """What ``evaluate`` returns for the strategy of the lamp, the lamp's number within it, and a mask.
+
+        With several groups, in scalar variants ``active`` must be true.
         """
-        if self.strategy.whole_sphere or both_sides is False:
-            return self.strategy.sample(self.number, self.emitter, si, n, sample, active)
-        above = self.strategy.sample(self.number, self.emitter, si, n, sample, but_not(active, both_sides))
-        whole = WHOLE.sample(self.number, self.emitter, si, n, sample, active & both_sides)
-        return dr.select(both_sides, whole, above)
-
-
-#: What samples any source from a surface that light reaches from both sides.
-WHOLE = Others(())
+        if len(self.groups) == 1:
+            strategy, first, _ = self.groups[0]
+            return evaluate(strategy, self.k - first, active)
+        result: Any = None
+        for strategy, first, end in self.groups:
+            mine = active & (first <= self.k) & (self.k < end)
+            if not idle(mine):
+                value = evaluate(strategy, dr.clip(self.k - first, 0, end - 1 - first), mine)
+                result = value if result is None else dr.select(mine, value, result)
+        return result
 
 
 class Lights:
-    """All emitters of ``scene``, grouped by strategy, in an order that is the same in every process; a constant sky,
-    which is a sphere around everything, is apart and last.
+    """All emitters of ``scene``, grouped by strategy, in an order that is the same in every process. A constant sky is
+    separate and last: it is sampled for lobes without a ray of their own, as a ray finds it at least as well alone.
 
-    The sky is sampled for lobes that no ray is drawn from: a ray that is drawn finds it at least as well, alone.
-
-    ``choose``: whether a surface samples one of the lamps, which the ``sampler`` chooses, and not each of them.
+    ``choose``: whether a surface samples one of the lamps, which the ``sampler`` chooses, instead of every one.
 
     Up to ``UNROLLED`` lamps are written out in the kernel; more are visited by loops, whose kernel does not depend on
     their number.
@@ -139,44 +117,41 @@ class Lights:
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
         emitters = emitters_in_order(scene)
-        skies = [e for e in emitters if Sky.takes(e)]
-        groups = [
-            (s, [e for e in emitters if e not in skies and s is next(t for t in STRATEGIES if t.takes(e))])
-            for s in STRATEGIES
-        ]
-        #: ``(strategy, first, end)``: the lamps ``first`` .. ``end`` - 1 are sampled by it, in the order of its
-        #: numbers.
+        skies = [e for e in emitters if ConstantSky.takes(e)]
+        members: dict[type[OtherLights], list[mi.Emitter]] = {strategy: [] for strategy in STRATEGIES}
+        for emitter in emitters:
+            if emitter not in skies:
+                members[next(s for s in STRATEGIES if s.takes(emitter))].append(emitter)
         self.groups: list[Group] = []
         self.emitters: list[mi.Emitter] = []
-        for strategy, members in groups:
-            if members:
-                first = len(self.emitters)
-                self.emitters += members
-                self.groups.append((strategy(members), first, len(self.emitters)))
-        self.lamps = len(self.emitters)
-        #: What samples any lamp, by its number in the table.
-        self.mixed: Balls | Others = self.groups[0][0] if len(self.groups) == 1 else Mixed(self.groups)
-        self.sky = Sky(2 * scene.bbox().bounding_sphere().radius) if skies else None
+        for strategy, own in members.items():
+            if own:
+                self.groups.append((strategy(own), len(self.emitters), len(self.emitters) + len(own)))
+                self.emitters += own
+        #: Number of lamps, and of all sources.
+        self.lamps, self.count = len(self.emitters), len(self.emitters) + len(skies)
         self.emitters += skies
-        self.count = len(self.emitters)
-        self.jit = dr.is_jit_v(mi.Float)
+        self.sky: Lamp | None = None
+        if skies:
+            sky = ConstantSky(2 * scene.bbox().bounding_sphere().radius)
+            self.sky = Lamp(self.lamps, skies[-1], [(sky, self.lamps, self.count)])
         deltas = [mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters]
         self.only_points = all(deltas)
-        #: Whether it can be told beforehand, by :meth:`may_meet`, that a ray meets no source.
-        self.can_foresee = self.sky is None and all(
-            strategy.can_foresee or all(deltas[first:end]) for strategy, first, end in self.groups
+        #: Whether :meth:`may_meet` can exclude that a ray meets a source.
+        self.can_exclude = self.sky is None and all(
+            strategy.can_exclude or all(deltas[first:end]) for strategy, first, end in self.groups
         )
+        self.jit = dr.is_jit_v(mi.Float)
         if self.jit and self.emitters:
             self._tabulate(scene)
-        #: What chooses among several lamps; None where each of them is sampled.
+        #: Chooses among several lamps; None where every lamp is sampled.
         from .light_sampler import LightSampler  # with the first image, as NumPy is slow to import
 
         self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
 
     def _tabulate(self, scene: mi.Scene) -> None:
-        """Pointers by the number of the source, and for many sources the way back from Dr.Jit's identity of an emitter.
-
-        That table's size has to be waited for.
+        """Makes the table of pointers by number, and for many lamps that of numbers by Dr.Jit's identity of an emitter,
+        whose size has to be waited for.
         """
         self.pointers = emitter_pointers(scene, self.emitters)
         if self.lamps > self.UNROLLED:
@@ -185,10 +160,8 @@ class Lights:
             dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), identity)
             dr.make_opaque(self.numbers)
 
-    def number_of(self, emitter: mi.Emitter | mi.EmitterPtr, active: mi.Bool) -> int | mi.UInt32:
-        """The number of the lamp ``emitter``, a ``mi.EmitterPtr``, or an emitter in scalar variants; the number of
-        lamps for the sky and for None, which are no lamps.
-        """
+    def number_of(self, emitter: Emitter, active: mi.Bool) -> Index:
+        """The number of the lamp ``emitter``; the number of lamps for the sky and for None, which are no lamps."""
         if not self.jit:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         if self.lamps > self.UNROLLED:
@@ -198,10 +171,9 @@ class Lights:
             number = dr.select(emitter == dr.gather(mi.EmitterPtr, self.pointers, k), k, number)
         return number
 
-    def lamp(self, k: int | mi.UInt32) -> Lamp:
-        """The lamp of the number ``k``, an integer or a Dr.Jit array."""
-        emitter = dr.gather(mi.EmitterPtr, self.pointers, k) if self.jit else self.emitters[k]
-        return Lamp(k, emitter, self.mixed, k)
+    def lamp(self, k: Index) -> Lamp:
+        """The lamp of the number ``k``."""
+        return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k) if self.jit else self.emitters[k], self.groups)
 
     def for_each(
         self,
@@ -211,34 +183,24 @@ class Lights:
         groups: list[Group] | None = None,
         attached: bool = False,
     ) -> Any:
-        """Folds ``total = body(lamp, total)`` over the lamps (or those of some of the ``groups``), each a
-        :class:`Lamp`.
+        """The last ``total = body(lamp, total)`` over the lamps, or those of some of the ``groups``.
 
         ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
         """
         for strategy, first, end in self.groups if groups is None else groups:
             if self.jit and self.lamps > self.UNROLLED:
-                total = self._loop(body, strategy, first, end, total, active, attached)
+                group = strategy, dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
+                total = self._loop(body, group, total, active, attached)
             else:
                 for k in range(first, end):
-                    total = body(Lamp(k, self.emitters[k], strategy, k - first), total)
+                    total = body(Lamp(k, self.emitters[k], [(strategy, first, end)]), total)
         return total
 
-    def _loop(
-        self,
-        body: Callable[[Lamp, Any], Any],
-        strategy: Balls | Others,
-        first: int,
-        end: int,
-        total: Any,
-        active: mi.Bool,
-        attached: bool,
-    ) -> Any:
-        first, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
+    def _loop(self, body: Callable[[Lamp, Any], Any], group: Group, total: Any, active: mi.Bool, attached: bool) -> Any:
+        _, first, end = group
 
         def step(k: mi.UInt32, total: Any) -> tuple[mi.UInt32, Any]:
-            emitter = dr.gather(mi.EmitterPtr, self.pointers, k)
-            return k + 1, body(Lamp(k, emitter, strategy, k - first), total)
+            return k + 1, body(Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), [group]), total)
 
         return dr.while_loop(
             (mi.UInt32(first), total),
@@ -248,71 +210,43 @@ class Lights:
             mode="evaluated" if attached else None,
         )[1]
 
-    def sample_sky(
-        self,
-        si: mi.SurfaceInteraction3f,
-        n: mi.Normal3f,
-        both_sides: mi.Bool | bool,
-        sample: mi.Point2f,
-        active: mi.Bool,
-    ) -> LightSample:
-        """A point of the sky; parameters as in :meth:`Lamp.sample`."""
-        assert self.sky is not None
-        sky = self.emitters[-1]
-        above = self.sky.sample(sky, si, n, sample, active)
-        if both_sides is False:
-            return above
-        return dr.select(both_sides, WHOLE.sample(self.lamps, sky, si, n, sample, active & both_sides), above)
-
     def pdf(
-        self,
-        si: mi.SurfaceInteraction3f,
-        n: mi.Normal3f,
-        both_sides: mi.Bool | bool,
-        ds: mi.DirectionSample3f,
-        active: mi.Bool,
-        estimates: mi.Float | None = None,
+        self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool, importance: mi.Float | None = None
     ) -> mi.Float:
-        """Density per solid angle with which a lamp is sampled in the direction ``ds`` (``mi.DirectionSample3f``) at
-        ``si``, the lamp being the one that is met there; 0 for the sky. Parameters as in :meth:`Lamp.sample`.
+        """Density per solid angle with which a lamp is sampled in the direction ``ds``, where ``receiver`` sees it; 0
+        for the sky.
 
-        It includes the probability that the ``sampler``, if there is one, chooses this lamp. ``estimates``: its
-        :meth:`.LightSampler.total` at ``si``, if that is known.
+        It includes the probability that the ``sampler`` chooses this lamp. ``importance``: its
+        :meth:`.LightSampler.total` at the receiver, if that is known.
         """
         k = self.number_of(ds.emitter, active)
         active = active & (k < self.lamps)
         if idle(active) or not self.lamps:
             return mi.Float(0)
-        if both_sides is False or self.mixed.whole_sphere:
-            pdf = self.mixed.pdf(k, si, n, ds, active)
-        else:
-            pdf, above, whole = mi.Float(0), but_not(active, both_sides), active & both_sides
-            if not idle(above):
-                pdf = self.mixed.pdf(k, si, n, ds, above)
-            if not idle(whole):
-                pdf = dr.select(whole, WHOLE.pdf(k, si, n, ds, whole), pdf)
+        pdf = Lamp(k, ds.emitter, self.groups).pdf(receiver, ds, active)
         if self.sampler is not None:
-            pdf *= self.sampler.probability(k, si.p, n, both_sides, estimates, active)
+            pdf *= self.sampler.probability(k, receiver, importance, active)
         return dr.select(active, pdf, 0)
 
-    def carried(
-        self, si: mi.SurfaceInteraction3f, n: mi.Normal3f, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
+    def reparameterised(
+        self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.Float]:
-        """The direction ``d`` from ``si`` to the point ``met`` of a lamp, carried along with that lamp, and the
-        Jacobian of the map, both with derivatives; see :mod:`.motion`.
+        """``(d, jacobian)``, both with derivatives: the direction ``d`` from ``receiver`` to the point ``met`` of a
+        lamp, which moves with that lamp; see :mod:`.reparameterisation`.
         """
-        k = self.number_of(met.shape.emitter(), active)
+        emitter = met.shape.emitter()
+        k = self.number_of(emitter, active)
         active = active & (k < self.lamps)
         if not self.lamps:
             return d, mi.Float(1)
-        ds, stretch = self.mixed.carried(k, si, n, d, met, active)
-        return dr.select(active, ds.d, d), dr.select(active, stretch, 1)
+        ds, jacobian = Lamp(k, emitter, self.groups).reparameterised(receiver, d, met, active)
+        return dr.select(active, ds.d, d), dr.select(active, jacobian, 1)
 
     def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
-        """Whether the ray (o, d) meets a source, as far as nothing is in the way; where the table ``can_foresee``."""
+        """Whether the ray (o, d) may meet a source if nothing is in the way; only where the table ``can_exclude``."""
         return self.for_each(
-            lambda lamp, meets: meets | lamp.strategy.may_meet(lamp.number, o, d),
+            lambda lamp, meets: meets | lamp.may_meet(o, d),
             mi.Bool(False),
             mi.Bool(True),
-            [group for group in self.groups if group[0].can_foresee],
+            [group for group in self.groups if group[0].can_exclude],
         )

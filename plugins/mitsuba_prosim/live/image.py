@@ -11,9 +11,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compare.scenes import can_light, seen_by, sky
+from ..compare.scenes import can_light, lit
 from ..denoising import halves
-from ..engine.work import Local, Step, samples_of_a_second
+from ..engine.work import Local, Step
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..transport.scattering import disperses
@@ -54,13 +54,7 @@ class ProgressiveImage:
 
     def begin(self, seed: int, spp: int = 0, **how: Any) -> Any:
         """A :class:`.Render` by short work items."""
-        if self.integrator.sampler is None:
-            how["executor"] = Local(SECONDS)
-        else:  # it is seeded for each work item, so that these must not depend on the time
-            sampling = how.get("sampling", self.integrator.sampling)
-            band = int(samples_of_a_second() * SECONDS) // (spp or sampling.samples**2)
-            how["sampling"] = replace(sampling, band=max(2**10, band))
-        return self.integrator.progressive(self.scene, self.sensor, seed, spp, **how)
+        return self.integrator.progressive(self.scene, self.sensor, seed, spp, executor=Local(SECONDS), **how)
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
         """The image so far, as :class:`.Picture` has it. Within the first pass ``final`` alone, with that of
@@ -75,7 +69,7 @@ class ProgressiveImage:
 
     def taken(self) -> dict[str, np.ndarray] | None:
         """The samples so far, as :func:`.of_render` has them; None where there is nothing new."""
-        return None if self.render is None or not self.render.current else of_render(self.render)
+        return None if self.render is None else of_render(self.render)
 
     def reached(self) -> Any:
         """How far it came, as :class:`.Reached`."""
@@ -184,5 +178,5 @@ def by_path(own: ProgressiveImage) -> ProgressiveImage:
     path = create("prosim_adaptive", nested=create("path"), channels=own.integrator.channels, **sampling)
     scene, background = own.scene, getattr(own.integrator, "background", None)
     if background is not None:
-        scene = seen_by(own.sensor, scene, background=sky(background))
+        scene = lit(scene, background)
     return ProgressiveImage(path, scene, own.sensor, own.spp, own.seed)

@@ -67,12 +67,9 @@ class Picture:
 
 def of_render(render: Render) -> dict[str, np.ndarray]:
     """The :data:`LAYERS` of an image, 0 in all of them where it is not known yet."""
-    known = render.known()
-    layers = {
-        "final": colours(np.array(render.image())),
-        "error": render.error(),
-        "samples": render.counts().astype(np.float32),
-    }
+    counts = render.counts()
+    known = counts > 0
+    layers = {"final": colours(np.array(render.image())), "error": render.error(), "samples": counts.astype(np.float32)}
     return layers if known.all() else {name: over(known, values) for name, values in layers.items()}
 
 

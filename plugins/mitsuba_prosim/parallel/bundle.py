@@ -1,4 +1,4 @@
-"""A scene as it travels to another machine: its text, and the files that it names."""
+"""A scene as it travels to a worker: its text, and the files that it names."""
 
 from __future__ import annotations
 
@@ -6,48 +6,57 @@ import hashlib
 import json
 import os
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 
-from ..scene import atomic, scene_file
+from .. import atomic
+from ..engine import origin
+from ..scene import scene_file
 
-#: Of this process: a worker keeps one scene of each.
+#: Identifies this process: a worker keeps the last scene of each client.
 SESSION = uuid.uuid4().hex
 
 
 @dataclass(frozen=True, eq=False)
 class SceneBundle:
-    """A scene without the contents of its files, which travel beside it.
+    """A scene for :mod:`.worker`.
 
-    ``key`` is the same for scenes of the same content, ``main`` is the name of the XML file, ``changes`` are further
-    arguments of :class:`.SceneFile`, ``sensor`` is the number of the sensor. ``contents`` maps the names of the files,
-    relative to a common folder, to their bytes; it is empty on a worker.
+    ``key`` identifies the content; ``main`` is the name of the XML file; ``changes`` are further arguments of
+    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` says what the samples depend on, see :mod:`..engine.origin`.
+    ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They travel separately.
     """
 
     key: str
     main: str
     changes: Mapping[str, Any]
     sensor: int
-    variant: str
+    origin: Mapping[str, str]
     contents: Mapping[str, bytes] = field(default_factory=dict)
     session: str = SESSION
 
     @classmethod
     def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> SceneBundle:
-        """The bundle of ``file``.
-
-        Raises OSError, and ValueError if the scene names a file by an absolute path or outside of its folder.
-        """
-        places = dict(_travelling(file))
-        root = Path(os.path.commonpath([place.parent for place in places]))
-        contents = {place.relative_to(root).as_posix(): path.read_bytes() for place, path in places.items()}
-        main = Path(os.path.abspath(file.xml)).relative_to(root).as_posix()
+        """The bundle of ``file``. Raises OSError, and ValueError if a file outside the scene's folder is named."""
+        home = Path(os.path.abspath(file.xml.parent))
+        folders = [folder.resolve() for folder in (home, file.path.parent)]
+        texts, named, contents = [Path(str(path)) for path in file.state.files], file.named_files(), {}
+        for name, path in [*((str(path), path) for path in texts), *named]:
+            is_inside = any(path.resolve().is_relative_to(folder) for folder in folders)
+            if not is_inside or (path not in texts and os.path.isabs(name)):
+                raise ValueError(
+                    f"{file.path}: the scene names {name}, and a cluster needs all files in the scene's folder; copy "
+                    "the file there, and name it relative to that folder"
+                )
+            place = Path(os.path.abspath(path))
+            if not place.is_relative_to(home):  # of a translation, which lies elsewhere
+                place = Path(os.path.abspath(home / name))
+            contents[place.relative_to(home).as_posix()] = path.read_bytes()
         key = hashlib.sha256(json.dumps([file.digest(), file.changes, sensor], sort_keys=True).encode()).hexdigest()
-        return cls(key, main, file.changes, sensor, mi.variant() or "", contents)
+        return cls(key, file.xml.name, file.changes, sensor, origin.here(), contents)
 
     def load(self, contents: Mapping[str, bytes]) -> tuple[mi.Scene, mi.Sensor]:
         """Its scene and its sensor. Raises what their plugins raise."""
@@ -58,27 +67,3 @@ class SceneBundle:
                 path.write_bytes(content)
             scene = scene_file.SceneFile(folder / self.main, folder, **self.changes).load()
             return scene, scene_file.pick_sensor(scene, self.sensor)
-
-
-def _travelling(file: scene_file.SceneFile) -> Iterator[tuple[Path, Path]]:
-    """``(place, path)`` of the files that make a scene; ``place`` is where the text of the scene leads to, from the
-    folder of its XML file. Raises ValueError.
-    """
-    home = Path(os.path.abspath(file.xml.parent))
-    inside = [folder.resolve() for folder in (home, file.path.parent)]
-    names = [(str(path), Path(str(path))) for path in file.state.files]
-    for name, path in names + file.named_files():
-        if not any(path.resolve().is_relative_to(folder) for folder in inside):
-            raise ValueError(
-                f"{file.path}: the scene names {name}, which lies outside of its folder. A cluster renders scenes with "
-                "all files in their own folder: copy the file there."
-            )
-        if (name, path) not in names and os.path.isabs(name):
-            raise ValueError(
-                f"{file.path}: the scene names {name} by an absolute path. A cluster renders scenes that name their "
-                "files relative to their own folder: write the path so."
-            )
-        place = Path(os.path.abspath(path))
-        if (name, path) not in names and not place.is_relative_to(home):
-            place = Path(os.path.abspath(home / name))
-        yield place, path

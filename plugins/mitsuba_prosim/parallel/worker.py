@@ -1,7 +1,6 @@
 """The tasks of a Dask worker: samples of a work item, photons, and whole images.
 
-All of them run in one thread of the worker, whatever the number of its own: a task has all the threads of Dr.Jit, and
-two renders take turns.
+All of them run in one thread of the worker, which uses all threads of Dr.Jit; two renders take turns.
 """
 
 from __future__ import annotations
@@ -25,13 +24,11 @@ import prosim_scene
 
 from ..alone import alone
 from ..compat import dr_array
-from ..engine.estimate import Estimator
-from ..engine.plan import Plan
+from ..engine import origin
+from ..engine.estimator import Estimator
 from ..engine.policies import POLICIES
 from ..engine.work import WorkItem
 from ..photons.caustics import Which
-from ..photons.grid import Photons
-from ..saved import origin
 from ..scene import session
 from .bundle import SceneBundle
 
@@ -65,16 +62,10 @@ class Loaded:
         self.sensor.film().prepare(self.integrator.aov_names())
         self._estimator: Estimator | None = None
 
-    @property
-    def draws(self) -> int:
-        """Photon sets that were drawn here."""
-        caustics = None if self._estimator is None else self._estimator.transport.caustics
-        return 0 if caustics is None else caustics.draws
-
-    def estimator(self, plan: Plan) -> Estimator:
-        """The estimator of the scene, for ``plan``."""
+    def estimator(self) -> Estimator:
+        """The estimator of the scene."""
         if self._estimator is None:
-            self._estimator = self.integrator.estimator(plan, self.scene, self.sensor)
+            self._estimator = self.integrator.estimator(self.scene, self.sensor)
         return self._estimator
 
 
@@ -82,14 +73,31 @@ class Loaded:
 scenes: OrderedDict[str, Loaded] = OrderedDict()
 
 
+def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
+    """Sets the variant and the number of threads; returns what the samples depend on.
+
+    A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
+    process. Raises ImportError or RuntimeError where it lacks the variant.
+    """
+
+    def prepare() -> dict[str, str]:
+        if not dask_worker.address.startswith("inproc:"):
+            dr.set_thread_count(dask_worker.state.nthreads)
+            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows them
+        session.set_variant(variant)
+        return origin.here()
+
+    return render_thread().submit(prepare).result()
+
+
 def loaded(bundle: SceneBundle, contents: Mapping[str, bytes]) -> Loaded:
     """The scene of ``bundle``, in its variant.
 
-    Another scene of the same client is forgotten first, so that the new one takes its places in Dr.Jit's tables, by
-    which kernels are found again.
+    Another scene of the same client is deleted first, so that the new one takes its places in Dr.Jit's tables, and
+    kernels are found in the cache.
     """
-    if mi.variant() != bundle.variant:
-        session.set_variant(bundle.variant)
+    if mi.variant() != bundle.origin["variant"]:
+        session.set_variant(bundle.origin["variant"])
     scene = scenes.pop(bundle.session, None)
     if scene is None or scene.key != bundle.key:
         scene = None
@@ -101,30 +109,14 @@ def loaded(bundle: SceneBundle, contents: Mapping[str, bytes]) -> Loaded:
     return scene
 
 
-def check(variant: str) -> Mapping[str, str]:
-    """Prepares the worker for ``variant`` and returns what its samples depend on.
-
-    It renders with as many threads as Dask gives to it, or with those of its client if it shares the client's process.
-    Raises ImportError or RuntimeError where it lacks the variant.
-    """
-    here = distributed.get_worker()
-
-    def prepared() -> Mapping[str, str]:
-        if not here.address.startswith("inproc:"):
-            dr.set_thread_count(here.state.nthreads)
-            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows them
-        session.set_variant(variant)
-        return origin.here()
-
-    return render_thread().submit(prepared).result()
-
-
 class _Pickler(pickle.Pickler):
-    """Dr.Jit arrays are read to the alignment of Dr.Jit's own memory, by which kernels are found again."""
+    """Pickles Dr.Jit arrays so that they keep the alignment of Dr.Jit's memory, see :func:`..compat.dr_array`."""
 
     def reducer_override(self, value: Any) -> Any:
         if type(value) in (mi.Float, mi.UInt32, mi.Int32):
             return dr_array, (np.array(value),)
+        if type(value) in (mi.Vector3f, mi.Spectrum):
+            return type(value), tuple(value)
         return NotImplemented
 
 
@@ -137,69 +129,49 @@ def pickled(value: Any) -> bytes:
 
 
 def packed(item: WorkItem) -> bytes:
-    """``item`` as it travels: all but the scene, and what stores the sums."""
-    return pickled((item.x, item.y, item.start, item.plan, item.end, item.quiet is not None))
+    """A work item without the scene and without the function that stores the sums."""
+    return pickled((item.plan, item.x, item.y, item.start, item.end, item.policy is not None))
 
 
 @in_render_thread
 def take(
-    bundle: SceneBundle,
-    contents: Mapping[str, bytes],
-    item: bytes,
-    sets: Sequence[Which],
-    photons: Sequence[tuple[Mapping[str, Any], Mapping[str, Any] | None]],
+    bundle: SceneBundle, contents: Mapping[str, bytes], item: bytes, sets: Sequence[Which], photons: Sequence[bytes]
 ) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
     scene = loaded(bundle, contents)
 
-    def estimator(plan: Plan) -> Estimator:
-        found = scene.estimator(plan)
-        for which, (diffuse, glossy) in zip(sets, photons):
-            if not found.transport.caustics.has(which):
-                both = Photons.unpacked(diffuse), None if glossy is None else Photons.unpacked(glossy)
-                found.transport.caustics.put(which, both)
-        return found
+    def estimator() -> Estimator:
+        result = scene.estimator()
+        for which, photon_pass in zip(sets, photons):
+            if not result.transport.caustics.has(which):
+                result.transport.caustics.put(which, pickle.loads(photon_pass))
+        return result
 
     return taken(estimator, item)
 
 
-def taken(estimator: Callable[[Plan], Estimator], item: bytes) -> tuple[float, bytes]:
+def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
-        x, y, start, plan, end, quiet = pickle.loads(item)
-        sampled = estimator(plan)
-    policy: Any = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
+        plan, x, y, start, end, decides = pickle.loads(item)
+        policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold) if decides else None
+        whole = WorkItem(estimator(), plan, x, y, start, end, policy)
     begun = time.perf_counter()
-    whole = WorkItem(sampled, x, y, start, plan, end, policy.quiet if quiet else None, 0, (0.0, 1.0), lambda _: None)
     sums = whole.take()
     dr.sync_thread()
     return time.perf_counter() - begun, pickled(sums)
 
 
 @in_render_thread
-def draw(bundle: SceneBundle, contents: Mapping[str, bytes], plan: bytes, which: Which) -> tuple[Any, Any]:
-    """The photons of a set, for all workers: on diffuse surfaces and on glossy ones. ``plan`` is pickled."""
+def draw(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> bytes:
+    """The photons of a set, pickled for all workers."""
     scene = loaded(bundle, contents)
     with alone():
-        diffuse, glossy = scene.estimator(pickle.loads(plan)).transport.caustics.photons(which)
-        return diffuse.packed(), None if glossy is None else glossy.packed()
+        return pickled(scene.estimator().transport.caustics.photons(which))
 
 
+@in_render_thread
 def make(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], arguments: Sequence) -> Any:
-    """The result of ``function(scene, sensor, wanted, *arguments)``; ``wanted()`` says whether the client still wants
-    it.
-    """
-    here = distributed.get_worker()
-    key, tasks = here.get_current_task(), here.state.tasks
-
-    def wanted() -> bool:
-        task = tasks.get(key)
-        return task is not None and task.state == "executing"
-
-    def made() -> Any:
-        if not wanted():
-            return None
-        scene = loaded(bundle, contents)
-        return function(scene.scene, scene.sensor, wanted, *arguments)
-
-    return render_thread().submit(made).result()
+    """The result of ``function(scene, sensor, *arguments)``."""
+    scene = loaded(bundle, contents)
+    return function(scene.scene, scene.sensor, *arguments)

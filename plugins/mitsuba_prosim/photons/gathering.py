@@ -30,7 +30,7 @@ class Gathering:
         #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
             not any(s.class_name() == "Instance" for s in scene.shapes())
-            and not self.scattering.inseparable
+            and not self.scattering.any_inseparable
             and all(map(is_lambertian, bsdfs))
         )
 
@@ -43,7 +43,7 @@ class Gathering:
         Photons count within a pixel's width, by Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²). So caustics are
         blurred by no more than a pixel.
         """
-        whole = self.scattering.whole(bsdf, active)
+        whole = self.scattering.inseparable(bsdf, active)
         active = active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | whole)
 
         def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
@@ -55,7 +55,7 @@ class Gathering:
                 return dr.select(near, flux * kernel, 0)
             near = near & (dr.abs(cos) > 1e-6)
             wo = si.to_local(wo)
-            f = self.scattering.or_whole(bsdf.eval(lobes.diffuse(), si, wo, near), si, bsdf, wo, near, whole)
+            f = self.scattering.or_all_lobes(bsdf.eval(lobes.diffuse(), si, wo, near), si, bsdf, wo, near, whole)
             return dr.select(near, f * flux * (kernel / dr.select(near, dr.abs(cos), 1)), 0)
 
         L = mi.Spectrum(0)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import dr_array
 from ..sampling.hash import combine
 from .footprint import Footprint
 
@@ -82,7 +80,7 @@ class Photons:
         if landed.density is not None:
             of_each += [landed.density, landed.level]
         p, d, flux, wide, *others = (dr.gather(type(v), v, there) for v in of_each)
-        level = level_of(footprint.at(footprint.distance(p)) * wide)
+        level = level_of(footprint.width(p) * wide)
         x, y, z = cell(p, level)
         rows = key(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
@@ -94,28 +92,6 @@ class Photons:
         dr.make_opaque(places, d, flux, begins, others)
         density, levels = others or (None, None)
         return cls(maps, places, d, flux, density, levels, begins, mask)
-
-    def packed(self) -> dict[str, Any]:
-        """All fields as NumPy arrays, for another process."""
-        arrays = {
-            "places": [self.places],
-            "directions": self.directions,
-            "flux": self.flux,
-            "density": [] if self.density is None else [self.density],
-            "level": [] if self.level is None else [self.level],
-            "begins": [self.begins],
-        }
-        return {name: [np.array(row) for row in rows] for name, rows in arrays.items()} | {"maps": self.maps}
-
-    @classmethod
-    def unpacked(cls, said: Mapping[str, Any]) -> Photons:
-        """The photons that :meth:`packed` returned ``said`` for."""
-        rows = {name: [dr_array(row) for row in said[name]] for name in said if name != "maps"}
-        (places,), (begins,) = rows["places"], rows["begins"]
-        (density,), (level,) = rows["density"] or (None,), rows["level"] or (None,)
-        mask = dr.opaque(mi.UInt32, (dr.width(begins) - 1) // said["maps"] - 1)
-        directions, flux = mi.Vector3f(*rows["directions"]), mi.Spectrum(*rows["flux"])
-        return cls(said["maps"], places, directions, flux, density, level, begins, mask)
 
     def of_map(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
         """First photon of the map ``number``, and the number of its photons."""

@@ -25,6 +25,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..light.strategy import Receiver
 from ..light.table import Lights
 from ..masks import but_not
 from ..optics.nested import all_shapes
@@ -121,7 +122,7 @@ class GlossyGathering:
         lanes ``whole``, whose BSDFs have no separable lobes.
         """
         si, bsdf = vertex.si, vertex.bsdf
-        smooth, passed = but_not(following.shares, whole), passed_on(bs, weight, bsdf.flags())
+        smooth, passed = but_not(following.uses_mis, whole), passed_on(bs, weight, bsdf.flags())
         if self.near_specular.any:
             near = smooth & self.near_specular(bsdf, smooth)
             passed = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), passed)
@@ -144,10 +145,10 @@ class GlossyGathering:
         ``shares``.
         """
         # Rays alone find what comes directly from a sky.
-        found = active & (ray.etendue.earlier > 0) & (shares | but_not(mi.Bool(True), ray.shares))
+        found = active & (ray.etendue.earlier > 0) & (shares | but_not(mi.Bool(True), ray.uses_mis))
         others = dr.select(shares & found, 1 + dr.square(pdf / ray.pdf), 1)
         # No photon lands on a near-specular surface that the source lights directly.
-        etendue = dr.select(ray.shares, ray.etendue.earlier * (1 / (1 - LANDING)), ray.etendue.earlier)
+        etendue = dr.select(ray.uses_mis, ray.etendue.earlier * (1 / (1 - LANDING)), ray.etendue.earlier)
         photons = etendue * self.density(origin, ds, found)
         return dr.select(found, ray_weight(photons, others), weight)
 
@@ -174,7 +175,7 @@ class GlossyGathering:
 
     def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
         """Area around ``si`` on which photons count; on near-specular surfaces the part for those that land there."""
-        area = self.footprint.evenly(si.p)
+        area = self.footprint.area(si.p)
         if not self.near_specular.any:
             return area
         return dr.select(self.near_specular(bsdf, mi.Bool(True)), area * LANDING, area)
@@ -198,7 +199,7 @@ class GlossyGathering:
         density, levels = photons.density, photons.level
         assert density is not None and levels is not None
         active = active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
-        active = but_not(active, self.scattering.whole(bsdf, active))
+        active = but_not(active, self.scattering.inseparable(bsdf, active))
         area, etendue = self.area(si, bsdf), None
         if self.near_specular.any:
             etendue = dr.select(self.near_specular(bsdf, active), ray.etendue.total, 0)
@@ -280,7 +281,7 @@ class DensityBeyond:
             alone |= start.emitter.is_environment()
         active = but_not(active & (density > 0), first & alone)
         to_light = si.to_world(si.wi)
-        landed = LANDING * self.footprint.evenly(si.p) * dr.abs(dr.dot(si.n, to_light))
+        landed = LANDING * self.footprint.area(si.p) * dr.abs(dr.dot(si.n, to_light))
         sampled = self._light_pdf(start, eye, bsdf, to_light, active & first)
         found = dr.square(pdf) + dr.select(first, dr.square(sampled), 0)
         strategies = dr.sqrt(found * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))
@@ -296,4 +297,4 @@ class DensityBeyond:
         ds = mi.DirectionSample3f(start.place)
         ds.d, ds.dist, ds.emitter = d, eye.t, start.emitter
         both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES) if self.both_sides else False
-        return self.lights.pdf(eye, viewer_side(eye), both_sides, ds, active)
+        return self.lights.pdf(Receiver(eye, viewer_side(eye), both_sides), ds, active)

@@ -12,7 +12,7 @@ from ..optics.nested import all_shapes
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from ..transport import lobes
-from ..transport.scattering import sample_carried
+from ..transport.scattering import sample_lobe
 from ..transport.workarounds import is_inseparable
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def density_of_rays(identities: list[int]) -> np.ndarray:
     si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0.5**0.5, 0, 0.5**0.5)
     if mi.is_spectral:
         si.wavelengths = mi.UnpolarizedSpectrum(550)
-    bs, _ = sample_carried(lobes.specular(), si, bsdf, numbers[0], mi.Point2f(*numbers[1:3]), None, mi.Bool(True))
+    bs, _ = sample_lobe(lobes.specular(), si, bsdf, numbers[0], mi.Point2f(*numbers[1:3]), None, mi.Bool(True))
     drawn = (bs.pdf > 0) & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
     pdf = np.array(dr.select(drawn, bs.pdf, 0)).reshape(count, RAYS)
     return np.array([np.percentile(row[row > 0], 10) if row.any() else 0.0 for row in pdf])

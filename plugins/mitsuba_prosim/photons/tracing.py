@@ -89,7 +89,7 @@ class Walk:
             return self._step(state, key, start)
 
         medium = mi.MediumPtr(None) if self.absorbs else None
-        scattered = mi.Bool(False) if self.scattering.inseparable else None
+        scattered = mi.Bool(False) if self.scattering.any_inseparable else None
         density, glossy = None, None
         if self.shares_light:
             density, glossy = start.density, replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
@@ -114,10 +114,10 @@ class Walk:
             surface &= dr.max(arrived) > 0
             if density is not None:
                 density = density * dr.max(left)
-        whole = self.scattering.whole(bsdf, surface)
+        whole = self.scattering.inseparable(bsdf, surface)
         flags = bsdf.flags()
         lands = surface & (state.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
-        if self.scattering.inseparable:
+        if self.scattering.any_inseparable:
             # Rays from one such surface to another find the light of sources there, whatever its lobes.
             lands = dr.select(whole, but_not(state.level > 0, state.from_inseparable), lands)
         goes = surface & (state.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
@@ -154,7 +154,7 @@ class Walk:
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
         lands &= true > 0
-        wide = PART * state.lobe * si.t > WIDE * self.footprint.at(self.footprint.distance(si.p))
+        wide = PART * state.lobe * si.t > WIDE * self.footprint.width(si.p)
         landed = Landed(si.p, state.ray.d, arrived * (as_shaded / dr.maximum(1 - p, 1e-6)), mi.Bool(True), wide)
         # Where a choice between reflection and refraction is part of the density, that does not tell the width.
         by_gloss = but_not(lobes.has_any(bs.sampled_type, *lobes.GLOSSY), lobes.has_any(flags, *lobes.REFRACTED))
@@ -166,7 +166,7 @@ class Walk:
             goes,
             dr.select(lands, landed, state.landed),
             dr.select(by_gloss, dr.rsqrt(dr.maximum(bs.pdf, 1e-6)), 0),
-            state.from_inseparable | by_whole if self.scattering.inseparable else None,
+            state.from_inseparable | by_whole if self.scattering.any_inseparable else None,
             density,
             glossy,
             times,

@@ -1,6 +1,7 @@
-"""From a scene file to finished images: what ``prosim compare`` and the commands share.
+"""From a scene file to an image file, for the rooms ``cli``, ``live``, ``compare`` and ``parallel``.
 
-``session``: Mitsuba made ready; ``scene_file``: a scene, read once, with ``overrides`` of its parameters, and its
-``digest``; ``rendering``: into the film; ``black``: why nothing is seen; ``images``: the film as an EXR and a PNG, by
-``tone``; ``atomic``: files that are complete or not there.
+``session``: sets up Mitsuba; ``scene_file``: a scene, read once, with ``overrides`` of its parameters; ``references``:
+the files that its text names; ``confinement``: to those in its folder; ``errors``: better messages; ``rendering``:
+progressive renders; ``report``: their results in words; ``black``: why an image is black; ``images``: EXR and PNG
+files.
 """

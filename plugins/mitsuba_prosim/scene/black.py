@@ -1,4 +1,4 @@
-"""Why a picture is black, as far as its scene can tell."""
+"""Why an image is black, as far as the scene tells."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ..compat import world_matrix
 #: Half of the darkest grey of a PNG, in linear light.
 BLACK = 0.5 / 255 / 12.92
 
-#: Camera rays a side that look for something.
+#: Camera rays per side of the image.
 SIDE = 64
 
-#: How to make a picture brighter where it is shown; ``{}``: the exposure in stops.
+#: How to make an image brighter; ``{}``: the exposure in stops.
 IN_THE_PNG = "The EXR has it all; --exposure {} makes it bright in the PNG"
 
 
 def why(
     scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
 ) -> str | None:
-    """Why a picture is black throughout, and what may help; None for any other picture.
+    """Why an image is black, and what may help; None for any other image.
 
-    ``colours``: linear, as bright as they are shown at that ``exposure``; ``brighter``: as :data:`IN_THE_PNG`.
+    ``colours``: linear, as they are displayed with ``exposure``; ``brighter``: as :data:`IN_THE_PNG`.
     """
-    brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # no NaN
+    brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # ignores NaN
     if brightest >= BLACK:
         return None
     if brightest > 0:
@@ -43,8 +43,9 @@ def why(
 
 
 def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
-    """What a grid of camera rays finds. Each samples another point of a light (the additive recurrence of Roberts 2018,
-    "The Unreasonable Effectiveness of Quasirandom Sequences").
+    """The result of a grid of camera rays, of which each samples one point of a light.
+
+    The points are those of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
     """
     k = dr.arange(mi.Float, SIDE * SIDE)
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
@@ -52,7 +53,7 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
     si = scene.ray_intersect(ray)
     seen = si.is_valid()
     if not dr.any(seen):
-        return "nothing is in view. " + _where(scene, sensor, np.array(ray.d).mean(axis=1))
+        return "nothing is in view. " + _view(scene, sensor, np.array(ray.d).mean(axis=1))
     if dr.all(~seen | (dr.dot(si.n, ray.d) > 0)):
         return "all visible surfaces are seen from inside: the eye is within a solid, or a mesh is turned inside out."
     on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
@@ -64,31 +65,26 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
     if dr.any(lit & ~scene.ray_test(si.spawn_ray_to(ds.p), lit)):
         return (
             "light arrives at the visible surfaces, and none is reflected to the eye. Are they black, or mirrors or "
-            "glass before something black?"
+            "glass that show something black?"
         )
-    return (
-        "no light arrives at the visible surfaces: they lie in shadow. Is there something around the lights, or are "
-        "they behind a wall?"
-    )
+    return "no light arrives at the visible surfaces: they lie in shadow. Are the lights enclosed, or behind a wall?"
 
 
-def _where(scene: mi.Scene, sensor: mi.Sensor, ahead: np.ndarray) -> str:
-    """Where the camera looks, and where the scene is; without lights, which may be far away."""
+def _view(scene: mi.Scene, sensor: mi.Sensor, ahead: np.ndarray) -> str:
+    """The view of the camera and the place of the scene, without lights, which may be far away."""
     eye, ahead = world_matrix(sensor)[:3, 3], ahead / np.linalg.norm(ahead)
-    text = f"The eye is at {_point(eye)} and looks towards {_point(eye + ahead)}; "
     box = mi.ScalarBoundingBox3f()
     for shape in [shape for shape in scene.shapes() if not shape.is_emitter()] or scene.shapes():
         box.expand(shape.bbox())
     if not box.valid():
-        return text + "the scene has no surfaces."
+        return "The scene has no surfaces."
     middle = np.array(box.center()).ravel()
     distance = float(np.linalg.norm(middle - eye))
     angle = math.degrees(math.acos(np.clip(ahead @ (middle - eye) / max(distance, 1e-30), -1, 1)))
-    return text + (
-        f"the middle of the scene, {_point(middle)}, is {angle:.0f} degrees off that direction and {distance:.3g} "
-        f"away; the scene is {float(max(box.extents())):.3g} wide."
+    at, towards, there = (
+        "(" + ", ".join(f"{round(float(v), 3) + 0:g}" for v in point) + ")" for point in (eye, eye + ahead, middle)
     )
-
-
-def _point(values: np.ndarray) -> str:
-    return "(" + ", ".join(f"{round(float(v), 3) + 0:g}" for v in values) + ")"
+    return (
+        f"The eye is at {at} and looks towards {towards}; the middle of the scene, {there}, is {angle:.0f} degrees off "
+        f"that direction and {distance:.3g} away; the scene is {float(max(box.extents())):.3g} wide."
+    )

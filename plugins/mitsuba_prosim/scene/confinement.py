@@ -1,15 +1,15 @@
-"""Keeps a scene to the files in its own folder: whoever sees its picture need not be the one who wrote it."""
+"""Keeps a scene to the files in its own folder: the viewer of its image need not be its author."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 import mitsuba as mi
 
-from ..compat import DATA_FILES, LIBRARIES
+from ..compat import LIBRARIES, MATERIAL_FILES
 from .references import references
 
 
@@ -18,87 +18,74 @@ class OutsideError(ValueError):
 
 
 class Confinement:
-    """Allows files in ``folders`` and below, wherever links lead, and those that Mitsuba is installed with. The first
-    of the folders is the scene's own.
+    """Allows the files below ``folders``, the first of which is the scene's, and the files that Mitsuba is installed
+    with. Links are followed.
 
-    Its methods raise :class:`OutsideError` before Mitsuba reads the file. They do not help against somebody who can
-    exchange files in these folders between the check and the reading.
+    The methods raise :class:`OutsideError` before Mitsuba opens the file. They do not protect against somebody who
+    exchanges files in these folders between the check and the reading.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders = [os.path.realpath(folder) for folder in folders]
         installed = os.path.dirname(os.path.abspath(mi.__file__))
-        self._own = [installed, os.path.realpath(installed)]
+        self._installed = [installed, os.path.realpath(installed)]
 
     def search_path(self) -> mi.FileResolver:
-        """Mitsuba's own files come first, so that no file beside the scene replaces them; then the folders."""
+        """The folder of Mitsuba's installation, so that no file of the scene replaces one there; then the folders."""
         resolver = mi.FileResolver()
         resolver.clear()
-        for folder in (self._own[0], *self._folders):
+        for folder in (self._installed[0], *self._folders):
             resolver.append(folder)
         return resolver
 
-    def check_text(self, path: Path, definitions: Mapping[str, str], resolver: mi.FileResolver) -> set[str]:
-        """Checks what the parser opens by itself; returns the XML files. Raises also what :func:`.references` does."""
+    def check_text(self, path: Path, resolver: mi.FileResolver) -> set[str]:
+        """Checks the files that the parser opens; returns the XML files. Raises also what :func:`.references` does."""
         files = {str(path)}
-        for reference in references(path, definitions, resolver):
-            if words := self._outside(f"<{reference.tag}>", reference.name, str(reference.path)):
-                raise OutsideError(f"At {reference.place}: {words}")
-            if reference.tag == "include":
-                files.add(str(reference.path))
+        for tag, text, found, place in references(path, {}, resolver):
+            what = f"At {place}: <{tag}>"
+            if "$" in text:
+                raise OutsideError(f"{what} names {text!r} by a parameter; write the name, or use --allow-outside")
+            self._check(what, text, str(found))
+            if tag == "include":
+                files.add(str(found))
         return files
 
     def check_state(self, state: mi.parser.ParserState, files: set[str], resolver: mi.FileResolver) -> None:
-        """Checks what plugins would open. ``files``: the XML files that were checked; ``resolver``: the search path
-        after parsing.
+        """Checks the files that plugins would open. ``files``: those of :meth:`check_text`; ``resolver``: the search
+        path after parsing.
         """
         if others := {str(file) for file in state.files} - files:
-            raise OutsideError(f"{others.pop()} was changed while it was read; save it again")
-        checked: set[tuple[str, str]] = set()
+            raise OutsideError(f"{others.pop()} changed while it was read; save it again")
         for node in state.nodes:
-            props, plugin = node.props, node.props.plugin_name()
-            strings = [(name, props[name]) for name in props if props.type(name) == mi.Properties.Type.String]
-            for said in {("type", plugin), *strings} - checked:
-                if words := self._wrong(plugin, *said, resolver):
-                    raise OutsideError(f"At {mi.parser.file_location(state, node)}: {words}")
-                checked.add(said)
+            props, plugin, place = node.props, node.props.plugin_name(), mi.parser.file_location(state, node)
+            libraries = [str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES]
+            if not re.fullmatch(r"[\w-]+", plugin) or any(os.path.exists(p) and not self._own(p) for p in libraries):
+                raise OutsideError(f"At {place}: {plugin} is not a plugin of Mitsuba; use --allow-outside")
+            for name in [name for name in props if props.type(name) == mi.Properties.Type.String]:
+                value = props[name]
+                for file in (value, *(file.format(value) for file in MATERIAL_FILES)):
+                    self._check(f"At {place}: the {name} of this {plugin}", file, str(resolver.resolve(file)))
 
-    def _wrong(self, plugin: str, parameter: str, value: str, resolver: mi.FileResolver) -> str | None:
-        """What is wrong with a parameter of a plugin that is a string, if anything."""
-        if parameter == "type" and self._is_foreign(plugin, resolver):
-            return f"{plugin} is no plugin of Mitsuba's; a scene brings its own only with --allow-outside"
-        for name in (value, *(file.format(value) for file in DATA_FILES.get(parameter, ()))):
-            path = str(resolver.resolve(name))
-            if os.path.basename(name) == name not in (".", "..") and os.path.isdir(path):
-                continue  # a word such as "rgb", where a folder has that name
-            if words := self._outside(f"the {parameter} of this {plugin}", name, path):
-                return words
-        return None
-
-    def _outside(self, what: str, name: str, path: str) -> str | None:
-        """What is wrong with a file that ``what`` calls ``name`` and Mitsuba finds at ``path``, if anything."""
-        if not os.path.isabs(name) and not os.path.exists(path):
+    def _check(self, what: str, name: str, path: str) -> None:
+        """Raises OutsideError where a file that Mitsuba finds at ``path`` is outside; ``what`` calls it ``name``."""
+        is_word = re.fullmatch(r"\w+", name) and os.path.isdir(path)  # such as "rgb"
+        if not os.path.isabs(name) and (is_word or not os.path.exists(path)):
             path = os.path.join(self._folders[0], name)
         real = os.path.realpath(path)
-        if self._is_own(path) or any(_is_below(real, folder) for folder in self._folders):
-            return None
-        leads = f", which leads to {real}, outside" if os.path.exists(path) and real != name else ", which lies outside"
-        return (
-            f"{what} names {name!r}{leads} the scene's folder; expected a path in it, or the option that allows "
-            "others: --allow-outside"
+        if not self._own(path) and not any(_is_below(real, folder) for folder in self._folders):
+            raise OutsideError(
+                f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, or "
+                "use --allow-outside"
+            )
+
+    def _own(self, path: str) -> bool:
+        """Whether a file belongs to Mitsuba's installation, where links may lead anywhere."""
+        return ".." not in re.split(r"[/\\]", path) and any(
+            _is_below(os.path.abspath(path), folder) for folder in self._installed
         )
-
-    def _is_own(self, path: str) -> bool:
-        """Whether Mitsuba is installed with the file; links in its folder are its own."""
-        return ".." not in re.split(r"[/\\]", path) and any(_is_below(os.path.abspath(path), own) for own in self._own)
-
-    def _is_foreign(self, plugin: str, resolver: mi.FileResolver) -> bool:
-        """Whether Mitsuba would load a plugin from a file that is not its own."""
-        found = [str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES]
-        return not re.fullmatch(r"[\w-]+", plugin) or any(os.path.exists(p) and not self._is_own(p) for p in found)
 
 
 def _is_below(path: str, folder: str) -> bool:
-    """Whether a path lies in a folder or below; both are without links."""
+    """Whether a path without links is ``folder`` or lies below it."""
     path, folder = os.path.normcase(path), os.path.normcase(folder)
     return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)

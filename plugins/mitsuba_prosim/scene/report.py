@@ -1,4 +1,4 @@
-"""What a render that was asked for noise or for time has come to, in words."""
+"""The result of a render with a goal for noise or time, in words and as metadata."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from ..engine.plan import UNLIMITED
 if TYPE_CHECKING:
     from ..engine.render import Reached
 
-#: An image is as long as was asked for from this part of the time on: its end is aimed at from below.
+#: A render has used its time from this part of it on, as it aims to end before.
 IN_TIME = 0.97
+
+#: Goal of an integrator, and value that a render has reached -> the same in words.
+NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
 
 
 def sentence(
@@ -23,43 +26,41 @@ def sentence(
     by: str = "a signal",
     at_most: float | None = None,
 ) -> str | None:
-    """Noise, samples and seconds of a render of ``integrator`` that has ``reached`` this, and what ended it if that was
-    not the noise; None where neither noise nor time was asked for. ``by``: what has ``interrupted`` it; ``at_most``:
-    what the noise is at most, about, where nobody has measured it.
+    """Noise, samples and seconds of a render, and its end if that was not the noise; None without a goal.
+
+    ``by``: the cause of an interruption; ``at_most``: an estimate of the noise where it was not measured.
     """
-    if reached is None or not asked(integrator):
+    if reached is None or not has_goal(integrator):
         return None
-    ended = end(integrator, reached, interrupted)
-    parts = [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s"]
-    if integrator.time:
-        parts[1] += f" of {integrator.time:g}"
-    if at_most is not None:
-        parts.insert(
-            0, f"noise {'not known' if isnan(at_most) else f'at most about {at_most:.2g}'} (--noise measures it)"
-        )
-    # Where it was cut short, the image has got better since.
+    ended, parts = end(integrator, reached, interrupted), []
+    # The last measurement is older than the image of an interrupted render.
     below = "" if ended in ("noise", "samples") else "below "
-    for word, measured, most in reversed(noises(integrator, reached)):
-        parts.insert(0, f"{word} {'not known yet,' if isnan(measured) else f'{below}{measured:.2g}'} of {most:g}")
+    for name in goals(integrator):
+        measured = getattr(reached, name)
+        value = "not known yet," if isnan(measured) else f"{below}{measured:.2g}"
+        parts.append(f"{NOISES[name]} {value} of {getattr(integrator, name):g}")
+    if at_most is not None:
+        value = "not known" if isnan(at_most) else f"at most about {at_most:.2g}"
+        parts.append(f"noise {value} (--noise measures it)")
+    limit = f" of {integrator.time:g}" if integrator.time else ""
+    parts += [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s{limit}"]
     if ended == "samples":
-        parts.append(f"ended by the most samples that a pixel may have, {integrator.max_samples or UNLIMITED}")
-    elif ended == "interrupted" or (ended == "time" and noises(integrator, reached)):
+        parts.append(f"ended by the maximum number of samples per pixel, {integrator.max_samples or UNLIMITED}")
+    elif ended == "interrupted" or (ended == "time" and goals(integrator)):
         parts.append("ended by " + (by if interrupted else "the time"))
     return ", ".join(parts)
 
 
 def facts(integrator: mi.Integrator, reached: Reached | None, interrupted: bool) -> dict[str, str]:
-    """The same as metadata: ``prosim.samples``, the mean of a pixel; ``prosim.noise``, ``prosim.noise_99`` and
-    ``prosim.noise_999``, if they were measured; and ``prosim.ended``, by what, where noise or time was asked for.
+    """Metadata of an image: ``prosim.samples``, the mean of a pixel; ``prosim.noise``, ``prosim.noise_99`` and
+    ``prosim.noise_999``, if they were measured; and with a goal ``prosim.ended``, see :func:`end`.
     """
-    result = {}
-    if reached is not None:
-        result["prosim.samples"] = f"{reached.samples:.6g}"
-        for name in ("noise", "noise_99", "noise_999"):
-            if not isnan(measured := getattr(reached, name)):
-                result[f"prosim.{name}"] = f"{measured:.6g}"
-        if asked(integrator):
-            result["prosim.ended"] = end(integrator, reached, interrupted)
+    if reached is None:
+        return {}
+    values = {"samples": reached.samples} | {name: getattr(reached, name) for name in NOISES}
+    result = {f"prosim.{name}": f"{value:.6g}" for name, value in values.items() if not isnan(value)}
+    if has_goal(integrator):
+        result["prosim.ended"] = end(integrator, reached, interrupted)
     return result
 
 
@@ -69,33 +70,26 @@ def nothing(reached: Reached | None) -> bool:
 
 
 def interrupted(reached: Reached | None) -> str:
-    """What a signal has left of a render, in words."""
+    """The state of an interrupted image, in words."""
     return "interrupted" if reached is None or reached.least > 0 else "interrupted: pixels without a sample are black"
 
 
-def asked(integrator: mi.Integrator) -> bool:
-    """Whether an integrator was asked for noise or time."""
-    return any(getattr(integrator, name, 0) for name in ("noise", "noise_99", "noise_999", "time"))
+def goals(integrator: mi.Integrator) -> list[str]:
+    """The parameters among :data:`NOISES` that an integrator has."""
+    return [name for name in NOISES if getattr(integrator, name, 0)]
 
 
-def noises(integrator: mi.Integrator, reached: Reached) -> list[tuple[str, float, float]]:
-    """What was asked for of the noise: ``(what in words, measured, asked)``."""
-    asked = [
-        ("noise", reached.noise, integrator.noise),
-        ("that of 99 pixels in 100", reached.noise_99, integrator.noise_99),
-        ("that of 999 in 1000", reached.noise_999, integrator.noise_999),
-    ]
-    return [one for one in asked if one[2]]
+def has_goal(integrator: mi.Integrator) -> bool:
+    """Whether an integrator has a goal for noise or time."""
+    return bool(goals(integrator) or getattr(integrator, "time", 0))
 
 
 def end(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str:
-    """What ended a render: ``interrupted``, ``noise``, ``time``, or ``samples`` (each pixel has all that it may
-    have).
-    """
+    """The cause of a render's end: ``interrupted``, ``noise``, ``time``, or ``samples`` (the maximum number)."""
     if interrupted:
         return "interrupted"
-    noise = noises(integrator, reached)
-    if noise and all(measured <= most for _, measured, most in noise):
+    noises = goals(integrator)
+    if noises and all(getattr(reached, name) <= getattr(integrator, name) for name in noises):
         return "noise"
     if integrator.time and reached.seconds >= IN_TIME * integrator.time:
         return "time"

@@ -1,64 +1,60 @@
-"""A scene file of either kind, read once: translated if need be, parsed, changed as asked, and made into scenes."""
+"""A scene file in XML or in the thesis's language: translated, parsed, changed and loaded."""
 
 from __future__ import annotations
 
+import hashlib
 import re
 import warnings
-from collections.abc import Iterable, Mapping
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import mitsuba as mi
 import prosim_scene
-from prosim_scene import Document, located, meshes, misfit
+from prosim_scene import Document, located, meshes
 
-from .. import registry
-from ..compat import RESERVED
+from .. import compat, registry
 from . import overrides, session
 from .confinement import Confinement
-from .digest import digest, named_files, strings
 from .errors import check_images
-
-#: How an OpenEXR file begins.
-EXR = b"v/1\x01"
+from .references import UnreadableError, references
 
 
 class SceneFile:
-    """A scene file, XML or in the thesis's language, that scenes are made from."""
+    """A scene file, read once. :meth:`load` makes scenes of it."""
 
     def __init__(
         self,
         path: str | Path,
-        folder: str | Path,
-        *,
+        folder: Path,
         kept: prosim_scene.Kept | None = None,
         confined: bool = False,
         document: Document | None = None,
         **how: Any,
-    ):
-        """Reads ``path``, as XML if that is its suffix.
+    ) -> None:
+        """Reads the scene at ``path``: XML if that is its suffix, else the thesis's language.
 
         ``folder``
-            Where a translation is written; it has to stay as long as scenes are made.
+            Folder of the translation; it has to exist as long as scenes are loaded.
         ``kept``
-            What an earlier translation has left to this one.
+            The cache of translations.
         ``confined``
-            Whether it can name no file outside its folder, see :class:`.confinement.Confinement`.
+            Whether the scene may name only files in its folder, see :class:`.confinement.Confinement`.
         ``document``
-            The text, where it has been read already.
+            The parsed text, where the caller has it.
         ``how``
-            The :class:`.overrides.Changes`, and further options of :func:`prosim_scene.translate`.
+            The :class:`.overrides.Changes`, and options of :func:`prosim_scene.translate`.
 
-        Raises :class:`prosim_scene.SceneError`, ValueError where the scene can't be changed so, what the confinement
-        raises, or whatever Mitsuba's parser does. Warns if another resolution distorts the scene's window.
+        Raises :class:`prosim_scene.SceneError`, ValueError where the changes do not fit the scene, and what the
+        confinement and Mitsuba's parser raise. Warns if another resolution distorts the image.
         """
         given = {field.name: how.pop(field.name, None) for field in fields(overrides.Changes)}
         changes = overrides.Changes(**{name: value for name, value in given.items() if value is not None})
         self.path = self.xml = Path(path)
         self.definitions = changes.definitions
-        #: The text and the places in it; None for XML.
+        #: The parsed text; None for XML.
         self.document = document
         self._kept = kept
         resolution = changes.resolution
@@ -66,58 +62,77 @@ class SceneFile:
             self.document = document or self.read()
             self._language = how | {"resolution": resolution, "samples": changes.samples}
             self.xml = prosim_scene.translate(self.document, Path(folder), kept=kept, **self._language)
-            changes = replace(changes, definitions={}, resolution=None, samples=None)  # which the translation has
-        #: What makes the same of the XML file alone.
+            changes = replace(changes, definitions={}, resolution=None, samples=None)  # the translation has these
+        #: The arguments with which the XML file makes the same scene.
         self.changes = asdict(changes)
-        confinement = Confinement([self.path.parent, self.xml.parent]) if confined else None
-        #: Search path before parsing; afterwards it also has the folders of the scene's ``<path>``.
         folders = [self.xml.parent, self.path.parent]
+        confinement = Confinement(reversed(folders)) if confined else None
+        #: The search path before parsing; ``<path>`` elements extend it.
         self._begin = confinement.search_path() if confinement else session.resolver(folders)
         with session.resolving(mi.FileResolver(self._begin)):
+            is_translation = self.xml is not self.path
             files = {str(self.xml)}
-            if confinement is not None and self.xml is self.path:
-                files = confinement.check_text(self.xml, self.definitions, self._begin)
-            self.state = parse(self.xml, self.changes["definitions"])
+            if confinement and not is_translation:
+                files = confinement.check_text(self.xml, self._begin)
+            self.state = parse(self.xml, changes.definitions)
             self._resolver = mi.file_resolver()
-            if confinement is not None:
+            if confinement:
                 confinement.check_state(self.state, files, self._resolver)
-        self._parsed = mi.parser.ParserState(self.state)
+            self._digest = mi.parser.ParserState(self.state)
         try:
-            #: Name of the integrator that was put within ``prosim_adaptive``, if one was.
+            #: Name of the integrator that was put inside ``prosim_adaptive``, or None.
             self.wrapped = overrides.apply(self.state, changes)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
-        if resolution:
-            self._warn_of_distortion(*resolution)
+        if resolution and (wrong := overrides.distortion(self.state, *resolution)):
+            warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
 
     def read(self) -> Document:
-        """What the text of a scene in the thesis's language says by now. Raises :class:`prosim_scene.SceneError`."""
+        """The present text of a scene in the thesis's language. Raises :class:`prosim_scene.SceneError`."""
         return prosim_scene.document(self.path, self.definitions)
 
     def sensor(self, document: Document) -> dict[str, Any]:
-        """The sensor of the VIEW of ``document``, which says the same scene but for that, as a dictionary."""
+        """The sensor of the VIEW of ``document``, as a dictionary; the rest of ``document`` is that of this scene."""
         return prosim_scene.sensor(document, self._kept, **self._language)
 
     def digest(self) -> str:
-        """SHA-256 of the content, without :attr:`changes`; see :func:`.digest.digest`."""
-        with session.resolving(self._resolver):
-            return digest(self._parsed)
+        """SHA-256 of the content of the scene and of the files that it names, without :attr:`changes`.
+
+        Comments, names of files and formats of numbers do not matter.
+        """
+        state = mi.parser.ParserState(self._digest)
+        for props, name, path in self._strings(state):
+            props[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        versions = " ".join(map(str, state.versions))
+        return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """``(name, path)`` of each file that the scene names; see :func:`.digest.named_files`."""
-        with session.resolving(self._resolver):
-            return list(named_files(self.state, self.changes["definitions"], self._begin))
+        """``(name, path)`` of each file that the scene names, without XML files."""
+        files = [(props[name], path) for props, name, path in self._strings(self.state)]
+        with suppress(UnreadableError):
+            for tag, text, path, _ in references(self.xml, self.changes["definitions"], self._begin):
+                if tag == "spectrum" and path.is_file():  # the parser has replaced it by its content
+                    files.append((text, path))
+        return files
 
     def sources(self) -> list[Path]:
-        """What it is made of: the files that the scene names, and the meshes that a translation has read."""
+        """The files that the scene names, and the meshes that a translation has read."""
         files = [path for _, path in self.named_files()]
         return files + [located(self.path.parent, name) for name in (meshes(self.document) if self.document else ())]
 
-    def load(self, sampler: str | None = None) -> mi.Scene:
-        """Makes a scene, with another sampler of equal sample count if one is named.
+    def _strings(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
+        """The parameters that name a file, and its path."""
+        for props in (node.props for node in state.nodes):
+            for name in [name for name in props if props.type(name) == mi.Properties.Type.String and props[name]]:
+                path = Path(str(self._resolver.resolve(props[name])))
+                if path.is_file():
+                    yield props, name, path
 
-        Raises what Mitsuba does, ValueError where an integrator can't be put within ``prosim_adaptive``, and
-        :class:`prosim_scene.SceneError` for an image that is not whole, at its place in the text.
+    def load(self, sampler: str | None = None) -> mi.Scene:
+        """Makes a scene; ``sampler``: the plugin that takes the place of its sampler, with as many samples.
+
+        Raises what Mitsuba raises, ValueError where ``prosim_adaptive`` can't hold the integrator, and
+        :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
         """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:
@@ -125,117 +140,54 @@ class SceneFile:
                 props = mi.Properties(sampler)
                 props["sample_count"] = node.props.get("sample_count", 4)
                 node.props = props
-        with session.resolving(self._resolver):
-            exr = any(path.open("rb").read(len(EXR)) == EXR for _, _, path in strings(state))
-            try:
-                with session.enough_threads() if exr else nullcontext():  # threads take time to begin
-                    return instantiate(state)
-            except RuntimeError as error:
-                if self.document is not None:
-                    check_images(self.document)
-                if self.wrapped and "prosim_adaptive" in str(error):
-                    raise ValueError(
-                        f"{self.path}: the integrator {self.wrapped} can't be rendered within prosim_adaptive, as "
-                        f"{', '.join(overrides.ENOUGH[:-1])} or {overrides.ENOUGH[-1]} asks for: "
-                        f"{session.message(error)}"
-                    ) from None
-                raise
-
-    def _warn_of_distortion(self, width: int, height: int) -> None:
-        """Warns where pixels of this resolution are not square; see :func:`prosim_scene.misfit`."""
-        for node in self.state.nodes:
-            if node.type == mi.ObjectType.Sensor and node.props.plugin_name() == "prosim_window":
-                left, right, bottom, top = (
-                    node.props.get(name, default)
-                    for name, default in (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0))
-                )
-                ratio = (right - left) / (top - bottom)
-                wrong = misfit(width, height, ratio)
-                if wrong is not None:
-                    warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=3)
+        try:
+            with session.resolving(self._resolver), session.enough_threads():
+                return instantiate(state)
+        except RuntimeError as error:
+            if self.document is not None:
+                check_images(self.document)
+            if self.wrapped and "prosim_adaptive" in str(error):
+                raise ValueError(
+                    f"{self.path}: {', '.join(overrides.ENOUGH)} need prosim_adaptive, which can't hold the integrator "
+                    f"{self.wrapped}: {session.message(error)}"
+                ) from None
+            raise
 
 
 def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
     """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
-    if taken := set(RESERVED) & set(parameters):
-        raise ValueError(f"-D {taken.pop()}=...: Mitsuba's Python parser keeps this name for itself; choose another")
+    if taken := set(compat.RESERVED) & set(parameters):
+        raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
     return mi.parser.parse_file(_config(), str(path), **parameters)
 
 
+def instantiate(state: mi.parser.ParserState) -> mi.Scene:
+    """Makes the scene of a parser state, which is used up."""
+    return compat.instantiate(_config(), state, registry.PLUGINS)
+
+
 def uses(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
-    """Which of these names, all of which ``definitions`` give values, a scene file of either kind says as ``$name``;
-    raises what reading it raises.
-    """
-    names, path = set(names), Path(path)
-    if path.suffix.lower() != ".xml":
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return set(prosim_scene.document(path, definitions).uses & names)
-    config = _config()
-    config.unused_parameters = mi.LogLevel.Trace
-    with session.resolving(session.resolver([path.parent])):
-        files = mi.parser.parse_file(config, str(path), **definitions).files
-    text = "".join(Path(str(file)).read_text(encoding="utf-8", errors="replace") for file in files)
+    """Those of ``names`` that occur as ``$name`` in a scene file or in what it includes."""
+    files = [Path(path)]
+    if files[0].suffix.lower() == ".xml":
+        search = session.resolver([files[0].parent])
+        files += [found for tag, _, found, _ in references(path, definitions, search) if tag == "include"]
+    text = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
     return {name for name in names if re.search(rf"\${name}\b", text)}
 
 
-def instantiate(state: mi.parser.ParserState) -> mi.Scene:
-    """Makes the scene of a parser state, which is used up.
-
-    Where plugins in Python are in it, one after the other: Mitsuba 3.9, which else makes them in parallel, then fails
-    now and then with a string or an allocation of no sense (most often in the first scene of a process).
-    """
-    config = _config()
-    config.parallel = not plugin_names(state) & set(registry.PLUGINS)
-    config.merge_meshes = False
-    mi.parser.transform_all(config, state)
-    _merge_meshes(config, state)
-    return cast(mi.Scene, mi.parser.instantiate(config, state))
-
-
-def _merge_meshes(config: mi.parser.ParserConfig, state: mi.parser.ParserState) -> None:
-    """Merges the meshes of a parsed scene that share a BSDF. Emitters stay in the order of the file.
-
-    Mitsuba's integrators choose an emitter by its number, and merging gives the meshes another order in every process:
-    see :func:`..compat.shapes_in_order`.
-    """
-    if state.root.type != mi.ObjectType.Scene:
-        return
-    root, emitters = state.root.props, []
-    for name, value in list(root.items()):
-        if isinstance(value, mi.Properties.ResolvedReference) and _emits(state, state.nodes[value.index()]):
-            emitters.append(value)
-            del root[name]
-    mi.parser.transform_merge_meshes(config, state)
-    root = state.root.props  # the list of nodes has moved in memory
-    for number, emitter in enumerate(emitters):
-        root[f"emitter_{number}"] = emitter
-
-
-def _emits(state: mi.parser.ParserState, node: mi.parser.SceneNode) -> bool:
-    """Whether ``node`` is an emitter or has one."""
-    children = (value for _, value in node.props.items() if isinstance(value, mi.Properties.ResolvedReference))
-    return node.type == mi.ObjectType.Emitter or any(
-        state.nodes[child.index()].type == mi.ObjectType.Emitter for child in children
-    )
-
-
-def plugin_names(state: mi.parser.ParserState) -> set[str]:
-    """Names of all plugins in a parsed scene."""
-    return {node.props.plugin_name() for node in state.nodes}
-
-
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
-    """The sensor of that index, or an error that begins with the native command's words."""
+    """The sensor of that index. Raises an error that begins as that of the native command."""
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")
-    if not scene.sensors():
+    sensors = scene.sensors()
+    if not sensors:
         raise ValueError(f"No sensor specified for scene: {scene}")
-    if not 0 <= index < len(scene.sensors()):
-        there = f"sensors 0 to {len(scene.sensors()) - 1}" if len(scene.sensors()) > 1 else "one sensor, number 0"
+    if not 0 <= index < len(sensors):
+        there = f"sensors 0 to {len(sensors) - 1}" if len(sensors) > 1 else "one sensor, number 0"
         raise ValueError(f"Specified sensor index is out of bounds! The scene has {there}.")
-    return scene.sensors()[index]
+    return sensors[index]
 
 
-def _config():
+def _config() -> mi.parser.ParserConfig:
     return mi.parser.ParserConfig(mi.variant() or "")

@@ -1,4 +1,4 @@
-"""Mitsuba made ready: a variant, the plugins of all packages, threads and search paths."""
+"""Sets up Mitsuba: the variant, the plugins of all packages, threads and search paths."""
 
 import warnings
 from collections.abc import Iterator, Sequence
@@ -12,7 +12,7 @@ import mitsuba as mi
 from ..alone import alone
 from ..compat import EXR_THREADS, SOURCE_LINE, TRACEBACK
 
-#: Beginning of a variant's name -> (its backend, what that needs).
+#: Beginning of a variant's name -> (its backend, the requirement of that).
 BACKENDS = {
     "scalar": (None, ""),
     "llvm": (dr.JitBackend.LLVM, "LLVM"),
@@ -20,18 +20,18 @@ BACKENDS = {
     "metal": (dr.JitBackend.Metal, "a GPU of Apple's"),
 }
 
-#: The order in which the native command tries them, as far as what it tries first can be had.
+#: The order in which the native command tries variants.
 PREFERRED = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 
 
 def has_backend(variant: str) -> bool:
-    """Whether this machine has what a variant runs on."""
+    """Whether this machine has the backend of a variant."""
     backend, _ = BACKENDS[variant.partition("_")[0]]
     return backend is None or bool(dr.has_backend(backend))
 
 
 def default_variant() -> str:
-    """The most capable variant whose backend this machine has, by the native command's order."""
+    """The first of the :data:`PREFERRED` variants that works here."""
     return next(variant for variant in PREFERRED if variant in mi.variants() and has_backend(variant))
 
 
@@ -53,25 +53,21 @@ def set_variant(variant: str | None = None) -> str:
 
 
 def load_plugins() -> None:
-    """Loads the plugins of every package that offers some.
+    """Imports the modules that packages name by entry points in the group ``mitsuba``; these register plugins.
 
-    A package does so by an entry point in the group ``mitsuba``, which names a module that registers them for the
-    active variant when it is imported. Mitsuba 3.10 and later load these by themselves, 3.9 does not.
+    Mitsuba 3.10 and later do so themselves, 3.9 does not.
     """
     for entry in entry_points(group="mitsuba"):
         try:
             entry.load()
-        except Exception as error:  # noqa: BLE001 (whatever another package does, our plugins can be used)
+        except Exception as error:  # noqa: BLE001 (our plugins do not depend on other packages)
             warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
 
 
-def message(error: BaseException, lines: bool = False) -> str:
-    """The words of an error and of its cause, without the Python traceback that Mitsuba puts among them, and without
-    the ``lines`` of Mitsuba's source unless they are asked for.
-    """
-    cause = f" {message(error.__cause__, lines)}" if error.__cause__ else ""
-    text = TRACEBACK.sub("", str(error)) + cause
-    return text if lines else SOURCE_LINE.sub("", text)
+def message(error: BaseException) -> str:
+    """The words of an error and of its cause, without Python's traceback and the lines of Mitsuba's source."""
+    cause = f" {message(error.__cause__)}" if error.__cause__ else ""
+    return SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
 
 
 def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> mi.FileResolver:
@@ -87,7 +83,7 @@ def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) 
 
 @contextmanager
 def resolving(resolver: mi.FileResolver) -> Iterator[None]:
-    """Sets another search path for a while; other threads that want to do so wait."""
+    """Sets another search path temporarily; other threads that want to do so wait."""
     with alone():
         before = mi.file_resolver()
         mi.set_file_resolver(resolver)
@@ -99,7 +95,7 @@ def resolving(resolver: mi.FileResolver) -> Iterator[None]:
 
 @contextmanager
 def threads(count: int | None) -> Iterator[None]:
-    """Sets the number of threads for a while; None leaves it."""
+    """Sets the number of threads temporarily; None leaves it unchanged."""
     before = dr.thread_count()
     dr.set_thread_count(count or before)
     try:
@@ -109,5 +105,5 @@ def threads(count: int | None) -> Iterator[None]:
 
 
 def enough_threads() -> AbstractContextManager[None]:
-    """Sets at least :data:`~mitsuba_prosim.compat.EXR_THREADS` for a while."""
+    """Sets at least :data:`~mitsuba_prosim.compat.EXR_THREADS` temporarily."""
     return threads(max(dr.thread_count(), EXR_THREADS))

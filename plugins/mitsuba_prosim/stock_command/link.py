@@ -12,9 +12,9 @@ from . import stand_ins
 def link(remove: bool) -> None:
     """Let the `mitsuba` command run plugins that are written in Python.
 
-    Puts a stand-in for each plugin of every installed package that offers some (this one, and Mitsuba's own prb and
-    its kin) into Mitsuba's folder of plugins. Needs Linux and a C compiler. Run it once after installing this package
-    or another one with plugins. Uninstalling removes the stand-ins.
+    Writes a stand-in for each plugin of every installed package (this one, and Mitsuba's own prb and the like) to
+    Mitsuba's folder of plugins. Needs Linux and a C compiler. Run it once after each installation of a package with
+    plugins. Uninstalling removes the stand-ins.
     """
     if sys.platform != "linux":
         raise click.ClickException("the stand-ins exist for Linux only; use prosim render.")
@@ -25,9 +25,9 @@ def link(remove: bool) -> None:
             for path in paths:
                 path.unlink()
             click.echo(f"{len(paths)} stand-ins removed from {folder}")
-            return
-        paths = stand_ins.install(stand_ins.plugin_names(), folder)
-        stand_ins.record(paths)
+        else:
+            paths = stand_ins.install(stand_ins.plugin_names(), folder)
+            stand_ins.record(paths)
+            click.echo(f"{len(paths)} stand-ins in {folder}: {', '.join(path.stem for path in paths)}")
     except (RuntimeError, OSError) as error:
         raise click.ClickException(str(error)) from None
-    click.echo(f"{len(paths)} stand-ins in {folder}: {', '.join(path.stem for path in paths)}")

@@ -1,4 +1,4 @@
-"""The stand-ins for plugins written in Python (see ``stand_in.c``): compiled, put into place, found and removed."""
+"""The stand-ins for plugins in Python (see ``stand_in.c``): compiles, installs, finds and removes them."""
 
 import importlib.util
 import os
@@ -14,15 +14,13 @@ from typing import Any
 import mitsuba as mi
 
 from .. import registry
+from ..compat import PLUGINS_IN_PYTHON
 from ..scene import session
 
 SOURCE = Path(__file__).with_name("stand_in.c")
 
-#: What tells a stand-in, of this or another version, from a true plugin.
+#: Marks the stand-ins of all versions.
 MARK = b"mitsuba-prosim stand-in for a Python plugin"
-
-#: The plugins of Mitsuba 3.9 itself that are written in Python, which its command can't run either.
-BUNDLED = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective", "volprim_rf_basic", "flat_sensor")
 
 
 def plugin_folder() -> Path:
@@ -34,7 +32,7 @@ def plugin_folder() -> Path:
 
 
 def is_stand_in(path: Path) -> bool:
-    """Whether a file is a stand-in (of any version), not a plugin of Mitsuba's."""
+    """Whether a file is a stand-in, not a plugin of Mitsuba's."""
     return path.stat().st_size < 2**16 and MARK in path.read_bytes()
 
 
@@ -44,10 +42,9 @@ def installed() -> dict[str, Path]:
 
 
 def plugin_names() -> list[str]:
-    """Names of the plugins that the installed packages register, and of Mitsuba's own that are written in Python."""
-    names = set(BUNDLED)
+    """Names of the plugins in Python: those that the installed packages register, and Mitsuba's own."""
     mi.set_variant("scalar_rgb")
-    names.update(registry.PLUGINS)
+    names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
 
     def recording(register: Callable) -> Callable:
         def record(name: str, *args: Any) -> Any:
@@ -63,7 +60,7 @@ def plugin_names() -> list[str]:
 
 
 def compiler() -> list[str] | None:
-    """The C compiler's command line, as a list, or None."""
+    """The command line of the C compiler, or None."""
     if named := os.environ.get("CC"):
         return named.split()
     found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
@@ -71,27 +68,19 @@ def compiler() -> list[str] | None:
 
 
 def compile_stand_in(path: Path) -> None:
-    """Compiles a stand-in to ``path``, which starts this interpreter.
-
-    Raises RuntimeError where there is no compiler, or it fails.
-    """
+    """Compiles a stand-in that starts this interpreter. Raises RuntimeError where that fails."""
     command = compiler()
     if command is None:
         raise RuntimeError("there is no C compiler; install one (on Debian and Ubuntu: apt install gcc libc6-dev)")
-    define = f'-DPYTHON="{sys.executable}"'
+    command += ["-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", f'-DPYTHON="{sys.executable}"']
     try:
-        subprocess.run(
-            [*command, "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", define, "-o", str(path), str(SOURCE)],
-            check=True,
-            capture_output=True,
-            text=True,
-        )
+        subprocess.run([*command, "-o", str(path), str(SOURCE)], check=True, capture_output=True, text=True)
     except (OSError, subprocess.CalledProcessError) as error:
         raise RuntimeError(f"the C compiler failed: {getattr(error, 'stderr', None) or error}") from None
 
 
 def install(names: Iterable[str], folder: Path) -> list[Path]:
-    """Puts a stand-in for each name into ``folder``, but for those of native plugins; returns their paths.
+    """Writes a stand-in for each name to ``folder``, but for those of native plugins; returns their paths.
 
     Raises RuntimeError and OSError.
     """
@@ -107,11 +96,10 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
 
 
 def record(paths: Iterable[Path]) -> None:
-    """Adds files to the list of what pip removes when this package is uninstalled."""
-    own = distribution("mitsuba-prosim")
-    files = own.files or []
+    """Adds files to the list of those that pip removes together with this package."""
+    files = distribution("mitsuba-prosim").files or []
     listing = next(Path(str(file.locate())) for file in files if file.name == "RECORD")
-    site = listing.parents[1]
     known = {file.as_posix() for file in files}
+    new = [name for path in paths if (name := os.path.relpath(path, listing.parents[1])) not in known]
     with listing.open("a", encoding="utf-8") as file:
-        file.writelines(f"{path},,\n" for path in (os.path.relpath(path, site) for path in paths) if path not in known)
+        file.writelines(f"{name},,\n" for name in new)

@@ -1,7 +1,8 @@
-"""The scene as trees and paths find it: what was asked for, and the facts about it."""
+"""What trees and paths need to know: settings, and facts about the scene that are gathered once a render."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -17,6 +18,12 @@ from .workarounds import warn_of_dim_lobes
 
 #: The nodes of a ray tree are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
+
+#: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
+PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
+
+#: Spaces of a node, before those of the sources.
+REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
 
 
 @dataclass(frozen=True)
@@ -35,80 +42,8 @@ class Settings:
 
     @property
     def follows_tree(self) -> bool:
-        """Whether light is followed as Whitted's tree, with nothing from a diffuse component, not along paths."""
+        """Whether light is followed along Whitted's tree, with no ray from a diffuse lobe, and not along paths."""
         return self.diffuse_bounces == 0
-
-
-@dataclass(frozen=True)
-class SceneFacts:
-    """Facts about a scene, gathered once a render."""
-
-    lights: Lights
-    #: Whether there is any surface: without one Dr.Jit has no BSDF to dispatch to.
-    surfaces: bool
-    #: Whether any surface has a specular lobe of reflection, of transmission.
-    reflects: bool
-    refracts: bool
-    #: Whether any surface has a lobe of one direction: a mirror, ideal glass, what passes straight through.
-    ideal: bool
-    #: Whether light from both of its sides reaches any surface's smooth lobes.
-    both_sides: bool
-    #: How its BSDFs are sampled and evaluated.
-    scattering: Scattering
-    #: Whether anything absorbs light on its way, see :mod:`.media`.
-    absorbs: bool
-    #: ``mi.BSDFContext`` of the lobes that the sources are sampled for alone, as no ray is drawn from them that may
-    #: meet a source; or None.
-    alone: mi.BSDFContext | None
-    #: Those of the lobes that share the light of sources with the rays that are drawn from them.
-    partners: tuple[mi.BSDFContext, ...]
-    #: Those of the lobes with a ray of their own that may be glossy.
-    glossy: tuple[mi.BSDFContext, ...]
-
-    @classmethod
-    def of(cls, scene: mi.Scene, settings: Settings, around: mi.Medium | None = None) -> SceneFacts:
-        """The facts of ``scene`` that matter under ``settings``; ``around``: the medium that the camera is in."""
-        warn_of_dim_lobes(scene)
-        lights, flags = Lights(scene, choose=not settings.follows_tree), scene_flags(scene)
-        reflects = lobes.has_any(flags, *lobes.REFLECTED)
-        refracts = lobes.has_any(flags, *lobes.REFRACTED)
-        alone: mi.BSDFContext | None = lobes.everything()
-        partners: tuple[mi.BSDFContext, ...] = ()
-        if settings.diffuse_bounces < 0:
-            alone, partners = None, (lobes.everything(),)
-        elif not lights.only_points and lobes.has_any(flags, "GlossyReflection", "GlossyTransmission"):
-            alone = lobes.diffuse()
-            if settings.follows_tree:
-                partners = (lobes.reflected(),) * reflects + (lobes.refracted(),) * refracts
-            else:
-                partners = (lobes.specular(),)
-        if settings.follows_tree:
-            reflected, refracted = (lobes.has_any(flags, name) for name in lobes.GLOSSY)
-            glossy = (lobes.reflected(),) * reflected + (lobes.refracted(),) * refracted
-        else:
-            glossy = (lobes.specular(),)
-        return cls(
-            lights,
-            bool(scene.shapes()),
-            reflects,
-            refracts,
-            lobes.has_any(flags, "DeltaReflection", "DeltaTransmission", "Null"),
-            lobes.has_any(flags, *lobes.BOTH_SIDES),
-            Scattering.of(scene, separate=settings.diffuse_bounces >= 0),
-            absorbs_any(scene, around),
-            alone,
-            partners,
-            glossy,
-        )
-
-
-def scene_flags(scene: mi.Scene) -> int:
-    """Union of the ``mi.BSDFFlags`` of all surfaces of ``scene``; all flags where instances hide them."""
-    flags = 0
-    for shape in scene.shapes():
-        bsdf = shape.bsdf()
-        flags |= 0xFFFFFFFF if shape.class_name() == "Instance" else 0 if bsdf is None else int(bsdf.m_flags)
-    return flags
 
 
 class PhotonMIS(Protocol):
@@ -117,17 +52,17 @@ class PhotonMIS(Protocol):
     def first(self) -> Any:
         """The state of a camera ray: :attr:`.Ray.etendue`."""
 
-    def next(self, vertex: Any, following: Any, bs: Any, weight: Any, whole: Any) -> Any:
+    def next(self, vertex: Any, following: Any, bs: Any, weight: Any, inseparable: Any) -> Any:
         """The state of the ray ``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``.
 
-        ``whole``: the lanes of BSDFs without separable lobes, where photons have no part.
+        ``inseparable``: the lanes of BSDFs without separable lobes, where photons have no part.
         """
 
-    def emission_weight(self, ray: Any, origin: Any, ds: Any, pdf: Any, shares: Any, weight: Any, active: Any) -> Any:
+    def emission_weight(self, ray: Any, origin: Any, ds: Any, pdf: Any, uses_mis: Any, weight: Any, active: Any) -> Any:
         """The MIS weight of emission that ``ray`` meets; ``weight`` where no photon could have found it.
 
-        ``origin``, ``ds``: where the ray leaves, and the sample of the source there, which has the density ``pdf``
-        where it ``shares`` the light.
+        ``origin``, ``ds``: where the ray leaves, and the sample of the source there, which light sampling takes with
+        the density ``pdf`` in the lanes ``uses_mis``.
         """
 
     def light_pdf(self, ray: Any, si: Any, bsdf: Any, active: Any) -> Any:
@@ -137,7 +72,7 @@ class PhotonMIS(Protocol):
 class PhotonMaps(Protocol):
     """Photons that surfaces gather."""
 
-    #: What shares light between photons and rays; None where only diffuse surfaces gather.
+    #: The MIS of photons and rays; None where only diffuse surfaces gather.
     mis: PhotonMIS | None
 
     def add_to(self, L: Any, ray: Any, si: Any, bsdf: Any, drawn: Any, t: Any, active: Any, scattered: Any) -> Any:
@@ -148,53 +83,114 @@ class PhotonMaps(Protocol):
         """
 
 
-#: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
-PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
-
-#: Spaces of a node, before those of the sources.
-REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
-
-
 @dataclass(frozen=True)
 class Context:
-    """``scene`` under ``settings``, and the ``facts`` about it.
+    """``scene`` under ``settings``.
 
     ``attached``: whether derivatives are wanted. Directions are then fixed, or move with a source
-    (:mod:`.reparameterised`), and their weights are evaluated again. ``photons``: find the light that reaches
-    surfaces through specular ones; None if the rays find it.
+    (:mod:`..light.reparameterisation`), and their weights are evaluated again. ``around``: the medium that the camera
+    is in, or None. ``photons``: find the light that reaches surfaces through specular ones; None if the rays find it.
     """
 
     scene: mi.Scene
     settings: Settings
-    facts: SceneFacts
-    attached: bool = False
-    #: The medium that the camera is in, or None.
-    around: mi.Medium | None = None
-    photons: PhotonMaps | None = None
+    attached: bool
+    around: mi.Medium | None
+    photons: PhotonMaps | None
+    lights: Lights
+    #: How its BSDFs are sampled and evaluated.
+    scattering: Scattering
+    #: Union of the ``mi.BSDFFlags`` of all surfaces.
+    flags: int
+    #: Whether anything absorbs light on its way, see :mod:`.media`.
+    absorbs: bool
+    #: Those of the lobes with a ray of their own that may be glossy.
+    glossy: tuple[mi.BSDFContext, ...]
+
+    @classmethod
+    def of(
+        cls,
+        scene: mi.Scene,
+        settings: Settings,
+        attached: bool = False,
+        around: mi.Medium | None = None,
+        photons: PhotonMaps | None = None,
+    ) -> Context:
+        """Gathers the facts about ``scene`` that matter under ``settings``."""
+        warn_of_dim_lobes(scene)
+        lights, flags = Lights(scene, choose=not settings.follows_tree), scene_flags(scene)
+        scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
+        absorbs = absorbs_any(scene, around)
+        if settings.diffuse_bounces < 0:
+            glossy = {"everything": lobes.everything()}
+        elif settings.follows_tree:
+            glossy = {"GlossyReflection": lobes.reflected(), "GlossyTransmission": lobes.refracted()}
+            glossy = {name: lobe for name, lobe in glossy.items() if lobes.has_any(flags, name)}
+        else:
+            glossy = {"specular": lobes.specular()} if lobes.has_any(flags, *lobes.GLOSSY) else {}
+        return cls(
+            scene, settings, attached, around, photons, lights, scattering, flags, absorbs, tuple(glossy.values())
+        )
+
+    @functools.cached_property
+    def reflects(self) -> bool:
+        """Whether any surface has a specular reflection."""
+        return bool(lobes.has_any(self.flags, *lobes.REFLECTED))
+
+    @functools.cached_property
+    def refracts(self) -> bool:
+        """Whether any surface has a specular transmission."""
+        return bool(lobes.has_any(self.flags, *lobes.REFRACTED))
+
+    @functools.cached_property
+    def both_sides(self) -> bool:
+        """Whether light from both of its sides reaches any surface's smooth lobes."""
+        return bool(lobes.has_any(self.flags, *lobes.BOTH_SIDES))
+
+    @functools.cached_property
+    def mis_lobes(self) -> tuple[mi.BSDFContext, ...]:
+        """The lobes lit by light sampling and by their own rays, with MIS."""
+        return self.glossy if self.settings.diffuse_bounces < 0 or not self.lights.only_points else ()
+
+    @functools.cached_property
+    def light_lobes(self) -> mi.BSDFContext | None:
+        """The lobes lit by light sampling alone, as they have no ray of their own that may meet a source; or None."""
+        if self.settings.diffuse_bounces < 0:
+            return None
+        return lobes.diffuse() if self.mis_lobes else lobes.everything()
 
     @property
     def photon_mis(self) -> PhotonMIS | None:
-        """What shares light between photons and rays, or None."""
+        """The MIS of photons and rays, or None."""
         return None if self.photons is None else self.photons.mis
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""
         ray = Ray.first(camera)
-        if self.facts.scattering.inseparable or self.settings.diffuse_bounces > 0:
-            ray.counts = mi.Bool(True)
-        if self.facts.both_sides:
+        if self.scattering.any_inseparable or self.settings.diffuse_bounces > 0:
+            ray.sees_emission = mi.Bool(True)
+        if self.both_sides:
             ray.both_sides = mi.Bool(False)
-        if self.facts.absorbs:
+        if self.absorbs:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
-            ray.gap = mi.Float(0)
+            ray.offset = mi.Float(0)
         if self.photon_mis is not None:
             ray.etendue = self.photon_mis.first()
-        if self.photons is not None and self.facts.scattering.inseparable:
-            ray.gathered = mi.Bool(False)
-        if self.facts.lights.sampler is not None:
-            ray.estimates = mi.Float(0)
+        if self.photons is not None and (self.scattering.any_inseparable or not self.settings.follows_tree):
+            ray.gathered_photons = mi.Bool(False)
+        if self.lights.sampler is not None:
+            ray.importance = mi.Float(0)
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Number of the ``k``-th space of a node."""
-        return CAMERA_SPACES + node * (NODE_SPACES + self.facts.lights.count) + k
+        return CAMERA_SPACES + node * (NODE_SPACES + self.lights.count) + k
+
+
+def scene_flags(scene: mi.Scene) -> int:
+    """Union of the ``mi.BSDFFlags`` of all surfaces of ``scene``; all flags where instances hide them."""
+    flags = 0
+    for shape in scene.shapes():
+        bsdf = shape.bsdf()
+        flags |= 0xFFFFFFFF if shape.class_name() == "Instance" else 0 if bsdf is None else int(bsdf.m_flags)
+    return flags

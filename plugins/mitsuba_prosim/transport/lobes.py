@@ -1,10 +1,9 @@
-"""The lobes of a surface that are followed apart: the reflected, the refracted and the diffuse one (section 4.1)."""
+"""The lobes of a surface with a ray of their own: reflected, refracted and diffuse (section 4.1); as BSDF contexts."""
 
 from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Sequence
 
 import mitsuba as mi
 
@@ -14,7 +13,7 @@ REFLECTED = ("GlossyReflection", "DeltaReflection")
 REFRACTED = ("GlossyTransmission", "DeltaTransmission", "Null")
 #: Those of the diffuse reflection and transmission.
 DIFFUSE = ("DiffuseReflection", "DiffuseTransmission")
-#: Those of the lobes of neither one direction nor all alike.
+#: Those of the glossy lobes.
 GLOSSY = ("GlossyReflection", "GlossyTransmission")
 #: Those of the lobes of one direction.
 IDEAL = ("DeltaReflection", "DeltaTransmission", "Null")
@@ -31,46 +30,41 @@ def everything(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
 
 def reflected() -> mi.BSDFContext:
     """The context of the specular reflection."""
-    return _context(REFLECTED)
+    return _context(mask(*REFLECTED))
 
 
 def refracted() -> mi.BSDFContext:
     """The context of the specular transmission, straight through included."""
-    return _context(REFRACTED)
+    return _context(mask(*REFRACTED))
 
 
 def specular() -> mi.BSDFContext:
     """The context of both together."""
-    return _context(REFLECTED + REFRACTED)
+    return _context(mask(*REFLECTED, *REFRACTED))
 
 
 def diffuse() -> mi.BSDFContext:
     """The context of the diffuse reflection and transmission."""
-    return _context(DIFFUSE)
+    return _context(mask(*DIFFUSE))
 
 
 def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
     """``context`` for no other lobes than the named ones."""
-    return _of_type(context, context.type_mask & mask(*names))
+    return _context(context.type_mask & mask(*names), context.mode)
 
 
 def and_through(context: mi.BSDFContext) -> mi.BSDFContext:
-    """``context`` for what passes straight through as well."""
-    return _of_type(context, context.type_mask | mask("Null"))
+    """``context`` and what passes straight through."""
+    return _context(context.type_mask | mask("Null"), context.mode)
 
 
-def _of_type(context: mi.BSDFContext, type_mask: int) -> mi.BSDFContext:
-    other = mi.BSDFContext(context.mode)
-    other.type_mask = type_mask
-    return other
-
-
-def _context(names: Sequence[str]) -> mi.BSDFContext:
-    context = mi.BSDFContext()
-    context.type_mask = mask(*names)
+def _context(type_mask: int, mode: mi.TransportMode | None = None) -> mi.BSDFContext:
+    context = everything(mode)
+    context.type_mask = type_mask
     return context
 
 
+@functools.cache
 def mask(*names: str) -> int:
     """The named ``mi.BSDFFlags``, as one integer."""
     return functools.reduce(operator.or_, (int(getattr(mi.BSDFFlags, name)) for name in names))

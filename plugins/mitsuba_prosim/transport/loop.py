@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from .context import Context
-from .vertex import end
+from .vertex import last_emission
 
 
 def walk(
     context: Context, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
 ) -> tuple[mi.Spectrum, mi.Bool]:
-    """Takes ``state`` from node to node by ``step`` and returns ``(L, hit)``, the state's fields.
+    """``(L, hit)`` of the last of the states that ``step`` makes of ``state``, from node to node.
 
-    ``state``: a dataclass with at least ``L``, ``hit``, ``ray`` and ``active``; ``step`` makes the next one of it. Rays
-    below the deepest level can only end in a source: where no tree ``branches``, they are traced after the loop, which
-    spares all other lanes a round.
+    ``state``: a dataclass with at least ``L``, ``hit``, ``ray`` and ``active``. Rays below the deepest level can only
+    end in a source: where no tree ``branches``, they are traced after the loop, which saves all other lanes an
+    iteration.
     """
-    max_level, lights = context.settings.max_level, context.facts.lights
+    max_level = context.settings.max_level
     ends = max_level >= 0 and not branches
     if ends and max_level == 0:
         state = step(state)
@@ -35,8 +35,8 @@ def walk(
             state = differentiable_loop(state, going, step)
         else:
             (state,) = dr.while_loop((state,), going, lambda state: (step(state),))
-    if ends and not lights.only_points:
-        return state.L + end(context, state.ray, camera, state.active), state.hit
+    if ends and not context.lights.only_points:
+        return state.L + last_emission(context, state.ray, camera, state.active), state.hit
     return state.L, state.hit
 
 
@@ -45,15 +45,30 @@ def differentiable_loop(state: Any, going: Callable[[Any], mi.Bool], step: Calla
 
     An iteration is one kernel, and its derivative another: the same for all iterations. Dr.Jit 1.5 cannot do that: of a
     symbolic loop that has derivatives it generates wrong code for masks; and its evaluated loop goes backwards in the
-    order of a hash table, so that each iteration is compiled anew.
+    order of a hash table, so that each iteration is compiled again.
     """
     dr.make_opaque(state)
     while dr.any(active := going(state)):
         state = dr.select(active, step(state), state)
         dr.eval(state)
-        if tracked(state):
-            state = with_tracked(state, iter(dr.custom(Boundary, tracked(state))))
+        places = differentiable(state)
+        if places:
+            arrays = dr.custom(Boundary, [getattr(*place) for place in places])
+            for place, array in zip(places, arrays):
+                setattr(*place, array)
     return state
+
+
+def differentiable(state: Any) -> list[tuple[Any, str]]:
+    """The arrays in dataclasses and lists that have derivatives: each as the dataclass and the name of its field."""
+    if isinstance(state, list):
+        return [place for part in state for place in differentiable(part)]
+    if not is_dataclass(state):
+        return []
+    values = {field.name: getattr(state, field.name) for field in fields(state)}
+    found = [place for value in values.values() for place in differentiable(value)]
+    arrays = {name: value for name, value in values.items() if isinstance(value, dr.ArrayBase)}
+    return [(state, name) for name, value in arrays.items() if dr.grad_enabled(value)] + found
 
 
 class Boundary(dr.CustomOp):
@@ -71,21 +86,3 @@ class Boundary(dr.CustomOp):
         gradients = self.grad_out()
         dr.eval(gradients)
         self.set_grad_in("arrays", gradients)
-
-
-def tracked(state: Any) -> list[Any]:
-    """The arrays in dataclasses and lists that have derivatives."""
-    if is_dataclass(state):
-        state = [getattr(state, field.name) for field in fields(state)]
-    if isinstance(state, list):
-        return [array for part in state for array in tracked(part)]
-    return [state] if isinstance(state, dr.ArrayBase) and dr.grad_enabled(state) else []
-
-
-def with_tracked(state: Any, arrays: Iterator[Any]) -> Any:
-    """``state`` with ``arrays`` in the place of those that are :func:`tracked`."""
-    if is_dataclass(state) and not isinstance(state, type):
-        return replace(state, **{f.name: with_tracked(getattr(state, f.name), arrays) for f in fields(state)})
-    if isinstance(state, list):
-        return [with_tracked(part, arrays) for part in state]
-    return next(arrays) if tracked(state) else state

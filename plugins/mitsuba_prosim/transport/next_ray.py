@@ -7,47 +7,33 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
+from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
 from . import lobes
 from .context import CHOICE, REFRACTED, Context
 from .media import beyond
-from .ray import Ray, Vertex, viewer_side
-from .reparameterised import carried_ray
+from .ray import Ray, Vertex
 
 
 def next_ray(
     context: Context, lobe: mi.BSDFContext, k: int, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[Ray, mi.Bool, mi.Float]:
-    """Samples the ray that leaves ``vertex`` through ``lobe``: the ray, its lanes, and the ratio of the indices of
-    refraction that it crosses. ``k``: the vertex's space for its direction.
+    """``(ray, active, eta)``: samples the ray that leaves ``vertex`` through ``lobe``, its lanes, and the ratio of the
+    indices of refraction that it crosses. ``k``: the vertex's space for its direction.
     """
-    ray, si, bsdf, facts = vertex.ray, vertex.si, vertex.bsdf, context.facts
+    ray, si = vertex.ray, vertex.si
     if idle(active):
         return ray, active, mi.Float(1)
-    choice, point = choice_and_point(context, lobe, k, ray, points, active)
-    whole = facts.scattering.whole(bsdf, active)
-
-    def sample(active: mi.Bool) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
-        return facts.scattering.sample(lobe, si, bsdf, choice, point, ray.throughput, active, whole)
-
-    with dr.suspend_grad(when=context.attached):
-        bs, weight, belongs = sample(active)
-        d = si.to_world(bs.wo)
+    bs, weight, d, belongs = sample_direction(context, lobe, k, vertex, points, active)
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
-    o, pdf = si.spawn_ray(d).o, bs.pdf
+    o, throughput = si.spawn_ray(dr.detach(d)).o, ray.throughput * weight
     if context.attached:
-        moved, weight, pdf_attached = weight_with_derivatives(context, lobe, vertex, d, but_not(active, ideal), whole)
-        if facts.ideal:
-            forced, ideal_weight, _ = sample(active & ideal)
-            moved = dr.select(ideal, si.to_world(forced.wo), moved)
-            weight = dr.select(ideal, ideal_weight, weight)
-        o, d, pdf = dr.replace_grad(o, si.p), dr.replace_grad(d, moved), dr.replace_grad(pdf, pdf_attached)
-    throughput = ray.throughput * weight
+        o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
-    if context.settings.max_level >= 0 and facts.lights.can_foresee:
+    if context.settings.max_level >= 0 and context.lights.can_exclude:
         # The rays below the deepest level can only end in a source.
-        may_meet = facts.lights.may_meet(dr.detach(o), dr.detach(d))
+        may_meet = context.lights.may_meet(dr.detach(o), dr.detach(d))
         active = active & ((ray.level < context.settings.max_level) | may_meet)
     following = replace(
         ray,
@@ -56,52 +42,57 @@ def next_ray(
         throughput=throughput,
         level=ray.level + 1,
         node=ray.node * 2 + (k == REFRACTED),
-        pdf=pdf,
-        shares=but_not(mi.Bool(True), ideal),
-        n=viewer_side(si),
-        estimates=vertex.estimates,
+        pdf=bs.pdf,
+        uses_mis=but_not(mi.Bool(True), ideal),
+        n=vertex.receiver.n,
+        importance=vertex.importance,
     )
-    with_flags(context, vertex, following, ideal, whole)
+    by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took all of them
+    if ray.sees_emission is not None:
+        following.sees_emission = but_not(mi.Bool(True), by_all_lobes)
+    if ray.gathered_photons is not None:
+        following.gathered_photons = ray.gathered_photons | by_all_lobes
+        following.sees_emission = but_not(following.sees_emission, following.gathered_photons)
+    if context.both_sides:
+        following.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
     if context.photon_mis is not None:
-        following.etendue = context.photon_mis.next(vertex, following, bs, weight, whole)
-    if facts.absorbs:
+        following.etendue = context.photon_mis.next(vertex, following, bs, weight, vertex.inseparable)
+    if context.absorbs:
         following.medium = beyond(si, ray.medium, dr.detach(d), active)
-        following.gap = dr.dot(o - si.p, d)
+        following.offset = dr.dot(o - si.p, d)
     return following, active, bs.eta
 
 
-def choice_and_point(
-    context: Context, lobe: mi.BSDFContext, k: int, ray: Ray, points: Points, active: mi.Bool
-) -> tuple[mi.Float, mi.Point2f]:
-    """The number that chooses among lobes or wavelengths, and the point that chooses the direction."""
-    space, scattering = context.space(ray.node, CHOICE), context.facts.scattering
+def sample_direction(
+    context: Context, lobe: mi.BSDFContext, k: int, vertex: Vertex, points: Points, active: mi.Bool
+) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Vector3f, mi.Bool]:
+    """``(bs, weight, d, belongs)``: a sample of ``lobe``, its direction in the world, and whether it is one of that
+    lobe. Derivatives are those of its density, weight and direction where the direction is fixed or moves with the
+    source that it meets.
+    """
+    si, bsdf, scattering, throughput = vertex.si, vertex.bsdf, context.scattering, vertex.ray.throughput
+    space = context.space(vertex.ray.node, CHOICE)
     # Strata pay only where all lobes are sampled together, and with dispersion.
     stratified = lobes.is_everything(lobe) or scattering.disperses
     choice = points(space, active).x if stratified else points.choice(space)
-    return scattering.choice(points, space, choice), points(context.space(ray.node, k), active)
+    choice, point = scattering.choice(points, space, choice), points(context.space(vertex.ray.node, k), active)
 
+    def sample(active: mi.Bool) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
+        return scattering.sample(lobe, si, bsdf, choice, point, throughput, active, vertex.inseparable)
 
-def weight_with_derivatives(
-    context: Context, lobe: mi.BSDFContext, vertex: Vertex, d: mi.Vector3f, active: mi.Bool, whole: mi.Bool
-) -> tuple[mi.Vector3f, mi.Spectrum, mi.Float]:
-    """``(d, weight, pdf)`` of a smooth lobe, evaluated again with derivatives: the direction moves with the source that
-    it meets.
-    """
-    si = vertex.si
-    moved, jacobian = carried_ray(context.scene, context.facts.lights, si, viewer_side(si), d, active)
-    f, pdf = context.facts.scattering.eval_pdf(lobe, si, vertex.bsdf, si.to_local(moved), active, whole)
-    return moved, f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1)), pdf
-
-
-def with_flags(context: Context, vertex: Vertex, following: Ray, ideal: mi.Bool, whole: mi.Bool) -> None:
-    """Sets which emission ``following`` counts; see :class:`.Ray`. ``ideal``: the lanes of ideal lobes."""
-    ray = vertex.ray
-    if ray.counts is not None:
-        following.counts = mi.Bool(True)
-        if context.facts.scattering.inseparable:
-            following.counts = but_not(following.counts, but_not(whole, ideal))
-    if ray.gathered is not None:
-        following.gathered = ray.gathered | but_not(whole, ideal)
-        following.counts = but_not(following.counts, following.gathered)
-    if context.facts.both_sides:
-        following.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
+    with dr.suspend_grad(when=context.attached):
+        bs, weight, belongs = sample(active)
+        d = si.to_world(bs.wo)
+    if not context.attached:
+        return bs, weight, d, belongs
+    ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
+    smooth = but_not(active, ideal)
+    moved, jacobian = reparameterised_ray(context.scene, context.lights, vertex.receiver, d, smooth)
+    f, pdf = scattering.eval_pdf(lobe, si, bsdf, si.to_local(moved), smooth, vertex.inseparable)
+    weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
+    if lobes.has_any(context.flags, *lobes.IDEAL):
+        again, ideal_weight, _ = sample(active & ideal)
+        moved = dr.select(ideal, si.to_world(again.wo), moved)
+        weight = dr.select(ideal, ideal_weight, weight)
+    bs.pdf = dr.replace_grad(bs.pdf, pdf)
+    return bs, weight, dr.replace_grad(d, moved), belongs

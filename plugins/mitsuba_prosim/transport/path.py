@@ -18,14 +18,14 @@ from .vertex import shade
 
 @dataclass
 class State:
-    """Where a path is. ``sampler``: what the points are drawn from, if that has a state."""
+    """State of the loop over the vertices. ``sampler``: the source of the points, if that has a state."""
 
     L: mi.Spectrum
     hit: mi.Bool
     ray: Ray
     active: mi.Bool
-    #: Diffuse reflections so far; None where they are not counted, as Dr.Jit follows a loop twice in which something
-    #: stays as it is.
+    #: Number of diffuse reflections so far; None where it is unlimited, as Dr.Jit traces a loop twice in which a
+    #: variable stays as it is.
     bounces: mi.UInt32 | None
     #: Product of the ratios of the indices crossed so far.
     eta: mi.Float
@@ -35,59 +35,52 @@ class State:
 def radiance(
     context: Context, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
 ) -> tuple[mi.Spectrum, mi.Bool]:
-    """Radiance of the camera ray ``camera`` (``mi.Ray3f``) by one path: ``(L, hit)``; see :class:`.Transport`."""
-    settings = context.settings
+    """``(L, hit)`` of the camera ray ``camera`` (``mi.Ray3f``) by one path; see :class:`.Transport`."""
 
     def step(state: State) -> State:
-        scattered = False if context.photons is None or state.bounces is None else state.bounces > 0
-        if state.ray.gathered is not None:
-            scattered |= state.ray.gathered
-        L, vertex = shade(context, state.ray, camera, points, state.active, scattered)
-        ray = vertex.ray
-        hit = state.hit | (ray.level == 0) & vertex.surface
-        surface, bounces = vertex.surface, state.bounces
-        if settings.max_level >= 0:
-            surface = surface & (ray.level <= settings.max_level)
+        L, vertex = shade(context, state.ray, camera, points, state.active)
+        hit, bounces = state.hit | (state.ray.level == 0) & vertex.active, state.bounces
         if bounces is None:
-            following, going, passed = next_ray(context, lobes.everything(), DIFFUSE, vertex, points, surface)
+            ray, going, eta = next_ray(context, lobes.everything(), DIFFUSE, vertex, points, vertex.active)
         else:
-            following, going, passed, bounces = one_of_two(context, vertex, points, surface, bounces)
-        following.node = ray.node + 1
-        if context.photons is not None and bounces is not None:
-            # What a ray meets after a diffuse reflection was gathered there.
-            following.counts = following.counts & (bounces == 0)
+            ray, going, eta, bounces = one_of_two(context, vertex, points, bounces)
+        ray.node = state.ray.node + 1
         # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
-        eta = state.eta * passed
-        following, going = roulette(context, following, going, eta, points.choice(context.space(ray.node, ROULETTE)))
-        return State(state.L + L, hit, following, going, bounces, eta, state.sampler)
+        eta *= state.eta
+        choice = points.choice(context.space(state.ray.node, ROULETTE))
+        ray, going = roulette(context, ray, going, eta, choice)
+        return State(state.L + L, hit, ray, going, bounces, eta, state.sampler)
 
-    bounces = mi.UInt32(0) if settings.diffuse_bounces >= 0 else None
+    bounces = mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None
     state = State(mi.Spectrum(0), mi.Bool(False), context.first(camera), mi.Bool(active), bounces, mi.Float(1), sampler)
     return walk(context, step, state, camera)
 
 
 def one_of_two(
-    context: Context, vertex: Vertex, points: Points, surface: mi.Bool, bounces: mi.UInt32
+    context: Context, vertex: Vertex, points: Points, bounces: mi.UInt32
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
-    """Draws a specular and, up to ``diffuse_bounces``, a diffuse ray, and follows one of the two."""
-    following, going, passed = next_ray(context, lobes.specular(), REFLECTED, vertex, points, surface)
-    scattered, scatters, _ = next_ray(
-        context, lobes.diffuse(), DIFFUSE, vertex, points, surface & (bounces < context.settings.diffuse_bounces)
-    )
-    # The sources were sampled in full for the diffuse component: what this ray meets is no source.
-    scattered = replace(scattered, counts=mi.Bool(False))
-    a = dr.select(going, dr.max(following.throughput), 0)
-    b = dr.select(scatters, dr.max(scattered.throughput), 0)
+    """``(ray, active, eta, bounces)``: samples a specular and, up to ``diffuse_bounces``, a diffuse ray, and chooses
+    one of the two.
+    """
+    specular, reflects, eta = next_ray(context, lobes.specular(), REFLECTED, vertex, points, vertex.active)
+    more = vertex.active & (bounces < context.settings.diffuse_bounces)
+    diffuse, scatters, _ = next_ray(context, lobes.diffuse(), DIFFUSE, vertex, points, more)
+    # Light sampling, and photons, took all of the diffuse lobe: emission that this ray meets does not count.
+    diffuse = replace(diffuse, sees_emission=mi.Bool(False))
+    if diffuse.gathered_photons is not None:
+        diffuse.gathered_photons = mi.Bool(True)
+    a = dr.select(reflects, dr.max(specular.throughput), 0)
+    b = dr.select(scatters, dr.max(diffuse.throughput), 0)
     p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
-    # What chooses among lobes by itself has used the number of the choice; none is drawn from the refracted lobe here.
-    chosen = context.facts.scattering.mixes or context.facts.scattering.inseparable
+    # What chooses among lobes by itself has used the number of the choice; no ray is refracted by itself here.
+    chosen = context.scattering.mixes or context.scattering.any_inseparable
     choose = points.choice(context.space(vertex.ray.node, REFRACTED if chosen else CHOICE)) < p
-    following = dr.select(choose, scattered, following)
-    following.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
+    ray = dr.select(choose, diffuse, specular)
+    ray.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
     return (
-        following,
-        dr.select(choose, scatters, going),
-        dr.select(choose, 1, passed),
+        ray,
+        dr.select(choose, scatters, reflects),
+        dr.select(choose, 1, eta),
         dr.select(choose, bounces + 1, bounces),
     )
 

@@ -1,4 +1,4 @@
-"""A ray of the tree or path, and what it has met."""
+"""A ray of the tree or path, and the surface that it meets."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..light.strategy import Receiver
+
 
 @dataclass
 class Ray:
     """A ray of the tree or path, with what its node needs. All fields are Dr.Jit arrays of one width, or None where
-    they would stay as they are: Dr.Jit follows a loop twice in which something does.
+    they would stay as they are: Dr.Jit traces a loop twice in which a variable does.
     """
 
     o: mi.Point3f
@@ -24,64 +26,60 @@ class Ray:
     node: mi.UInt32
     #: Number of reflections and refractions before this ray: 0 is the camera's.
     level: mi.UInt32
-    #: Density per solid angle with which a lobe drew ``d``; of no meaning unless ``shares``.
+    #: Density per solid angle with which a lobe sampled ``d``; of no meaning unless ``uses_mis``.
     pdf: mi.Float
-    #: Whether a source that it meets could have been sampled at its origin too, and shares its light with that.
-    shares: mi.Bool
+    #: Whether light sampling at its origin could have found the emission that it meets, too: that gets an MIS weight.
+    uses_mis: mi.Bool
     #: Normal of the surface that the ray leaves, on the viewer's side.
     n: mi.Normal3f
-    #: Whether a source that it meets counts at all; not where the sources were sampled in full. None: all do.
-    counts: mi.Bool | None = None
-    #: Whether light from both of the sides of that surface was sampled; None where that is of none.
+    #: Whether emission that it meets counts; not where light sampling at its origin took all lobes. None: always.
+    sees_emission: mi.Bool | None = None
+    #: Whether light from both sides of that surface was sampled; None where no surface has any.
     both_sides: mi.Bool | None = None
     #: Where anything in the scene absorbs: what the ray goes through (``mi.Medium`` in scalar variants) ...
     medium: mi.MediumPtr | None = None
-    #: ... and how far along it ``o`` is from the surface that it leaves.
-    gap: mi.Float | None = None
+    #: ... and the distance of ``o`` from the surface that it leaves.
+    offset: mi.Float | None = None
     #: State of the MIS between photons and rays (:class:`.context.PhotonMIS`), where glossy surfaces gather photons.
     etendue: Any = None
-    #: Whether the ray comes from a BSDF without separable lobes where photons were gathered, so that it must not count
-    #: the light behind specular surfaces; None where there are no such photons.
-    gathered: mi.Bool | None = None
-    #: Where one of several lamps is sampled at the ray's origin: the sum of their estimates there, see
+    #: Whether a surface before has gathered photons by the lobe that a ray left it by, so that light behind specular
+    #: surfaces does not count; None where no ray leaves by such a lobe.
+    gathered_photons: mi.Bool | None = None
+    #: Where light sampling chooses among lamps: their total importance at the ray's origin, see
     #: :mod:`..light.light_sampler`.
-    estimates: mi.Float | None = None
+    importance: mi.Float | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:
         """The camera's ray."""
-        return cls(
-            camera.o,
-            camera.d,
-            mi.Spectrum(1),
-            mi.UInt32(1),
-            mi.UInt32(0),
-            mi.Float(0),
-            mi.Bool(False),
-            mi.Normal3f(camera.d),
-        )
+        node, level, n = mi.UInt32(1), mi.UInt32(0), mi.Normal3f(camera.d)
+        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, mi.Float(0), mi.Bool(False), n)
 
 
 @dataclass
 class Vertex:
-    """Where a ray ends, for the rays that leave from there."""
+    """The surface point that a ray meets, for light sampling and for the rays that leave it."""
 
     #: The ray as it arrives, less what was absorbed on its way.
     ray: Ray
     si: mi.SurfaceInteraction3f
     bsdf: mi.BSDFPtr
-    #: The lanes that met a surface.
-    surface: mi.Bool
-    #: Sum of the lamps' estimates; see :attr:`Ray.estimates`.
-    estimates: mi.Float | None = None
+    #: The lanes that met a surface, at the deepest level at most.
+    active: mi.Bool
+    #: Those of them that have smooth lobes, and those whose BSDF has no separable lobes.
+    smooth: mi.Bool
+    inseparable: mi.Bool
+    receiver: Receiver
+    #: Total importance of the lamps, see :attr:`Ray.importance`.
+    importance: mi.Float | None = None
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
-    """Weight of a sample of density ``pdf`` that ``other`` could have given too: power heuristic (Veach 1997)."""
+    """MIS weight of a sample of density ``pdf`` that ``other`` could have found too: power heuristic (Veach 1997)."""
     a, b = dr.square(pdf), dr.square(other)
     return dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0)
 
 
 def viewer_side(si: mi.SurfaceInteraction3f) -> mi.Normal3f:
-    """Shading normal, turned to the side that the surface is seen from."""
+    """Shading normal, on the side that the surface is seen from."""
     return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))

@@ -1,26 +1,29 @@
-"""Radiance along a camera ray: by Whitted's tree (sections 4.1, 4.2) or Kajiya's paths (section 4.2.3)."""
+"""Radiance along a camera ray: by Whitted's tree (sections 4.1, 4.2), Kajiya's paths (section 4.2.3), or another
+integrator.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
-from ..sampling.sobol import Points
+from ..registry import create
+from ..sampling.nrook import NRook, SamplerPoints
+from ..sampling.sobol import Points, Sobol
 from . import path, tree
-from .context import Context, SceneFacts, Settings
+from .context import CAMERA_SPACES, Context, Settings
 
-#: Diffuse reflections of paths without end.
-ANY = (1 << 31) - 1
+#: Unlimited number of diffuse reflections of paths.
+UNLIMITED = (1 << 31) - 1
 
 
 class Transport:
     """Estimates radiance in ``scene`` under ``settings``; made once a render.
 
-    ``attached``: whether derivatives are wanted. Directions are then fixed, or move with a source
-    (:mod:`.reparameterised`), and their weights are evaluated again. ``around``: the medium of the camera.
-    ``caustics``: gathers the light that reaches diffuse surfaces through specular ones, instead of the rays
+    ``attached``, ``around``: see :class:`.Context`. ``caustics``: photons that surfaces gather, in the place of rays
     (:mod:`..photons`).
     """
 
@@ -33,21 +36,79 @@ class Transport:
         caustics: Any | None = None,
     ) -> None:
         if caustics is not None and settings.diffuse_bounces < 0:
-            # A path must know its diffuse reflections from the others, which a ray drawn from the whole BRDF does not.
-            settings = replace(settings, diffuse_bounces=ANY)
-        #: The photons that must have been drawn before samples are taken.
+            # A path must distinguish diffuse from other reflections, which a ray of the whole BRDF does not.
+            settings = replace(settings, diffuse_bounces=UNLIMITED)
+        #: The photons that must have been emitted before samples are taken.
         self.caustics = caustics
-        facts = SceneFacts.of(scene, settings, around)
-        self._context = Context(scene, settings, facts, attached, around, caustics)
+        self._context = Context.of(scene, settings, attached, around, caustics)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler | None = None
     ) -> tuple[mi.Spectrum, mi.Bool]:
-        """Radiance of the camera ray ``ray``: ``(L, hit)``, a ``mi.Spectrum`` and whether the ray met a surface.
+        """``(L, hit)``: the radiance of the camera ray ``ray``, a ``mi.Spectrum``, and whether it met a surface.
 
         ``points(space, active)`` gives a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
         return self._radiance(self._context, ray, points, active, sampler)
+
+
+class InnerIntegrator:
+    """Asks ``integrator``, a ``mi.SamplingIntegrator``, for the radiance in ``scene``; made once a render. It has the
+    interface of :class:`Transport`.
+    """
+
+    #: Photons are the integrator's own.
+    caustics = None
+
+    def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
+        self.integrator, self.scene, self.medium = integrator, scene, medium
+        #: Names of the values that come third.
+        self.aov_names = list(integrator.aov_names())
+
+    def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        """``(L, hit, aovs)`` of the camera ray ``ray``, with points for one dimension after the other: those of
+        ``points``, in the spaces after the camera's.
+        """
+        sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
+        return self.radiance(sampler, mi.RayDifferential3f(ray), self.medium, active)
+
+    def radiance(
+        self, sampler: mi.Sampler, ray: mi.RayDifferential3f, medium: mi.Medium | None, active: mi.Bool
+    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        """The same with a sampler of Mitsuba's."""
+        if not is_differential(self.integrator):
+            L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, medium, active)
+            return L, hit, list(aovs)
+        # Mitsuba's integrators for derivatives, in Python, have a method of their own.
+        L, hit, aovs, _ = self.integrator.sample(
+            mode=dr.ADMode.Primal,
+            scene=self.scene,
+            sampler=sampler,
+            ray=ray,
+            depth=mi.UInt32(0),
+            δL=None,
+            δaovs=None,
+            state_in=None,
+            active=mi.Bool(active),
+        )
+        return L, hit, list(aovs)
+
+
+def is_differential(integrator: mi.Integrator) -> bool:
+    """Whether ``integrator`` is one of Mitsuba's for derivatives, such as ``prb``."""
+    return dr.is_jit_v(mi.Float) and isinstance(integrator, mi.CppADIntegrator)
+
+
+def sampler_of(points: NRook | Sobol) -> Any:
+    """A ``mi.Sampler`` that gives ``points``, space by space."""
+    if isinstance(points, Sobol):
+        sampler = create("owen")
+    else:
+        sampler = create("nrook", jitter=points.jitter)
+        sampler.permutations = points.permutations
+    sampler.pixel, sampler.index = points.key, points.t
+    sampler.dimension = mi.UInt32(CAMERA_SPACES)
+    return sampler

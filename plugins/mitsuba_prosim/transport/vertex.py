@@ -1,4 +1,4 @@
-"""Shading: what a vertex of the ray tree or path adds to the radiance."""
+"""Shading: the radiance that a vertex of the ray tree or path adds."""
 
 from __future__ import annotations
 
@@ -7,64 +7,80 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from ..masks import but_not, idle
+from ..light.strategy import Receiver
+from ..masks import but_not, dispatch, idle
 from ..optics import ambient
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
+from . import lobes
 from .context import Context
 from .direct import direct_light
 from .media import ENDLESS, before, transmittance
-from .ray import Ray, Vertex, mis
+from .ray import Ray, Vertex, mis, viewer_side
 from .workarounds import past_emitters
 
 
-def shade(
-    context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool, scattered: mi.Bool | bool = False
-) -> tuple[mi.Spectrum, Vertex]:
-    """``(L, vertex)``: what a vertex adds to the radiance of the camera ray, by emission, background, ambient and
-    direct light; and the :class:`Vertex`. ``camera``: the camera ray, for time and wavelengths;
-    ``scattered``: the lanes behind a diffuse reflection that has gathered photons.
+def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, Vertex]:
+    """``(L, vertex)``: the radiance that the vertex where ``ray`` ends adds to that of the camera ray, by emission,
+    background, ambient and direct light; and the :class:`.Vertex`. ``camera``: the camera ray, for time and
+    wavelengths.
     """
-    settings, lights = context.settings, context.facts.lights
-    ray3, si = meet(context, ray, camera, active)
+    settings, lights = context.settings, context.lights
+    ray3, si = intersect(context, ray, camera, active)
     if settings.hide_emitters and not lights.only_points:
         si = past_emitters(context.scene, ray3, si, active & (ray.level == 0), context.attached)
-    if context.facts.absorbs:
-        ray = arriving(ray, ray3, si, active)
-    surface = active & si.is_valid()
+    if context.absorbs:
+        ray = absorbed(ray, ray3, si, active)
     inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = mi.Spectrum(0)
     if not lights.only_points:
         L += emission(context, ray, si, active)
     if settings.background is not None:
-        escaped = but_not(inside, surface)
+        escaped = but_not(inside, active & si.is_valid())
         L += dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
-    surface_inside = surface & inside
-    if idle(surface_inside):
-        return ray.throughput * L, Vertex(ray, si, None, False)
-    bsdf = si.bsdf()
-    if settings.ambient is not None and context.facts.surfaces:
-        L += ambient_term(context, si, bsdf, surface_inside)
-    direct, estimates = direct_light(context, ray, si, bsdf, points, surface_inside, scattered)
-    L += direct
+    surface = active & si.is_valid() & inside
+    vertex = vertex_at(context, ray, si, surface)
+    if idle(surface):
+        return ray.throughput * L, vertex
+    if settings.ambient is not None and context.flags:  # else Dr.Jit has no BSDF to dispatch to
+        L += ambient_term(settings.ambient, vertex)
+    L += direct_light(context, vertex, points)
     if context.photons is not None:
         assert not isinstance(points, SamplerPoints)
-        L = context.photons.add_to(L, ray, si, bsdf, context.facts.glossy, points.t, surface_inside, scattered)
-    return ray.throughput * L, Vertex(ray, si, bsdf, surface, estimates)
+        scattered = False if ray.gathered_photons is None else ray.gathered_photons
+        L = context.photons.add_to(L, ray, si, vertex.bsdf, context.glossy, points.t, surface, scattered)
+    return ray.throughput * L, vertex
 
 
-def meet(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """The ``mi.Ray3f`` of a :class:`Ray`, and its interaction with the scene."""
+def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
+    """The vertex where ``ray`` meets ``si``."""
+    if idle(active):
+        return Vertex(ray, si, None, active, active, active, Receiver(si, ray.n))
+    bsdf = si.bsdf()
+    flags = bsdf.flags()
+    smooth = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
+    both_sides = smooth & lobes.has_any(flags, *lobes.BOTH_SIDES) if context.both_sides else False
+    receiver = Receiver(si, viewer_side(si), both_sides)
+    vertex = Vertex(ray, si, bsdf, active, smooth, context.scattering.inseparable(bsdf, active), receiver)
+    if context.lights.sampler is not None:
+        vertex.importance = context.lights.sampler.total(receiver, smooth)
+    return vertex
+
+
+def intersect(
+    context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool
+) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
+    """The ``mi.Ray3f`` of a :class:`.Ray`, and its interaction with the scene."""
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
     return ray3, context.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
 
-def arriving(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """The ray where it meets ``si``: less what the medium has absorbed that it came through (Beer's law)."""
+def absorbed(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
+    """The ray where it meets ``si``, less what the medium on its way has absorbed (Beer's law)."""
     met = active & si.is_valid()
     medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
-    t = ray.gap + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last source that was passed by
+    t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden source
     left = transmittance(medium, ray3.wavelengths, dr.select(met, t, ENDLESS), active)
     ray = replace(ray, throughput=ray.throughput * left, medium=medium)
     if ray.etendue is not None:
@@ -72,62 +88,56 @@ def arriving(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.B
     return ray
 
 
-def end(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> mi.Spectrum:
-    """What a ray adds that can only end in a source."""
-    ray3, si = meet(context, ray, camera, active)
-    if context.facts.absorbs:
-        ray = arriving(ray, ray3, si, active)
+def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> mi.Spectrum:
+    """The radiance that a ray below the deepest level adds: it can only meet a source."""
+    ray3, si = intersect(context, ray, camera, active)
+    if context.absorbs:
+        ray = absorbed(ray, ray3, si, active)
     return ray.throughput * emission(context, ray, si, active)
 
 
 def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Spectrum:
-    """Radiance of a source that ``ray`` meets, shared with the sampling of the sources at the ray's origin."""
-    lights = context.facts.lights
+    """Radiance of a source that ``ray`` meets, with the MIS weight against light sampling at the ray's origin."""
+    lights = context.lights
     emitter = si.emitter(context.scene)
-    if ray.counts is not None:
-        active = active & ray.counts
+    if ray.sees_emission is not None:
+        active = active & ray.sees_emission
     if context.settings.hide_emitters:
         active = active & (ray.level > 0)
     if idle(active) or emitter is None:
         return mi.Spectrum(0)
     L = emitter.eval(si, active)
-    shares = active & ray.shares
+    uses_mis = active & ray.uses_mis
     if lights.sky is not None:
-        shares &= si.is_valid()
+        uses_mis &= si.is_valid()
     origin = dr.zeros(mi.Interaction3f)
     origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
     ds = mi.DirectionSample3f(context.scene, si, origin)
     if context.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
         ds.d = dr.replace_grad(ds.d, ray.d)
-    both_sides = ray.both_sides if context.facts.both_sides else False
-    pdf = lights.pdf(origin, ray.n, both_sides, ds, shares, ray.estimates)
-    weight = dr.select(shares, mis(ray.pdf, pdf), 1)
+    receiver = Receiver(origin, ray.n, False if ray.both_sides is None else ray.both_sides)
+    pdf = lights.pdf(receiver, ds, uses_mis, ray.importance)
+    weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
-        weight = context.photon_mis.emission_weight(ray, origin, ds, pdf, shares, weight, active)
+        weight = context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, weight, active)
     return dr.select(active, L * weight, 0)
 
 
-def ambient_term(
-    context: Context, si: mi.SurfaceInteraction3f, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool
-) -> mi.UnpolarizedSpectrum:
-    """The ambient term ka I_a."""
-    assert context.settings.ambient is not None
-    if dr.is_jit_v(mi.Float):
-        ka = dr.dispatch(bsdf, ambient.reflectance, si, active)
-    else:
-        ka = ambient.reflectance(bsdf, si, active)
-    return ka * context.settings.ambient.eval(si, active)
+def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:
+    """The ambient term ka I_a, of the ambient ``radiance``."""
+    ka = dispatch(vertex.bsdf, ambient.reflectance, vertex.si, vertex.active)
+    return ka * radiance.eval(vertex.si, vertex.active)
 
 
 def background_radiance(
     background: mi.Texture, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum:
-    """Radiance of the texture ``background`` in the direction of ``ray``; ``si``: what the ray has met, i.e. nothing.
+    """Radiance of the texture ``background`` in the direction of ``ray``; ``si``: the interaction, which is not valid.
 
-    An image is looked up by latitude and longitude as Mitsuba's ``envmap`` has them: y is up, u = 0 towards +z.
+    An image is looked up by latitude and longitude as Mitsuba's ``envmap`` does: y is up, u = 0 towards +z.
     """
     d = ray.d
-    si = mi.SurfaceInteraction3f(si)  # whoever called still needs its own uv
+    si = mi.SurfaceInteraction3f(si)  # the caller still needs its own uv
     u = dr.atan2(d.x, -d.z) * dr.inv_two_pi
     si.uv = mi.Point2f(u - dr.floor(u), dr.safe_acos(d.y) * dr.inv_pi)
     return background.eval(si, active)

@@ -55,7 +55,7 @@ def warn_of_dim_lobes(scene: mi.Scene) -> None:
         shape.id()
         for shape in all_shapes(scene)
         if shape.bsdf() is not None
-        and _of_leaves(everything, shape.bsdf())
+        and _needs_leaves(everything, shape.bsdf())
         and any(_mixes(everything, one) for name in MAPS for one in _within(shape.bsdf(), name))
     ]
     if dim:
@@ -77,22 +77,24 @@ def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
 
 
-def _of_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
+def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     """Whether all lobes of ``bsdf`` are asked for, and it blends a BSDF whose lobes are inseparable."""
     return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_inseparable(bsdf)
 
 
 def sample(
     lobe: mi.BSDFContext,
-    si: mi.SurfaceInteraction3f,
     bsdf: mi.BSDF,
+    si: mi.SurfaceInteraction3f,
     choice: mi.Float,
     point: mi.Point2f,
     active: mi.Bool,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """A sample of the ``lobe`` of one ``bsdf``, as its own method has it; ``pdf`` is 0 where it is of another lobe."""
-    if _of_leaves(lobe, bsdf):
-        return sample_leaves(lobe, si, bsdf, choice, point, active)
+    """``(bs, weight)``: a sample of the ``lobe`` of one ``bsdf``, as its own method returns it. ``bs.pdf`` is 0 if the
+    sample is of another lobe.
+    """
+    if _needs_leaves(lobe, bsdf):
+        return sample_leaves(lobe, bsdf, si, choice, point, active)
     masks = any(_within(bsdf, MASK))
 
     def part(asked: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
@@ -106,72 +108,31 @@ def sample(
         return part(lobe, choice)
     ideal = part(lobes.only(lobe, *lobes.IDEAL), choice * 2)
     smooth = part(lobes.only(lobe, *lobes.SMOOTH), choice * 2 - 1)
-    bs, weight = (dr.select(choice < 0.5, a, b) for a, b in zip(ideal, smooth))
+    bs, weight = dr.select(choice < 0.5, ideal, smooth)
     bs.pdf *= 0.5
     return bs, weight * 2
 
 
-def sample_all(
-    everything: mi.BSDFContext,
-    si: mi.SurfaceInteraction3f,
-    bsdf: mi.BSDF | mi.BSDFPtr,
-    choice: mi.Float,
-    point: mi.Point2f,
-    active: mi.Bool,
-    mixes: bool,
-) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """A sample of all lobes of ``bsdf``. ``mixes``: see :attr:`.Scattering.mixes`."""
-    if not mixes:
-        return bsdf.sample(everything, si, choice, point, active)
-    if not dr.is_jit_v(mi.Float):
-        return sample(everything, si, bsdf, choice, point, active)
-    return dr.dispatch(
-        bsdf,
-        lambda one, si, choice, point, active: sample(everything, si, one, choice, point, active),
-        si,
-        choice,
-        point,
-        active,
-    )
-
-
 def eval_pdf(
-    lobe: mi.BSDFContext,
-    si: mi.SurfaceInteraction3f,
-    bsdf: mi.BSDF | mi.BSDFPtr,
-    wo: mi.Vector3f,
-    active: mi.Bool,
-    mixes: bool,
+    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """What the ``lobe`` of ``bsdf`` scatters from ``wo``, and the density of :func:`sample` there. ``mixes``: see
-    :attr:`.Scattering.mixes`.
-    """
-    if not mixes:
+    """Value of the ``lobe`` of one ``bsdf`` times the cosine for ``wo``, and the density of :func:`sample` there."""
+    if _needs_leaves(lobe, bsdf):
         return bsdf.eval_pdf(lobe, si, wo, active)
-
-    def evaluated(
-        one: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-    ) -> tuple[mi.Spectrum, mi.Float]:
-        if _of_leaves(lobe, one):
-            return one.eval_pdf(lobe, si, wo, active)
-        half = _mixes(lobe, one)
-        asked = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
-        f, pdf = one.eval_pdf(lobes.and_through(asked) if any(_within(one, MASK)) else asked, si, wo, active)
-        return f, pdf * 0.5 if half else pdf
-
-    if not dr.is_jit_v(mi.Float):
-        return evaluated(bsdf, si, wo, active)
-    return dr.dispatch(bsdf, evaluated, si, wo, active)
+    half = _mixes(lobe, bsdf)
+    asked = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
+    f, pdf = bsdf.eval_pdf(lobes.and_through(asked) if any(_within(bsdf, MASK)) else asked, si, wo, active)
+    return f, pdf * 0.5 if half else pdf
 
 
-#: Class names of Mitsuba's BSDFs that have components by name, but evaluate all of them.
-BY_NAME_ONLY = ("Principled", "PrincipledThin")
+#: Class names of Mitsuba's BSDFs that name their components, but evaluate all of them together.
+EVALUATED_TOGETHER = ("Principled", "PrincipledThin")
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:
     """Whether ``bsdf``, or one within it, has inseparable lobes: a known class, or a component of several lobes."""
     return any(
-        one.class_name() in BY_NAME_ONLY or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
+        one.class_name() in EVALUATED_TOGETHER or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
         for one in all_within(bsdf)
     )
 
@@ -181,44 +142,30 @@ def any_inseparable(scene: mi.Scene) -> bool:
     return any(is_inseparable(shape.bsdf()) for shape in all_shapes(scene) if shape.bsdf() is not None)
 
 
-def without_separable_lobes(bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-    """The lanes whose BSDF (``mi.BSDFPtr``, or one in scalar variants) has no separable lobes."""
-    if not dr.is_jit_v(mi.Float):
-        return is_inseparable(bsdf)
-    return dr.dispatch(bsdf, lambda one, active: mi.Bool(is_inseparable(one)), active)
-
-
 def _lobes_of(flags: int) -> int:
     return sum(bool(lobes.has_any(int(flags), *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE))
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
     """Whether the sample ``bs`` of a BSDF without separable lobes belongs to ``lobe``. Each sample belongs to exactly
-    one of the lobes that are followed separately; a specular sample to the one of its side.
+    one of the lobes that have a ray of their own; a specular sample to the one of its side.
     """
-    diffuse = but_not(
-        lobes.has_any(bs.sampled_type, *lobes.DIFFUSE),
-        lobes.has_any(bs.sampled_type, *lobes.REFLECTED, *lobes.REFRACTED),
-    )
+    specular = lobes.has_any(bs.sampled_type, *lobes.REFLECTED, *lobes.REFRACTED)
+    diffuse = but_not(lobes.has_any(bs.sampled_type, *lobes.DIFFUSE), specular)
     through = mi.Frame3f.cos_theta(wi) * mi.Frame3f.cos_theta(bs.wo) < 0
-    asked = [bool(lobes.has_any(lobe.type_mask, *names)) for names in (lobes.DIFFUSE, lobes.REFRACTED, lobes.REFLECTED)]
-    is_diffuse, is_refracted, is_reflected = (
-        diffuse,
-        but_not(through, diffuse),
-        but_not(but_not(mi.Bool(True), through), diffuse),
-    )
-    return (is_diffuse & asked[0]) | (is_refracted & asked[1]) | (is_reflected & asked[2])
+    side = dr.select(through, mi.UInt32(lobes.mask(*lobes.REFRACTED)), lobes.mask(*lobes.REFLECTED))
+    return (dr.select(diffuse, lobes.mask(*lobes.DIFFUSE), side) & lobe.type_mask) != 0
 
 
 class Leaf(NamedTuple):
-    """A BSDF that others mix; None for what passes straight through."""
+    """A BSDF within others and its share; None for what passes straight through."""
 
     share: mi.Float
     bsdf: mi.BSDF | None
-    #: Whether it is asked as if it were seen from the front, wherever it is seen from.
-    turns: bool = False
+    #: Whether a ``twosided`` lets it be seen from the front always.
+    turned: bool = False
 
-    def of(self, part: mi.Float) -> Leaf:
+    def scaled(self, part: mi.Float) -> Leaf:
         """The leaf with a ``part`` of its share."""
         return self._replace(share=part * self.share)
 
@@ -229,22 +176,22 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
     if kind == BLEND:
         weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
         halves = (1 - weight, inner["bsdf_0"]), (weight, inner["bsdf_1"])
-        return [leaf.of(part) for part, half in halves for leaf in leaves(half, si, active)]
+        return [leaf.scaled(part) for part, half in halves for leaf in leaves(half, si, active)]
     if kind == MASK:
         opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
-        nested = [leaf.of(opacity) for leaf in leaves(inner["nested_bsdf"], si, active)]
+        nested = [leaf.scaled(opacity) for leaf in leaves(inner["nested_bsdf"], si, active)]
         return [*nested, Leaf(1 - opacity, None)]
     if kind == TWO_SIDED:
         return [
-            leaf._replace(turns=True).of(part)
+            leaf._replace(turned=True).scaled(part)
             for part, side in sides(bsdf, si)
-            for leaf in leaves(side, turned(si), active)
+            for leaf in leaves(side, from_front(si), active)
         ]
     return [Leaf(mi.Float(1), bsdf)]
 
 
 def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
-    """What a ``twosided`` consists of: each with 1 where ``si`` is seen from its side, else 0."""
+    """The BSDFs of a ``twosided``: each with 1 where ``si`` is seen from its side, else 0."""
     inner = parts(bsdf)
     front, back = inner["brdf_0"], inner["brdf_1"]
     if front is back:
@@ -253,7 +200,7 @@ def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi
     return [(dr.select(in_front, mi.Float(1), 0), front), (dr.select(in_front, mi.Float(0), 1), back)]
 
 
-def turned(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
+def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
     """``si`` as if it were seen from the front."""
     other = mi.SurfaceInteraction3f(si)
     other.wi.z = dr.abs(si.wi.z)
@@ -261,7 +208,7 @@ def turned(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
 
 
 def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
-    """The share of that which ``bsdf`` itself samples by the number ``choice``, within its blends."""
+    """Share, with derivatives, of the BSDF within the blends of ``bsdf`` that this samples by the number ``choice``."""
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
         weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
@@ -274,27 +221,26 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
         nested = blend_share(inner["nested_bsdf"], si, choice / dr.maximum(a, 1e-8), active)
         return dr.select(choice < a, nested, 1)
     if kind == TWO_SIDED:
-        return sum(
-            (part * blend_share(side, turned(si), choice, active) for part, side in sides(bsdf, si)), mi.Float(0)
-        )
+        front = from_front(si)
+        return sum((part * blend_share(side, front, choice, active) for part, side in sides(bsdf, si)), mi.Float(0))
     return mi.Float(1)
 
 
 def sample_leaves(
-    ctx: mi.BSDFContext,
-    si: mi.SurfaceInteraction3f,
+    lobe: mi.BSDFContext,
     bsdf: mi.BSDF,
+    si: mi.SurfaceInteraction3f,
     choice: mi.Float,
     point: mi.Point2f,
     active: mi.Bool,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """A sample of all of ``bsdf``: of an ideal lobe with the probability as ``pdf``, of others with the density of all
-    that are not ideal.
+    """``(bs, weight)``: a sample of the BSDFs that ``bsdf`` mixes. ``bs.pdf`` of an ideal lobe is its probability, that
+    of other lobes is the density of all that are not ideal.
     """
     bs, weight, below = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi
     mixed = leaves(bsdf, si, active)
-    for known, leaf, turns in mixed:
+    for known, leaf, turned in mixed:
         part = dr.detach(known)
         chosen = active & (choice >= below) & (part > 0)
         if leaf is None:
@@ -302,18 +248,18 @@ def sample_leaves(
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, mi.Float(1), mi.Float(1), mi.UInt32(+mi.BSDFFlags.Null)
         else:
             rest = dr.clip((choice - below) / dr.select(part > 0, part, 1), 0, 1)
-            one, value = leaf.sample(ctx, turned(si) if turns else si, rest, point, chosen)
-            if turns:
+            one, value = leaf.sample(lobe, from_front(si) if turned else si, rest, point, chosen)
+            if turned:
                 one.wo.z = dr.mulsign(one.wo.z, si.wi.z)
         one.pdf *= part
         bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(known), weight)
         below += part
     smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
     f, pdf = mi.Spectrum(0), mi.Float(0)
-    for part, leaf, turns in mixed:
+    for part, leaf, turned in mixed:
         if leaf is not None:
-            wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if turns else bs.wo
-            f_leaf, pdf_leaf = leaf.eval_pdf(ctx, turned(si) if turns else si, wo, smooth)
+            wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if turned else bs.wo
+            f_leaf, pdf_leaf = leaf.eval_pdf(lobe, from_front(si) if turned else si, wo, smooth)
             f, pdf = f + part * f_leaf, pdf + part * pdf_leaf
     bs.pdf = dr.select(smooth, pdf, bs.pdf)
     return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)

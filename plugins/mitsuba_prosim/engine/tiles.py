@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
-from typing import Any
 
-import drjit as dr
-import mitsuba as mi
+import numpy as np
 
 from .plan import Rectangle, area
 
@@ -55,8 +53,8 @@ class Tiles:
         width, height = region[2] - region[0], region[3] - region[1]
         return cls(region, max(1, width // side), max(1, height // side), parts)
 
-    def owned(self, part: Part, x: Any, y: Any) -> Any:
-        """Which of the pixels (x, y) of the region, integer arrays of Dr.Jit or NumPy, are those of ``part``."""
+    def owned(self, part: Part, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Which of the pixels (x, y) of the region, integer arrays, are those of ``part``."""
         left, top, right, bottom = self.region
         column, row = (x - left) * self.columns // (right - left), (y - top) * self.rows // (bottom - top)
         return (column + row * self.shift) % self.parts == part.number - 1
@@ -67,15 +65,13 @@ class Tiles:
         coprime = (shift for shift in range(1, self.parts + 1) if gcd(shift, self.parts) == 1)
         return min(coprime, key=lambda shift: abs(shift - SHIFT * self.parts))
 
-    def near(self, part: Part, x: mi.Int32, y: mi.Int32, reach: int) -> mi.Bool:
-        """Which of the pixels (x, y), all within ``reach`` of the region, are so near to one of ``part``; ``reach``: at
-        most the side of a tile.
+    def near(self, part: Part, x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
+        """Which of the pixels (x, y), all within ``reach`` of the region, are within ``reach`` of one of ``part``;
+        ``reach``: at most the side of a tile.
         """
         left, top, right, bottom = self.region
-        xs = [dr.clip(x + step, left, right - 1) for step in (-reach, 0, reach)]
-        ys = [dr.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)]
-        result = mi.Bool(False)
-        for px in xs:
-            for py in ys:
+        result = np.zeros(np.broadcast_shapes(x.shape, y.shape), bool)
+        for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
+            for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
                 result |= self.owned(part, px, py)
         return result

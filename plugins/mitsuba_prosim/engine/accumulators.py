@@ -1,0 +1,133 @@
+"""The sums over the samples of every pixel, and the adaptive state of an image (section 5.3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .error import standard_error
+from .plan import UNLIMITED, Plan, Rectangle, area, pixels, widened
+from .tiles import Part, Tiles
+
+if TYPE_CHECKING:
+    from .estimator import Estimator
+    from .policies import Policy
+
+#: A sample counts as no brighter than this in the estimated error: the squares of N² samples stay finite.
+BRIGHTEST = 1e16
+
+#: A darker sample counts as black there: its square would be a denormal number, which Dr.Jit's threads round to zero
+#: and the main thread does not.
+DARKEST = 1e-16
+
+
+@dataclass
+class Accumulators:
+    """Sums over the first ``count`` samples of each pixel: Dr.Jit arrays with one entry per pixel.
+
+    They are added in the order of the samples, wherever a render stops: the bits depend on ``count`` alone.
+    """
+
+    #: The film's values, weighted by its filter, for every pixel within the filter's reach, row by row, channel by
+    #: channel.
+    sums: list[mi.Float]
+    #: Sums of the luminance, of its square, and of the square of its mean over each complete pass.
+    total: mi.Float
+    squares: mi.Float
+    pass_squares: mi.Float
+    #: Sum of the luminance over the current pass.
+    in_pass: mi.Float
+    #: Number of samples.
+    count: mi.UInt32
+
+    @classmethod
+    def empty(cls, values: int, pixels: int) -> Accumulators:
+        """Accumulators without samples, of ``values`` sums in each of ``pixels`` pixels."""
+        a, b, c, d, *sums = (dr.zeros(mi.Float, pixels) for _ in range(values + 4))
+        result = cls(sums, a, b, c, d, dr.zeros(mi.UInt32, pixels))
+        dr.make_opaque(result)
+        return result
+
+    def at(self, index: mi.UInt32) -> Accumulators:
+        """The entries at ``index``."""
+        return dr.gather(Accumulators, self, index)
+
+    def put(self, other: Accumulators, index: mi.UInt32) -> None:
+        """Replaces the entries at ``index``, each at most once."""
+        dr.scatter(self, other, index, mode=dr.ReduceMode.NoConflicts)
+
+    def error(self, n: int) -> mi.Float:
+        """Standard error of the mean luminance; between passes of ``n`` samples after two or more complete ones."""
+        count = mi.Float(self.count)
+        between = standard_error(self.total / n, self.pass_squares, count / n)
+        complete = (self.count > n) & (self.count % n == 0)
+        return dr.select(complete, between, standard_error(self.total, self.squares, count))
+
+
+class FilmState:
+    """The accumulators of all pixels of an image, and the adaptive state: a checkpoint when saved.
+
+    The first samples of a pixel are the same in any order of work, so that the image depends on the counts alone.
+    ``policy``: its decisions look at pixels beyond the image; ``part``: the part whose samples are taken, None for all.
+    """
+
+    def __init__(self, plan: Plan, estimator: Estimator, policy: Policy, part: Part | None = None) -> None:
+        self.plan, self.estimator, self.policy, self.part = plan, estimator, policy, part
+        margin = policy.rounds * policy.reach
+        #: The pixels of the arrays, row by row.
+        self.outer = widened(plan.region, margin, plan.domain)
+        self.tiles = None if part is None else Tiles.of(plan.region, part.of, margin)
+        self.x, self.y, *_ = pixels(self.outer)
+        self.accumulators = Accumulators.empty(estimator.values, area(self.outer))
+        dr.eval(self.x, self.y)
+        #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, as measured
+        #: last by :class:`.SecondImage`.
+        self.noise = (float("nan"),) * 3
+        #: How often the policy has decided; 0 before the end of the first pass.
+        self.rounds = 0
+        #: The counts of the current pass; None in the first pass and between two.
+        self.wanted: np.ndarray | None = None
+        #: With an error target: the samples per requested sample; and the requested samples, if decided once.
+        self.effort = 0.0
+        self.requested: np.ndarray | None = None
+        #: Accumulators of the :class:`.SecondImage`.
+        self.second: Accumulators | None = None
+
+    def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
+        """The entries of the pixels of ``rectangle``, shape (height, width); a view of a NumPy array."""
+        left, top, right, bottom = self.outer
+        plane = values if isinstance(values, np.ndarray) else np.array(values)
+        plane = plane.reshape(bottom - top, right - left)
+        return plane[rectangle[1] - top : rectangle[3] - top, rectangle[0] - left : rectangle[2] - left]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number of samples of each pixel whose samples reach the window, shape (height, width)."""
+        return self.crop(self.accumulators.count, self.plan.region)
+
+    def share(self, counts: np.ndarray, reach: int) -> np.ndarray:
+        """``counts`` for the pixels within ``reach`` of this part, 0 for the others."""
+        if self.part is None or self.tiles is None:
+            return counts
+        return np.where(self.tiles.near(self.part, np.array(self.x), np.array(self.y), reach), counts, np.uint32(0))
+
+    def request(self, margin: int = 0) -> np.ndarray:
+        """The samples that the policy requests for each pixel within ``margin`` of the region, 0 for the others."""
+        left, top, right, bottom = self.outer
+        size = dr.opaque(mi.UInt32, right - left), dr.opaque(mi.UInt32, bottom - top)
+        values = self.policy.request(replace(self.accumulators, sums=[]), *size)
+        there, result = widened(self.plan.region, margin, self.plan.domain), np.zeros(area(self.outer), np.float32)
+        self.crop(result, there)[:] = self.crop(values, there)
+        return result
+
+    def rounded(self, request: np.ndarray) -> np.ndarray:
+        """Counts for the requested samples: those of the first pass, or a power of two, for which Sobol' points are
+        best, within what the plan allows.
+        """
+        least, power = self.plan.least, np.frexp(np.ceil(np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)) - 1)[1]
+        counts = np.where(request <= least, least, np.left_shift(1, power))
+        return np.minimum(counts, self.plan.most).astype(np.uint32)

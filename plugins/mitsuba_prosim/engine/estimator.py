@@ -1,0 +1,153 @@
+"""Samples of pixels: from the camera through the scene to the film's values (section 5.3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..sampling import wavelengths
+from ..sampling.hash import combine
+from ..sampling.nrook import NRook
+from ..sampling.sobol import Sobol
+from ..transport.context import LENS, PIXEL, TIME_AND_WAVELENGTH
+from .accumulators import BRIGHTEST, DARKEST, Accumulators
+from .camera import ray_sampler
+from .film import Channels, luminance
+from .plan import Plan
+from .policies import Policy
+
+
+class Estimator:
+    """Takes samples of ``scene`` as seen by ``sensor``; ``transport`` finds the radiance along rays."""
+
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, transport: Any, channels: Channels) -> None:
+        self.scene, self.sensor, self.transport, self.channels = scene, sensor, transport, channels
+        self.rays = ray_sampler(sensor)
+        self.rfilter = sensor.film().rfilter()
+        self.reach = self.rfilter.border_size()
+        width, height = (int(v) for v in sensor.film().size())
+        self.inverse_size = mi.Vector2f(dr.opaque(mi.Float, 1 / width), dr.opaque(mi.Float, 1 / height))
+
+    @property
+    def values(self) -> int:
+        """Number of the sums of a pixel: for each channel, one for each pixel within the filter's reach."""
+        return len(self.channels.names) * (2 * self.reach + 1) ** 2
+
+    @property
+    def smoothing(self) -> float:
+        """The part of the standard error that the filter leaves, of pixels that differ by their noise alone."""
+        r = self.reach + 0.5
+        x = np.linspace(-r, r, 2001)
+        f = np.array(self.rfilter.eval(mi.Float(x)), dtype=np.float64)
+        return 1.0 if self.rfilter.is_box_filter() else float(np.mean(f**2) / np.mean(f) ** 2 / (2 * r))
+
+    def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
+        """Camera ray through pixel (x, y): ``(ray, weight, position)``; ``position`` is relative to the pixel."""
+        position = points(PIXEL)
+        lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
+        time = mi.Float(self.sensor.shutter_open())
+        if self.sensor.shutter_open_time() > 0:
+            time += points(TIME_AND_WAVELENGTH).x * self.sensor.shutter_open_time()
+        wavelength = self._wavelength(points) if mi.is_spectral else mi.Float(0.5)
+        on_film = (mi.Point2f(mi.Float(x), mi.Float(y)) + position) * self.inverse_size
+        ray, weight = self.rays(time, wavelength, on_film, lens)
+        return ray, weight, position
+
+    def _wavelength(self, points: NRook | Sobol) -> mi.Float:
+        """The number in [0, 1) by which the sensor draws the wavelengths of a sample: those of its photons, or the
+        pixel's own. Their order among the samples does no harm: the strata of a space are drawn again in each pass.
+        """
+        if self.transport.caustics is not None:
+            return self.transport.caustics.wavelength(points.t)
+        return wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), *points.division)
+
+    def sample(self, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
+        """The ``t``-th sample of the pixels (x, y): ``(values, luminance, position)``; ``values``: what the film stores
+        for a sample of weight 1.
+        """
+        points = plan.points(x, y, t)
+        if self.transport.caustics is not None:  # it divides the spectrum as its photons do
+            points.division = self.transport.caustics.division(t)
+        ray, weight, position = self.camera_ray(x, y, points)
+        L, hit, *others = self.transport(ray, points, True)
+        L *= weight
+        # A direction at grazing incidence can overflow; one such sample must not blacken its pixel.
+        L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+        alpha = dr.select(hit, mi.Float(1), 0)
+        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, *others)
+        return values, luminance(L, ray.wavelengths), position
+
+    def spread(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
+        """``(weight, value)`` for each pixel within the filter's reach, row by row, and each value."""
+        if self.rfilter.is_box_filter():
+            return [(mi.Float(1), v) for v in values]
+        offsets = range(-self.reach, self.reach + 1)
+        across = [self.rfilter.eval(k + 0.5 - position.x) for k in offsets]
+        down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
+        return [(wx * wy, v) for wy in down for wx in across for v in values]
+
+    def take(
+        self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, policy: Policy | None = None
+    ) -> Accumulators:
+        """Continues from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or have converged by
+        ``policy`` after a pass. All arrays are evaluated, so that one kernel serves every work item; so is the result.
+        """
+        n = plan.n
+
+        def unfinished(sums: Accumulators, until: mi.UInt32) -> mi.Bool:
+            converged = None if policy is None else policy.converged(sums.total, sums.squares, sums.count)
+            active = sums.count < until
+            return active if converged is None else active & ~((sums.count % n == 0) & converged)
+
+        def step(sums: Accumulators, until: mi.UInt32, active: mi.Bool) -> tuple[Accumulators, mi.UInt32, mi.Bool]:
+            t = sums.count
+            values, Y, position = self.sample(plan, x, y, t)
+            filtered = [s + w * v for s, (w, v) in zip(sums.sums, self.spread(values, position))]
+            Y = dr.clip(dr.select(dr.abs(Y) > DARKEST, Y, 0), -BRIGHTEST, BRIGHTEST)
+            in_pass = sums.in_pass + Y
+            last = (t + 1) % n == 0
+            sums = Accumulators(
+                filtered,
+                sums.total + Y,
+                sums.squares + dr.square(Y),
+                sums.pass_squares + dr.select(last, dr.square(in_pass / n), 0),
+                dr.select(last, 0, in_pass),
+                t + 1,
+            )
+            return sums, until, unfinished(sums, until)
+
+        for which, until in self.photon_sets(plan, start.count, end):
+            if which is not None:
+                self.transport.caustics.draw(*which)
+            start, *_ = dr.while_loop(
+                (start, until, unfinished(start, until)),
+                lambda sums, until, active: active,
+                step,
+                labels=("sums", "until", "active"),
+                max_iterations=-1,
+            )
+            dr.eval(start)
+        return start
+
+    def photon_sets(
+        self, plan: Plan, count: mi.UInt32, end: mi.UInt32
+    ) -> Iterator[tuple[tuple[int, int, int] | None, mi.UInt32]]:
+        """The sets of photons by which pixels continue from ``count`` to ``end``: seed, number and samples of a pass of
+        each, and the counts that it leads to, as each serves as many samples of all pixels as it has maps. Without
+        caustics: None, and ``end``.
+        """
+        caustics = self.transport.caustics
+        if caustics is None:
+            yield None, end
+            return
+        maps = caustics.maps(plan.n)
+        lacking = count < end
+        least, most = dr.min(dr.select(lacking, count, end)), dr.max(end)
+        for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
+            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
+            if dr.any((count < dr.minimum(end, after)) & (end > first)):
+                yield (plan.photon_seed, number, plan.n), dr.maximum(count, dr.minimum(end, after))

@@ -1,0 +1,125 @@
+"""How a surface samples a source: any emitter by Mitsuba's own method, and a constant sky by projected solid angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import drjit as dr
+import mitsuba as mi
+
+from ..compat import eval_direction
+from .reparameterisation import with_surface
+
+#: One emitter, or a Dr.Jit array of them.
+Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
+#: The number of a lamp: an integer, or a Dr.Jit array.
+Index: TypeAlias = "int | mi.UInt32"
+
+
+@dataclass
+class Receiver:
+    """The point that light is sampled for (pbrt's ``LightSampleContext``)."""
+
+    si: mi.SurfaceInteraction3f | mi.Interaction3f
+    #: ``mi.Normal3f``: unit normal on the viewer's side.
+    n: mi.Normal3f
+    #: Mask of the surfaces that light from below the horizon reaches too (rough glass), or False where there is none.
+    both_sides: mi.Bool | bool = False
+
+
+def weighted(
+    emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool
+) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    """``(ds, weight)``: the sample ``ds`` of ``emitter``, which was drawn with the density ``ds.pdf`` per solid angle,
+    and radiance over density. Both ``ds.pdf`` and ``weight`` are 0 where there is nothing to sample.
+    """
+    visible = active & (ds.pdf > 0)
+    ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
+    weight = eval_direction(emitter, receiver.si, ds, visible) / dr.select(visible, ds.pdf, 1)
+    ds.pdf = dr.select(visible, ds.pdf, 0)
+    return ds, dr.select(visible, weight, 0)
+
+
+def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f:
+    """A ``mi.DirectionSample3f`` in the direction ``d``, else empty."""
+    ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
+    ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
+    return ds
+
+
+class OtherLights:
+    """Emitters that are sampled by their own ``sample_direction``: all that no other strategy takes. Base class of the
+    other strategies. ``emitters``: those of this strategy, in the order of their numbers.
+    """
+
+    #: Whether all of a source is sampled, also what is below the horizon.
+    whole_sphere = True
+    #: Whether :meth:`may_meet` can exclude that a ray meets a source.
+    can_exclude = False
+    #: Whether :meth:`reparameterised` needs the point ``met``.
+    follows_shape = True
+
+    def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
+        pass
+
+    @staticmethod
+    def takes(emitter: Emitter) -> bool:
+        """Whether this strategy can sample ``emitter``."""
+        return True
+
+    def sample(
+        self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """``(ds, weight)``: a point of the source ``number``, which is ``emitter``, as seen from ``receiver``, with the
+        density ``ds.pdf`` per solid angle; and radiance over density. ``sample``: a point in [0, 1)².
+        """
+        ds, weight = emitter.sample_direction(receiver.si, sample, active)
+        ds.delta = mi.Bool(ds.delta)
+        return ds, weight
+
+    def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
+        return ds.emitter.pdf_direction(receiver.si, ds, active)
+
+    def may_meet(self, number: Index, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
+        """Whether the ray (o, d) may meet the source ``number`` if nothing is in the way."""
+        return mi.Bool(True)
+
+    def reparameterised(
+        self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Float]:
+        """``(ds, jacobian)``, both with derivatives: the direction ``d`` to the point ``met`` of the source ``number``,
+        which moves with that source; see :mod:`.reparameterisation`.
+        """
+        assert met is not None
+        moved, jacobian = with_surface(receiver.si.p, met)
+        ds = direction_sample(receiver, dr.replace_grad(d, moved))
+        ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(met.p - receiver.si.p)
+        return ds, jacobian
+
+
+class ConstantSky(OtherLights):
+    """Mitsuba's ``constant``: a sphere around the scene, sampled by projected solid angle. ``distance``: its radius."""
+
+    whole_sphere = False
+
+    def __init__(self, distance: float) -> None:
+        self.distance = distance
+
+    @staticmethod
+    def takes(emitter: Emitter) -> bool:
+        """Whether ``emitter`` is a constant sky."""
+        return emitter.class_name() == "ConstantBackgroundEmitter"
+
+    def sample(
+        self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """``(ds, weight)``: a point of the sky above the horizon of ``receiver``."""
+        local = mi.warp.square_to_cosine_hemisphere(sample)
+        ds = direction_sample(receiver, mi.Frame3f(receiver.n).to_world(local))
+        ds.dist = mi.Float(self.distance)
+        ds.p, ds.n = receiver.si.p + ds.d * self.distance, -ds.d
+        ds.pdf = mi.warp.square_to_cosine_hemisphere_pdf(local)
+        return weighted(emitter, receiver, ds, active)

@@ -1,0 +1,170 @@
+"""Checkpoints as files: to the bit, complete or refused, and from time to time."""
+
+import errno
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+import pytest
+from mitsuba_prosim import atomic
+from mitsuba_prosim.engine import checkpoint, origin
+from mitsuba_prosim.engine.checkpoint import Checkpoint, CheckpointError, CheckpointWriter, NotACheckpointError
+
+FACTS = {
+    "samples": {"seed": 0, "window": [0, 0, 5, 3]},
+    "sampling": {"adaptive": "none"},
+    "part": None,
+    "region": [0, 0, 5, 3],
+    "outer": [-1, -2, 4, 1],
+    "noise": [0.1 + 0.2, float("nan"), 0.0],
+    "seconds": 1e-300,
+    "finished": True,
+}
+
+
+def made(**facts):
+    rng = np.random.default_rng(1)
+    bits = rng.integers(0, 2**32, (3, 15), dtype=np.uint32)  # whatever 32 bits may be: NaNs, denormals, -0
+    bits[0, :4] = 0x7FC12345, 0xFF812345, 0x80000000, 1
+    total, count = bits[0].view(np.float32), bits[1] | 1
+    count[3], total[3] = 0, 0  # pixels without samples are left out
+    return Checkpoint(
+        FACTS | facts, {"total": total, "count": count}, {"total": bits[2]}, {"job": {"scene": "é\udcff"}}
+    )
+
+
+def parts(of=3, **facts):
+    empty = {"total": np.zeros(15, np.float32), "count": np.zeros(15, np.uint32)}
+    return [
+        Checkpoint(FACTS | {"part": [k, of], "tiles": [2, 1], **facts}, empty, {}, {"digest": "a"})
+        for k in range(1, of + 1)
+    ]
+
+
+def change(path, **values):
+    """Replaces facts of a checkpoint."""
+    with np.load(path) as archive:
+        contents = dict(archive)
+    contents["facts"] = np.array(json.dumps(json.loads(str(contents["facts"])) | values))
+    with open(path, "wb") as file:
+        np.savez(file, **contents)
+
+
+def test_a_checkpoint_is_read_as_it_was_written(variant_rgb, tmp_path):
+    before, path = made(), tmp_path / "a.state.npz"
+    checkpoint.save(before, path)
+    after = checkpoint.load(path)
+    for mine, theirs in ((before.pixels, after.pixels), (before.second, after.second)):
+        assert [(k, v.dtype, v.tobytes()) for k, v in mine.items()] == [
+            (k, v.dtype, v.tobytes()) for k, v in theirs.items()
+        ]
+    assert json.dumps(after.facts) == json.dumps(before.facts) and after.about == before.about
+
+
+def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
+    path = tmp_path / "a.state.npz"
+    checkpoint.save(made(), path)
+    content = path.read_bytes()
+    for size in (0, 5, 300, len(content) // 2, len(content) - 90, len(content) - 1):
+        path.write_bytes(content[:size])
+        with pytest.raises(CheckpointError, match=r"is no checkpoint|is damaged or not complete"):
+            checkpoint.load(path)
+    for old, new in (
+        (np.uint32(0x7FC12345).tobytes(), b"\0\0\0\0"),
+        ('"seed"'.encode("utf-32-le"), '"sead"'.encode("utf-32-le")),
+    ):
+        assert old in content
+        path.write_bytes(content.replace(old, new))
+        with pytest.raises(CheckpointError, match="is damaged"):
+            checkpoint.load(path)
+    OpenEXR.File({"prosim.state": "{}"}, {"R": np.zeros((2, 2), np.float32)}).write(str(path))
+    with pytest.raises(CheckpointError, match="written by an older version"):
+        checkpoint.load(path)
+    OpenEXR.File({}, {"R": np.zeros((2, 2), np.float32)}).write(str(path))
+    with pytest.raises(NotACheckpointError, match="is no checkpoint"):
+        checkpoint.load(path)
+    with pytest.raises(FileNotFoundError):
+        checkpoint.load(tmp_path / "nothing")
+    with pytest.raises(OSError, match="No space"):
+        made().write(Path("/dev/full"))
+
+
+def test_the_origin_of_a_checkpoint(variant_rgb, tmp_path):
+    path, here = tmp_path / "a.state.npz", origin.here()
+    assert all(here.values()) and here["variant"] == mi.variant()
+    checkpoint.save(made(), path)
+    for name, says in [
+        ("mitsuba-prosim", "mitsuba-prosim 0.0 there"),
+        ("variant", "variant 0.0 there, llvm_ad_rgb here"),
+    ]:
+        change(path, origin=here | {name: "0.0"})
+        with pytest.raises(CheckpointError, match=says):
+            checkpoint.load(path)
+    change(path, origin=here | {"processor": "another"})
+    with pytest.warns(UserWarning, match="processor another there"):
+        checkpoint.load(path)
+    change(path, origin=here, format=checkpoint.FORMAT + 1)
+    with pytest.raises(CheckpointError, match=r"has format \d+, and this version reads format"):
+        checkpoint.load(path)
+
+
+def test_parts_that_are_missing_doubled_unfinished_or_of_another_image(variant_rgb, tmp_path):
+    first, second, third, foreign, other, open_, whole = paths = [tmp_path / f"{name}.npz" for name in "123fouw"]
+    more = [parts(samples={"seed": 7, "window": [0, 0, 5, 3]})[2], parts(2)[1], parts(finished=False)[2], made()]
+    for path, part in zip(paths, parts() + more):
+        checkpoint.save(part, path)
+    for names, says in [
+        ([first, third], "of 3 parts, part 2 is missing"),
+        ([second], "of 3 parts, parts 1, 3 are missing"),
+        ([first, second, third, first.parent / "." / "2.npz", whole], "is the state of a whole image"),
+        ([first, second, foreign], "f.npz is not of the image that .*1.npz is a part of .seed: 7 here, 0 there"),
+        ([first, other], "number of parts: 2 here, 3 there"),
+        ([first, second, open_], "u.npz is not finished; continue it first: prosim resume"),
+        ([first, whole, third], "w.npz is the state of a whole image"),
+        ([], "no parts"),
+    ]:
+        with pytest.raises(CheckpointError, match=says):
+            checkpoint.merge(names)
+    (tmp_path / "copy.npz").write_bytes(second.read_bytes())
+    with pytest.raises(CheckpointError, match=r"copy.npz is part 2-of-3, as .*2.npz is already"):
+        checkpoint.merge([first, second, third, tmp_path / "copy.npz"])
+    for path in first, second:
+        change(path, origin=origin.here() | {"processor": "another"})
+    with pytest.warns(UserWarning, match=r"^2 of 3 parts were made elsewhere \(processor another there") as said:
+        merged = checkpoint.merge([third, first, second])
+    assert len(said) == 1
+    assert merged.part is None and merged.facts["seconds"] == pytest.approx(3e-300, rel=1e-9)
+
+
+def test_a_checkpoint_is_written_every_few_seconds_and_seldom_if_that_takes_long(tmp_path, variant_rgb, monkeypatch):
+    clock, cost, written, said = [0.0], [0.01], [], []
+
+    def write(contents):
+        written.append(clock[0])
+        clock[0] += abs(cost[0])
+        if cost[0] < 0:
+            raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr("time.perf_counter", lambda: clock[0])
+    monkeypatch.setattr(atomic, "write", write)
+    writer, render = CheckpointWriter(tmp_path / "a", {}, said.append), SimpleNamespace(checkpoint=made)
+
+    def until(seconds):
+        del written[:]
+        while clock[0] < seconds:
+            writer(render)
+            clock[0] += 0.25
+        return np.diff(written)
+
+    assert np.all(np.abs(until(60) - 4.1) <= 0.25)
+    cost[0] = 0.5
+    assert np.all(np.abs(until(300)[2:] - 25.5) <= 0.25)  # a fiftieth of the time
+    cost[0] = -0.01
+    until(clock[0] + 100)
+    assert len(written) > 10 and len(said) == 1 and "full; the render goes on" in said[0]
+    writer(render, True)
+    writer.unwritten(tmp_path / "b")
+    assert (tmp_path / "b").read_bytes()[:2] == b"PK"

@@ -1,0 +1,96 @@
+"""Files are complete or absent, whatever the disk does, and nothing is left behind."""
+
+import os
+import resource
+import stat
+import tempfile
+from contextlib import contextmanager
+
+import pytest
+from mitsuba_prosim import atomic
+from prosim_scene import PART
+
+
+@contextmanager
+def little_room(size):
+    """No file of this process can be longer than ``size`` bytes, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_all_or_nothing(tmp_path):
+    a, b, c = tmp_path / "a", tmp_path / "b", tmp_path / "c" / "b"
+    a.write_bytes(b"old")
+    with little_room(5), pytest.raises(OSError, match="File too large"):
+        atomic.write({a: b"new", b: b"longer"})
+    assert names(tmp_path) == ["a"] and a.read_bytes() == b"old"
+    assert atomic.write({a: b"new", c: lambda path: path.write_bytes(b"longer")}) == [a, c]
+    assert names(tmp_path) == ["a", "c"] and c.read_bytes() == b"longer"
+
+
+def test_mode_and_link_stay(tmp_path):
+    true, link = tmp_path / "true", tmp_path / "link"
+    true.write_bytes(b"old")
+    true.chmod(0o640)
+    link.symlink_to(true)
+    atomic.write({link: b"new"})
+    assert link.is_symlink() and true.read_bytes() == b"new" and stat.S_IMODE(true.stat().st_mode) == 0o640
+    (circle := tmp_path / "circle").symlink_to(circle)
+    atomic.check([circle], 3)
+    atomic.write({circle: b"new"})
+    assert circle.read_bytes() == b"new"
+
+
+def test_check_finds_what_writing_would(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    longest = os.pathconf(tmp_path, "PC_NAME_MAX")
+    for path, says in [
+        (tmp_path / "folder", "this is a folder"),
+        (tmp_path / "file" / "a", "not a folder"),
+        (tmp_path / "new" / ("é" * 200), "too long"),
+        (tmp_path / ("a" * (longest + 1)), "too long"),
+    ]:
+        with pytest.raises(OSError, match=says):
+            atomic.check([path], 10)
+    atomic.check([tmp_path / ("a" * longest), tmp_path / "new" / "deep" / "b"], 10)
+    with little_room(1000):
+        atomic.check([tmp_path / "a"], 1000)
+        with pytest.raises(OSError, match="no file of 1001 bytes"):
+            atomic.check([tmp_path / "a"], 1001)
+    assert names(tmp_path) == ["file", "folder"]
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="root may write anywhere")
+def test_check_finds_a_folder_that_is_read_only(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(OSError, match="Permission denied"):
+        atomic.check([tmp_path / "a"], 10)
+
+
+def test_rescue_finds_the_first_place_with_room(tmp_path, monkeypatch):
+    for name in "TMPDIR", "HOME":
+        (tmp_path / name).mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "HOME"))
+    contents = {tmp_path / "nowhere" / "a.exr": b"image", tmp_path / "nowhere" / "a.png": b"shown"}
+    for place in "TMPDIR", "HOME":
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "TMPDIR") if place == "TMPDIR" else "/proc")
+        exr, png = atomic.rescue(contents)
+        assert exr.parent.parent == tmp_path / place and exr.read_bytes() == b"image" and png.read_bytes() == b"shown"
+
+
+def test_unfinished_files_of_killed_processes_are_removed(tmp_path):
+    for name, time in (("old", 0), ("new", None)):
+        (tmp_path / f"{PART}{name}").touch()
+        if time is not None:
+            os.utime(tmp_path / f"{PART}{name}", (time, time))
+    atomic.write({tmp_path / "a": b"content"})
+    assert names(tmp_path) == [f"{PART}new", "a"]

@@ -175,7 +175,7 @@ class GlossyGathering:
 
     def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
         """Area around ``si`` on which photons count; on near-specular surfaces the part for those that land there."""
-        area = self.footprint.evenly(si.p)
+        area = self.footprint.area(si.p)
         if not self.near_specular.any:
             return area
         return dr.select(self.near_specular(bsdf, mi.Bool(True)), area * LANDING, area)
@@ -281,7 +281,7 @@ class DensityBeyond:
             alone |= start.emitter.is_environment()
         active = but_not(active & (density > 0), first & alone)
         to_light = si.to_world(si.wi)
-        landed = LANDING * self.footprint.evenly(si.p) * dr.abs(dr.dot(si.n, to_light))
+        landed = LANDING * self.footprint.area(si.p) * dr.abs(dr.dot(si.n, to_light))
         sampled = self._light_pdf(start, eye, bsdf, to_light, active & first)
         found = dr.square(pdf) + dr.select(first, dr.square(sampled), 0)
         strategies = dr.sqrt(found * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))

@@ -154,7 +154,7 @@ class Walk:
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes)
         lands &= true > 0
-        wide = PART * state.lobe * si.t > WIDE * self.footprint.at(self.footprint.distance(si.p))
+        wide = PART * state.lobe * si.t > WIDE * self.footprint.width(si.p)
         landed = Landed(si.p, state.ray.d, arrived * (as_shaded / dr.maximum(1 - p, 1e-6)), mi.Bool(True), wide)
         # Where a choice between reflection and refraction is part of the density, that does not tell the width.
         by_gloss = but_not(lobes.has_any(bs.sampled_type, *lobes.GLOSSY), lobes.has_any(flags, *lobes.REFRACTED))

@@ -85,10 +85,10 @@ def plugin_section(name, docstring):
     for item in re.split(r"^ \* - ", listed, flags=re.MULTILINE)[1:]:
         cells = [plain(cell) for cell in re.split(r"^   - ", item, flags=re.MULTILINE)] + [""]
         parameter, kind, meaning, flags = cells[:4]
-        default = re.search(r"\(Default: (.*?)\)(?=\.?$| )", meaning)
-        meaning = sentence(re.sub(r" ?\(Default: .*?\)(?=\.?$| )", "", meaning))
+        default = "; ".join(re.findall(r"\(Default: (.*?)\)(?=[.,;]?$|[.,;]? )", meaning))
+        meaning = re.sub(r" ?\(Default: .*?\)(?=[.,;]?$|[.,;]? )", "", meaning)
         flags = flags.replace("exposed", "P").replace("differentiable", "∂").replace("discontinuous", "D")
-        rows.append([f"``{parameter}``", kind, default[1] if default else "", meaning, flags.replace(",", "")])
+        rows.append([f"``{parameter}``", kind, default, meaning, flags.replace(",", "")])
     head = ["parameter", "type", "default", "meaning", ""]
     return f"{name}\n{'~' * len(name)}\n\n{sentence(about)}\n\n{table(head, rows)}\n"
 

@@ -11,9 +11,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.cli import compare
+from mitsuba_prosim.cli import compare, progress
 from mitsuba_prosim.cli.options import InputError
-from mitsuba_prosim.cli.progress import Lines
 from mitsuba_prosim.compare import facts, measures, runs
 from mitsuba_prosim.compare.scenes import Scene, Spec, typed
 from mitsuba_prosim.scene.scene_file import SceneFile
@@ -61,8 +60,8 @@ def report(tmp_path_factory):
     arguments = ["prosim", "path:multijitter", "--rounds", "2", "--levels", "2,3", "--exposure", "-1"]
     arguments += ["--reference-seconds", "0", "--cache", str(folder / "cache"), "-m", "llvm_ad_rgb"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Lines, "SHORTEST", 0)
-        patch.setattr(Lines, "SHARE", 0)
+        patch.setattr(progress, "SHORTEST", 0)
+        patch.setattr(progress, "SHARE", 0)
         command = ["compare", str(folder / "little.xml"), *arguments, *(["--denoise"] if DENOISES else [])]
         result = CliRunner().invoke(prosim, command)
     assert result.exit_code == 0, result.output
@@ -235,11 +234,11 @@ def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, mo
 def test_references_that_can_not_be_kept(tmp_path, monkeypatch, capsys):
     """That is seen before they are rendered."""
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"--cache: references can't be kept there: .*this is not a folder"):
+    with pytest.raises(InputError, match=r"--cache: references can't be stored there: .*this is not a folder"):
         compare.place_of_references(tmp_path / "file" / "cache", tmp_path, 10)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert compare.place_of_references(None, tmp_path, 10) == tmp_path
-    assert "warning: references are not kept: " in capsys.readouterr().err
+    assert "warning: references are not stored: " in capsys.readouterr().err
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert compare.place_of_references(None, tmp_path, 10) == runs.cache_folder()
 
@@ -344,7 +343,7 @@ def test_page_in_a_browser(report):
         (["prosim,adaptiv=none"], "prosim has no parameter 'adaptiv'. Did you mean adaptive?"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
-        (["prosim", "path", "--resolution", "5x5"], "too few"),
+        (["prosim", "path", "--resolution", "5x5"], "SSIM needs 7 x 7"),
     ],
 )
 def test_wrong_input_writes_nothing(tmp_path, arguments, message):

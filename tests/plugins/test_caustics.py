@@ -8,7 +8,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.cli.job import job_of
+from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
@@ -241,9 +241,9 @@ def test_no_photons_are_sent_out_for_a_few_pixels():
 
 
 def test_the_command_asks_for_them_in_a_word():
-    assert job_of({"caustics": True}).integrator == {"caustics": True}
-    assert job_of({"caustics": False}).integrator == {"caustics": False}
-    assert job_of({"caustics": None}).integrator == {}
+    assert Job(caustics=True).integrator == {"caustics": True}
+    assert Job(caustics=False).integrator == {"caustics": False}
+    assert Job(caustics=None).integrator == {}
 
 
 def test_emitters_without_eval_direction_shine_beside_others(variant_rgb):

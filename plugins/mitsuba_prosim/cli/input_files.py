@@ -1,4 +1,4 @@
-"""The files that commands take: scenes, checkpoints of a render, parts of an image."""
+"""The files that commands take: scenes, states of a render, parts of an image."""
 
 from __future__ import annotations
 
@@ -13,24 +13,21 @@ from typing import Any
 
 import click
 
+from ..engine import checkpoint
+
 EXR, ARCHIVE = "an EXR image", "an archive"
 
-#: The first bytes of files that are no scenes, and what these files are.
+#: The first bytes of files that are no scenes, and their kinds.
 MAGIC = {
     b"v/1\x01": EXR,
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
-    b"GIF8": "a GIF image",
-    b"II*\0": "a TIFF image",
-    b"MM\0*": "a TIFF image",
-    b"ply\n": "a mesh",
-    b"ply\r": "a mesh",
-    b"%PDF": "a PDF",
+    b"ply": "a mesh",
+    b"%PDF": "a PDF file",
     b"PK\x03\x04": ARCHIVE,
-    b"\x1f\x8b": "a compressed file",
 }
 
-#: What follows the name of an image in that of its checkpoint, or of a part.
+#: What follows the name of an image in that of its state, or of a part.
 SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$|\.exr$")
 
 
@@ -41,10 +38,10 @@ class InputFile(click.Path, ABC):
     patterns: tuple[str, ...] = ()
 
     def __init__(self) -> None:
-        super().__init__(exists=True, dir_okay=False, readable=True, path_type=Path)
+        super().__init__(exists=True, readable=True, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path of the file."""
+        """Returns the path of the file."""
         path = Path(os.fsdecode(value))
         if path.is_dir():
             self.fail(f"'{path}' is a folder.{self.suggestion(path)}", param, ctx)
@@ -52,26 +49,24 @@ class InputFile(click.Path, ABC):
             nor = "" if path.parent.is_dir() else f" (nor does the folder '{path.parent}')"
             self.fail(f"File '{path}' does not exist{nor}.{self.suggestion(path)}", param, ctx)
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if (what := self.wrong(path)) is not None:
-            self.fail(f"'{path}' is {what}", param, ctx)
+        if (wrong := self.wrong(path)) is not None:
+            self.fail(f"'{path}' is {wrong}", param, ctx)
         return path
 
     @abstractmethod
     def wrong(self, path: Path) -> str | None:
-        """What a file of another kind is, and what to do; None where it may be of the right one."""
+        """The kind of a file of the wrong kind, and what to do; None for any other file."""
 
     def suggestion(self, path: Path) -> str:
-        """The file of this kind in the same folder, or in one below it, that ``path`` may mean, as a question."""
+        """A question for the file of this kind in the same folder, or in one below it, whose name is like ``path``."""
         folder = path if path.is_dir() else path.parent
         found = chain.from_iterable(folder.glob(below + one) for below in ("", "*/") for one in self.patterns)
         files: dict[str, Path] = {}
         for file in filter(lambda file: file != path, found):
             files.setdefault(stem(file).name, file)
-        likely = [*files] if path == folder else difflib.get_close_matches(path.stem, files, n=1)
-        name = path.name
-        while name and path != folder:
-            likely = [name, *likely] if name in files else likely
-            name = name.rpartition(".")[0]
+        begin = path.name.partition(".")[0]
+        likely = [*files] if path == folder else [begin] * (begin in files)
+        likely += difflib.get_close_matches(path.stem, files, n=1)
         return f" Did you mean {parts(files[likely[0]])}?" if likely else ""
 
 
@@ -81,13 +76,13 @@ class SceneFile(InputFile):
     patterns = ("*.scn", "*.xml")
 
     def wrong(self, path: Path) -> str | None:
-        """What a file is that is no scene, and what to do; None where it may be one."""
+        """As :meth:`InputFile.wrong`."""
         what = kind(path)
-        state = state_of(path) if what in (EXR, ARCHIVE) else None
-        if state:
-            return f"a part of an image, not a scene. To put all of them together: prosim merge {parts(path)}"
-        if state is not None:
-            return f"the state of a render, not a scene. To go on with it: prosim resume {shlex.quote(str(path))}"
+        part = is_part(path) if what in (EXR, ARCHIVE) else None
+        if part:
+            return f"a part of an image, not a scene. To merge all parts: prosim merge {parts(path)}"
+        if part is not None:
+            return f"the state of a render, not a scene. To continue it: prosim resume {shlex.quote(str(path))}"
         return what and f"{what}, not a scene.{self.suggestion(path)}"
 
 
@@ -95,9 +90,9 @@ class LanguageFile(SceneFile):
     """A scene in the thesis's language."""
 
     def wrong(self, path: Path) -> str | None:
-        """What a file is that is of another kind, and what to do; None where it may be of this one."""
+        """As :meth:`InputFile.wrong`."""
         if path.suffix.lower() == ".xml":
-            return f"a scene of Mitsuba's already. To render it: prosim render {shlex.quote(str(path))}"
+            return f"a Mitsuba scene already. To render it: prosim render {shlex.quote(str(path))}"
         return super().wrong(path)
 
 
@@ -105,24 +100,22 @@ class StateFile(InputFile):
     """The state of a render, or a part of an image."""
 
     patterns: tuple[str, ...] = ("*.state.npz", "*.*-of-*.npz")
-    described, writes = "the state of a render", "prosim render --keep"
+    described, writer = "the state of a render", "prosim render --keep"
 
     def wrong(self, path: Path) -> str | None:
-        """What a file is that is no state, and what to do; None where it may be one."""
+        """As :meth:`InputFile.wrong`."""
         what = kind(path)
-        if what in (EXR, ARCHIVE) and state_of(path) is not None:
+        if what in (EXR, ARCHIVE) and is_part(path) is not None:
             return None
-        if what is None and path.suffix.lower() in (".scn", ".xml"):
-            what = "a scene"
-        hint = self.suggestion(path) or f" {self.writes} writes one."
-        return f"{what + ', ' if what else ''}not {self.described}.{hint}"
+        what = f"{what or 'a text file'}, not {self.described}."
+        return what + (self.suggestion(path) or f" {self.writer} writes one.")
 
 
 class PartFile(StateFile):
     """A part of an image."""
 
     patterns = ("*.*-of-*.npz",)
-    described, writes = "a part of an image", "prosim render --part 1/4"
+    described, writer = "a part of an image", "prosim render --part 1/4"
 
 
 def stem(path: Path) -> Path:
@@ -132,13 +125,13 @@ def stem(path: Path) -> Path:
 
 
 def parts(path: Path) -> str:
-    """What the shell expands to all parts of the image of one: ``night.*-of-4.npz``; another path as it is."""
+    """A pattern for all parts of the image of one: ``night.*-of-4.npz``; another path as it is."""
     found = SUFFIXES.search(path.name)
     return f"{stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else str(path)
 
 
 def kind(path: Path) -> str | None:
-    """What a file is by its first bytes; None where they are of nothing known."""
+    """The kind of a file by its first bytes; None if they are unknown."""
     if not path.is_file():  # a pipe could not be read again
         return None
     with open(path, "rb") as file:
@@ -146,10 +139,8 @@ def kind(path: Path) -> str | None:
     return next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
 
 
-def state_of(path: Path) -> bool | None:
-    """Whether a file is the state of a part of an image alone; None where it is none at all."""
-    from ..engine import checkpoint
-
+def is_part(path: Path) -> bool | None:
+    """Whether a file is the state of a part of an image; None if it is no state."""
     try:
         return checkpoint.about(path)["facts"]["part"] is not None
     except checkpoint.NotACheckpointError:

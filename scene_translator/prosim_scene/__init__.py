@@ -13,8 +13,8 @@ from .kept import Kept
 from .language import document_of, parse
 from .language.diagnostics import SceneError, SceneWarning, Source, Span
 from .language.document import Document
+from .language.expressions import FPS, FRAME, TIME
 from .language.formatter import format
-from .language.tokens import FPS, FRAME, TIME
 from .mitsuba.context import images, located, meshes
 from .model import Leaf, Scene, View
 from .translator import check, document, load, sensor, translate

@@ -1,44 +1,43 @@
-"""What only the evaluation of the tree shows, for an editor that waits for nothing: it runs in a process of its own."""
+"""The errors and warnings that only the evaluation of the tree finds, for an editor: in a process of its own."""
 
 import asyncio
 import faulthandler
-import json
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
 import warnings
-from dataclasses import asdict
 from pathlib import Path
 
 from .language.analysis import analyse
-from .language.diagnostics import Diagnostic, SceneError, SceneWarning, diagnostic
+from .language.diagnostics import SceneError, SceneWarning
 from .language.document import Document
 from .mitsuba.assemble import assemble
 from .options import Options
 
-#: Seconds after which an evaluation is given up.
+#: Seconds after which an evaluation is stopped.
 PATIENCE = 60.0
-#: Where the package lies: what runs there finds it, and nothing that lies beside a scene.
+#: The folder of the package: the process imports from it, and never from the folder of a scene.
 PACKAGES = Path(__file__).parents[1]
 
 
-def evaluate(document: Document, folder: Path | None) -> list[Diagnostic]:
-    """What ``prosim_scene.check`` says of a document when it evaluates the tree; ``folder`` has its images."""
+def evaluate(document: Document, folder: Path | None) -> list[SceneError | SceneWarning]:
+    """The errors and warnings of ``prosim_scene.check`` about a document; ``folder`` has its images."""
+    found: list[SceneError | SceneWarning] = []
     with warnings.catch_warnings(record=True) as warned, tempfile.TemporaryDirectory() as nowhere:
         warnings.simplefilter("always", SceneWarning)
-        failed = []
         try:
             assemble(document, folder or Path(nowhere), Options(), lambda name, _: name, str)
         except SceneError as error:
-            failed.append(diagnostic(error))
-    return [*failed, *(diagnostic(w.message) for w in warned if isinstance(w.message, SceneWarning))]
+            found.append(error)
+    return found + [one.message for one in warned if isinstance(one.message, SceneWarning)]
 
 
-async def evaluated(text: str, path: Path | None) -> list[Diagnostic]:
-    """What :func:`evaluate` says of a scene that is right; nothing where it takes longer than :data:`PATIENCE`.
+async def evaluated(text: str, path: Path | None) -> list[SceneError | SceneWarning]:
+    """The result of :func:`evaluate` for a scene without errors; nothing if it takes longer than :data:`PATIENCE`.
 
-    Where this is cancelled the process ends.
+    The process ends when this is cancelled.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-c", "from prosim_scene.evaluation import main; main()"),
@@ -48,28 +47,26 @@ async def evaluated(text: str, path: Path | None) -> list[Diagnostic]:
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )
     try:
-        scene = json.dumps({"text": text, "path": path and str(path), "seconds": PATIENCE})
-        found, _ = await asyncio.wait_for(process.communicate(scene.encode()), PATIENCE)
+        found, _ = await asyncio.wait_for(process.communicate(pickle.dumps((text, path, PATIENCE))), PATIENCE)
     except asyncio.TimeoutError:
         return []
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
-    return [Diagnostic(**one) for one in json.loads(found)] if process.returncode == 0 else []
+    return pickle.loads(found) if process.returncode == 0 else []
 
 
 def main() -> None:
-    """Evaluates the scene that comes by standard input, and writes what it says to standard output, both in JSON.
+    """Evaluates the scene on standard input, and writes the result to standard output, both pickled.
 
-    Ends the process with 1 after as many seconds as the input says, also where nobody is left to end it.
+    Ends the process with 1 after the seconds that the input gives, also if its parent has ended before.
     """
-    scene = json.load(sys.stdin)
-    path = Path(scene["path"]) if scene["path"] else None
+    text, path, seconds = pickle.load(sys.stdin.buffer)
     with open(os.devnull, "w") as nowhere:
-        # No signal, nor a thread of Python's: an operation on solids may let neither in.
-        faulthandler.dump_traceback_later(scene["seconds"], exit=True, file=nowhere)
-        _, _, document = analyse(scene["text"], str(path or "<string>"))
+        # A signal, or a thread of Python, would have to wait for the operation on solids.
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        _, _, document = analyse(text, str(path or "<string>"))
         found = evaluate(document, path and path.parent) if document is not None else []
         faulthandler.cancel_dump_traceback_later()
-    print(json.dumps([asdict(one) for one in found]))
+    pickle.dump(found, sys.stdout.buffer)

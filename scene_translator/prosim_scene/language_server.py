@@ -1,13 +1,11 @@
-"""``prosim language-server``: tells an editor, by the Language Server Protocol, what ``symbols`` knows of a text."""
+"""``prosim language-server``: the Language Server Protocol over ``symbols``."""
 
 import asyncio
 import gc
 import re
 from bisect import bisect_right
-from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from urllib.parse import unquote
 
 import click
 
@@ -17,13 +15,12 @@ try:
     from lsprotocol import types as lsp
     from pygls.exceptions import JsonRpcException
     from pygls.lsp.server import LanguageServer
-    from pygls.protocol import LanguageServerProtocol, lsp_method
     from pygls.uris import to_fs_path
 except ModuleNotFoundError:
     raise click.ClickException(extras.needs("the language server", "editors")) from None
 
 from .evaluation import evaluated
-from .language.diagnostics import Diagnostic, SceneError
+from .language.diagnostics import SceneError, SceneWarning
 from .language.formatter import format
 from .symbols import Completion, Occurrence, Symbols
 
@@ -31,204 +28,126 @@ from .symbols import Completion, Occurrence, Symbols
 LARGEST = 1000
 #: Seconds without a keystroke after which a text is read again.
 DELAY = 0.03
-#: The most words that are offered at once.
+#: The most words of one list of completions.
 WORDS = 500
 KINDS = {
     "statement": lsp.CompletionItemKind.Keyword,
     "keyword": lsp.CompletionItemKind.Property,
-    "metal": lsp.CompletionItemKind.Color,
-    "glass": lsp.CompletionItemKind.Color,
-    "texture": lsp.CompletionItemKind.Color,
+    "value": lsp.CompletionItemKind.Color,
     "solid": lsp.CompletionItemKind.Class,
     "index": lsp.CompletionItemKind.Value,
     "name": lsp.CompletionItemKind.Variable,
     "function": lsp.CompletionItemKind.Function,
 }
-#: What ends a line by the protocol. For Python's ``splitlines`` others do as well, such as the form feed.
+#: The line ends of the protocol. Python's ``splitlines`` has others too, such as the form feed.
 NEWLINE = re.compile(r"\r\n?|\n")
 ENCODINGS = {"utf-8": ("utf-8", 1), "utf-16": ("utf-16-le", 2), "utf-32": ("utf-32-le", 4)}
 
 
-class Text:
-    """A text as an editor has it: in lines, and columns of units of an ``encoding``, both from 0."""
-
-    def __init__(self, text: str, encoding: str = "utf-16") -> None:
-        self.text, self.encoding = text, encoding
-
-    @cached_property
-    def lines(self) -> list[int]:
-        """Offsets at which the lines begin."""
-        return [0, *(newline.end() for newline in NEWLINE.finditer(self.text))]
-
-    @property
-    def newline(self) -> str:
-        """What ends the first line."""
-        found = NEWLINE.search(self.text)
-        return found[0] if found else "\n"
-
-    @cached_property
-    def scene(self) -> str:
-        """The text as if it was read from a file, but each character has its place: CR LF stays, others are LF."""
-        text = " " + self.text[1:] if self.text.startswith("\ufeff") else self.text
-        return re.sub(r"\r(?!\n)", "\n", text) if "\r" in text else text
-
-    def offset(self, line: int, column: int) -> int:
-        """The offset of a position; of one behind the end of a line, or of the text, that end."""
-        if line >= len(self.lines):
-            return len(self.text)
-        start = self.lines[line]
-        found = NEWLINE.search(self.text, start)
-        inside = self.text[start : found.start() if found else len(self.text)]
-        if inside.isascii():
-            return start + min(column, len(inside))
-        return start + bisect_right(range(1, len(inside) + 1), column, key=lambda n: self._units(inside[:n]))
-
-    def position(self, offset: int) -> tuple[int, int]:
-        """The line and column of an offset."""
-        line = bisect_right(self.lines, offset) - 1
-        return line, self._units(self.text[self.lines[line] : offset])
-
-    def changed(self, start: tuple[int, int], end: tuple[int, int], text: str) -> "Text":
-        """The text with another one in the place of what stands from ``start`` to ``end``."""
-        first = self.offset(*start)
-        last = max(first, self.offset(*end))
-        return Text(self.text[:first] + text + self.text[last:], self.encoding)
-
-    def _units(self, text: str) -> int:
-        """How many units a text has."""
-        codec, size = ENCODINGS[self.encoding]
-        return len(text) if text.isascii() else len(text.encode(codec, "surrogatepass")) // size
-
-
 class Opened:
-    """A document that an editor has open, and what the server is still to do for it."""
+    """A document that an editor has open. Its columns are in units of an ``encoding``, and from 0, as its lines are."""
 
-    def __init__(self, document: lsp.TextDocumentItem, encoding: str) -> None:
-        self.uri, self.version = document.uri, document.version
-        path = to_fs_path(document.uri)
+    def __init__(self, uri: str, text: str, encoding: str = "utf-16", version: int | None = None) -> None:
+        path = to_fs_path(uri)
+        self.uri, self.version, self.encoding = uri, version, encoding
         self.path = Path(path) if path else None
-        self.text = Text(document.text, encoding)
+        self.pending: asyncio.Task[None] | asyncio.TimerHandle | None = None
+        self.change(text, version)
+
+    def change(self, text: str, version: int | None) -> None:
+        """Takes another text, and cancels the work that is pending for the present one."""
+        self.cancel()
+        self.text, self.version = text, version
+        self.lines = [0, *(newline.end() for newline in NEWLINE.finditer(text))]
+        # As from a file, but each character stays in its place: a lone CR becomes LF.
+        text = " " + text[1:] if text.startswith("\ufeff") else text
+        self.scene = re.sub(r"\r(?!\n)", "\n", text)
         self._symbols: Symbols | None = None
-        self.evaluation: asyncio.Task[None] | None = None
-        self.timer: asyncio.TimerHandle | None = None
+
+    def cancel(self) -> None:
+        """Cancels the work that is pending."""
+        if self.pending is not None:
+            self.pending.cancel()
 
     @property
     def symbols(self) -> Symbols:
-        """The text as it is now, read."""
-        if self._symbols is None or self._symbols.text != self.text.scene:
-            self._symbols = Symbols(self.text.scene, self.path or self.uri)
+        """The text, read."""
+        self._symbols = self._symbols or Symbols(self.scene, self.path or self.uri)
         return self._symbols
 
-    def cancel(self) -> None:
-        """Ends what has been begun because of the text as it was."""
-        for one in (self.evaluation, self.timer):
-            if one is not None:
-                one.cancel()
-
-    def change(self, change: lsp.DidChangeTextDocumentParams) -> None:
-        """Changes parts of the text, or the whole."""
-        for one in change.content_changes:
-            if isinstance(one, lsp.TextDocumentContentChangePartial):
-                start, end = one.range.start, one.range.end
-                self.text = self.text.changed((start.line, start.character), (end.line, end.character), one.text)
-            else:
-                self.text = Text(one.text, self.text.encoding)
-        self.version = change.text_document.version
-
     def offset(self, position: lsp.Position) -> int:
-        """A position of the protocol as an offset."""
-        return self.text.offset(position.line, position.character)
+        """The offset of a position; if that is after the end of its line, or of the text, the offset of the end."""
+        if position.line >= len(self.lines):
+            return len(self.text)
+        start = self.lines[position.line]
+        found = NEWLINE.search(self.text, start)
+        inside = self.text[start : found.start() if found else len(self.text)]
+        if inside.isascii():
+            return start + min(position.character, len(inside))
+        return start + bisect_right(
+            range(1, len(inside) + 1), position.character, key=lambda n: self._units(inside[:n])
+        )
+
+    def position(self, offset: int) -> lsp.Position:
+        """The position of an offset."""
+        line = bisect_right(self.lines, offset) - 1
+        return lsp.Position(line, self._units(self.text[self.lines[line] : offset]))
 
     def range(self, start: int, end: int) -> lsp.Range:
-        """Offsets as the protocol has them."""
-        return lsp.Range(lsp.Position(*self.text.position(start)), lsp.Position(*self.text.position(end)))
+        """Two offsets as the protocol has them."""
+        return lsp.Range(self.position(start), self.position(end))
 
     def locations(self, found: list[Occurrence]) -> list[lsp.Location]:
         """Occurrences as the protocol has them."""
         return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in found]
 
-    def diagnostic(self, one: Diagnostic) -> lsp.Diagnostic:
-        """An error or a warning as the protocol has it."""
-        severity = lsp.DiagnosticSeverity.Error if one.error else lsp.DiagnosticSeverity.Warning
-        place = self.range(one.start, max(one.end, one.start + 1))
+    def diagnostic(self, one: SceneError | SceneWarning) -> lsp.Diagnostic:
+        """An error or a warning as the protocol has it; at the beginning of the text if it has no place."""
+        severity = lsp.DiagnosticSeverity.Error if isinstance(one, SceneError) else lsp.DiagnosticSeverity.Warning
+        start, end = one.span or (0, 1)
+        place = self.range(start, max(end, start + 1))
         return lsp.Diagnostic(place, one.reason, severity=severity, code=one.code or None, source="prosim")
 
-
-class Protocol(LanguageServerProtocol):
-    """pygls's own, but for the texts of documents, whose lines pygls ends where Python does."""
-
-    _server: "SceneServer"
-
-    @lsp_method(lsp.TEXT_DOCUMENT_DID_OPEN)
-    def lsp_text_document__did_open(self, params: lsp.DidOpenTextDocumentParams) -> None:
-        """Takes a document, and publishes all diagnostics, also of its tree."""
-        self._server.forget(params.text_document.uri)
-        encoding = lsp.PositionEncodingKind(self._server.workspace.position_encoding or "utf-16").value
-        document = Opened(params.text_document, encoding)
-        self._server.documents[unquote(document.uri)] = document
-        self._server.diagnose(document, whole=True)
-
-    @lsp_method(lsp.TEXT_DOCUMENT_DID_CHANGE)
-    def lsp_text_document__did_change(self, params: lsp.DidChangeTextDocumentParams) -> None:
-        """Changes a document, and publishes the diagnostics soon."""
-        if document := self._server.document(params.text_document):
-            document.change(params)
-            self._server.diagnose_soon(document)
-
-    @lsp_method(lsp.TEXT_DOCUMENT_DID_CLOSE)
-    def lsp_text_document__did_close(self, params: lsp.DidCloseTextDocumentParams) -> None:
-        """Forgets a document and its diagnostics."""
-        if self._server.forget(params.text_document.uri):
-            self._server.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(params.text_document.uri, []))
+    def _units(self, text: str) -> int:
+        """The number of units in a text."""
+        codec, size = ENCODINGS[self.encoding]
+        return len(text) if text.isascii() else len(text.encode(codec, "surrogatepass")) // size
 
 
 class SceneServer(LanguageServer):
     """A server, and the documents that are open."""
 
     def __init__(self) -> None:
-        super().__init__("prosim", version("mitsuba-prosim"), protocol_cls=Protocol)
+        # An editor sends the whole text, which has to be read as a whole anyway.
+        super().__init__("prosim", version("mitsuba-prosim"), text_document_sync_kind=lsp.TextDocumentSyncKind.Full)
         self.documents: dict[str, Opened] = {}
 
-    def document(self, named: lsp.TextDocumentIdentifier | lsp.VersionedTextDocumentIdentifier) -> Opened | None:
-        """A document, if it is open."""
-        return self.documents.get(unquote(named.uri))
-
-    def forget(self, uri: str) -> bool:
-        """Forgets a document; whether there was one."""
-        document = self.documents.pop(unquote(uri), None)
-        if document is not None:
-            document.cancel()
-        return document is not None
-
-    def diagnose_soon(self, document: Opened) -> None:
-        """Publishes the diagnostics of a document when nothing has been typed for a moment."""
-        document.cancel()
-        document.timer = asyncio.get_running_loop().call_later(DELAY, self.diagnose, document, False)
-
     def diagnose(self, document: Opened, whole: bool) -> None:
-        """Publishes the diagnostics of a document; ``whole``: later again, with those of its evaluated tree."""
+        """Publishes the diagnostics of a document; ``whole``: and later those of its evaluated tree, too."""
         document.cancel()
         symbols = document.symbols
         self.publish(document, symbols.diagnostics)
         if whole and symbols.document is not None and len(symbols.document.scene.csg) <= LARGEST:
-            document.evaluation = asyncio.get_running_loop().create_task(self.evaluate(document, symbols.diagnostics))
+            document.pending = asyncio.get_running_loop().create_task(self.evaluate(document, symbols.diagnostics))
 
-    async def evaluate(self, document: Opened, found: list[Diagnostic]) -> None:
-        """Publishes the diagnostics of the tree beside those ``found``; cancelled when the document changes."""
-        if more := await evaluated(document.text.scene, document.path):
+    async def evaluate(self, document: Opened, found: list[SceneError | SceneWarning]) -> None:
+        """Publishes the diagnostics of the tree beside those ``found``; a change of the document cancels it."""
+        if more := await evaluated(document.scene, document.path):
             self.publish(document, [*found, *more])
 
-    def publish(self, document: Opened, found: list[Diagnostic]) -> None:
+    def publish(self, document: Opened, found: list[SceneError | SceneWarning]) -> None:
         """Publishes diagnostics."""
         diagnostics = [document.diagnostic(one) for one in found]
         self.text_document_publish_diagnostics(
             lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
 
-    def symbol(self, named: lsp.TextDocumentIdentifier, position: lsp.Position) -> tuple[Opened, Occurrence] | None:
+    def symbol(
+        self, params: lsp.DefinitionParams | lsp.ReferenceParams | lsp.RenameParams
+    ) -> tuple[Opened, Occurrence] | None:
         """The document and the symbol at a place."""
-        document = self.document(named)
-        here = document.symbols.at(document.offset(position)) if document else None
+        document = self.documents.get(params.text_document.uri)
+        here = document.symbols.at(document.offset(params.position)) if document else None
         return (document, here) if document and here else None
 
 
@@ -239,36 +158,58 @@ server = SceneServer()
 def language_server() -> None:
     """Help an editor with scenes: errors while you write, completion, meanings, renaming, layout.
 
-    An editor starts it, and speaks with it by standard input and output.
+    An editor starts it, and communicates with it by standard input and output.
     """
     server.start_io()
-    gc.freeze()  # Python would look at all that there is for garbage before it ends: seconds, after a long scene
+    gc.freeze()  # Python would search all objects for garbage before it ends: seconds, after a long scene
+
+
+@server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
+def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams) -> None:
+    """Adds a document, and publishes all diagnostics, also of its tree."""
+    one = params.text_document
+    encoding = lsp.PositionEncodingKind(ls.workspace.position_encoding or "utf-16").value
+    ls.documents[one.uri] = Opened(one.uri, one.text, encoding, one.version)
+    ls.diagnose(ls.documents[one.uri], whole=True)
+
+
+@server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
+def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
+    """Changes a document, and publishes the diagnostics when nothing has been typed for a moment."""
+    document = ls.documents[params.text_document.uri]
+    document.change(params.content_changes[-1].text, params.text_document.version)
+    document.pending = asyncio.get_running_loop().call_later(DELAY, ls.diagnose, document, False)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
 def saved(ls: SceneServer, params: lsp.DidSaveTextDocumentParams) -> None:
     """Publishes all diagnostics, also of the tree."""
-    if document := ls.document(params.text_document):
+    if document := ls.documents.get(params.text_document.uri):
         ls.diagnose(document, whole=True)
+
+
+@server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
+def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
+    """Removes a document and its diagnostics."""
+    ls.documents.pop(params.text_document.uri).cancel()
+    ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(params.text_document.uri, []))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
 def complete(ls: SceneServer, params: lsp.CompletionParams) -> lsp.CompletionList:
-    """The words that fit; of very many those that have what is typed already, and the editor asks again with more."""
-    document = ls.document(params.text_document)
-    if document is None:
-        return lsp.CompletionList(False, [])
+    """The words that fit; of very many only those with the typed part, and the editor asks again with a longer one."""
+    document = ls.documents[params.text_document.uri]
     offset = document.offset(params.position)
     found = document.symbols.completions(offset)
     incomplete = len(found) > WORDS
     if incomplete:
-        typed = document.symbols.text[found[0].start : offset].casefold()
+        typed = document.scene[found[0].start : offset].casefold()
         found = [one for one in found if typed in one.label.casefold()][:WORDS]
     return lsp.CompletionList(incomplete, [_completion(one, document.range(one.start, offset)) for one in found])
 
 
 def _completion(one: Completion, place: lsp.Range) -> lsp.CompletionItem:
-    """A word as the protocol has it. Indices are in their order as numbers."""
+    """A word as the protocol has it. Indices are sorted as numbers."""
     return lsp.CompletionItem(
         label=one.label,
         kind=KINDS[one.kind],
@@ -281,9 +222,9 @@ def _completion(one: Completion, place: lsp.Range) -> lsp.CompletionItem:
 
 @server.feature(lsp.TEXT_DOCUMENT_HOVER)
 def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
-    """What a word means."""
-    document = ls.document(params.text_document)
-    if document is None or (found := document.symbols.hover(document.offset(params.position))) is None:
+    """The meaning of a word."""
+    document = ls.documents[params.text_document.uri]
+    if (found := document.symbols.hover(document.offset(params.position))) is None:
         return None
     start, end, text = found
     return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), document.range(start, end))
@@ -291,8 +232,8 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Location]:
-    """SURFACE and TRANSFORM of an index, TEXTURE of a texture, DEFAULT of a name."""
-    if (found := ls.symbol(params.text_document, params.position)) is None:
+    """SURFACE and TRANSFORM of an index, TEXTURE of a texture, SOLID of a solid, DEFAULT of a name."""
+    if (found := ls.symbol(params)) is None:
         return []
     document, here = found
     return document.locations([one for one in document.symbols.occurrences(here.symbol) if one.defines])
@@ -300,46 +241,34 @@ def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Locati
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
-    """Where an index, a texture or a name stands."""
-    if (found := ls.symbol(params.text_document, params.position)) is None:
-        return []
-    document, here = found
-    return document.locations(document.symbols.occurrences(here.symbol))
+    """All places of a symbol."""
+    found = ls.symbol(params)
+    return found[0].locations(found[0].symbols.occurrences(found[1].symbol)) if found else []
 
 
-@server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
-def prepare_rename(ls: SceneServer, params: lsp.PrepareRenameParams) -> lsp.Range | None:
-    """What would be renamed."""
-    found = ls.symbol(params.text_document, params.position)
-    return found[0].range(found[1].start, found[1].end) if found else None
-
-
-@server.feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
+@server.feature(lsp.TEXT_DOCUMENT_RENAME)
 def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-    """Another name for an index, a texture or a name, everywhere; raises JsonRpcException, which says why not."""
-    if (found := ls.symbol(params.text_document, params.position)) is None:
+    """Another name for a symbol, everywhere; raises JsonRpcException if that cannot be its name."""
+    if (found := ls.symbol(params)) is None:
         return None
     document, here = found
-    try:
-        everywhere = document.symbols.renamed(here.symbol, params.new_name)
-    except ValueError as error:
-        raise JsonRpcException(str(error), lsp.LSPErrorCodes.RequestFailed) from None
-    new = "$" + params.new_name.removeprefix("$") if here.symbol.kind == "name" else params.new_name
-    edits = [lsp.TextEdit(document.range(one.start, one.end), new) for one in everywhere]
-    return lsp.WorkspaceEdit({document.uri: edits})
+    new = "$" * (here.symbol.kind == "name") + params.new_name.removeprefix("$")
+    if document.symbols.renamed(here.symbol, new) is None:
+        reason = f"{new!r} is another symbol's name, or no name of this kind ({here.symbol.kind}); choose another one"
+        raise JsonRpcException(reason, lsp.LSPErrorCodes.RequestFailed)
+    places = document.locations(document.symbols.occurrences(here.symbol))
+    return lsp.WorkspaceEdit({document.uri: [lsp.TextEdit(one.range, new) for one in places]})
 
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
-    """The canonical layout; nothing where the text is wrong."""
-    document = ls.document(params.text_document)
-    if document is None:
-        return None
-    text = document.text.scene
-    lines = text.replace("\r\n", "\n")
+    """The canonical layout; nothing if the text has errors."""
+    document = ls.documents[params.text_document.uri]
+    lines = document.scene.replace("\r\n", "\n")
     try:
         tidy = format(lines, document.path or document.uri)
     except SceneError:
         return None
-    new = tidy.replace("\n", document.text.newline)
-    return [lsp.TextEdit(document.range(0, len(text)), new)] if tidy != lines else []
+    newline = NEWLINE.search(document.text)
+    new = tidy.replace("\n", newline[0] if newline else "\n")
+    return [lsp.TextEdit(document.range(0, len(document.text)), new)] if tidy != lines else []

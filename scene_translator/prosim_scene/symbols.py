@@ -1,39 +1,36 @@
-"""What an editor asks about a text: its symbols (indices, textures, names), what fits at a place, what a word means."""
+"""A text for an editor: its symbols (indices, textures, solids, names), the words that fit at a place, and meanings."""
 
 import re
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 from . import descriptions
 from .language import words
 from .language.analysis import analyse
-from .language.expressions import CONSTANTS, FUNCTIONS
+from .language.diagnostics import USE
+from .language.expressions import CONSTANTS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
-from .language.tokens import FRAME, NAME, TIME, Token
-from .language.words import ROLES, STATEMENTS, Numbers, row
+from .language.tokens import Token
+from .language.words import NAMED, ROLES, STATEMENTS, Numbers, row
 
 #: The keywords that an index follows.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
-VARIABLE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
-#: The word before the cursor, and the arithmetic that the cursor is in.
+#: The word before the cursor, and the arithmetic around the cursor.
 WORD = re.compile(r'[^\s()#":=]*\Z')
-BRACES = re.compile(r"\{[^{}\n]*\Z")
-IN_BRACES = re.compile(r"[$\w]*\Z")
+BRACES = re.compile(r"\{[^{}\n]*?([$\w]*)\Z")
 
 
-@dataclass(frozen=True)
-class Symbol:
-    """What has a name of its own: the ``kind`` is "index", "texture", "solid" or "name"."""
+class Symbol(NamedTuple):
+    """Something with a name of its own: the ``kind`` is "index", "texture", "solid" or "name"."""
 
     kind: str
     key: str
 
 
-@dataclass(frozen=True)
-class Occurrence:
+class Occurrence(NamedTuple):
     """A place, offsets ``start`` to ``end``, where a symbol is used, or defined; ``after``: the keyword before it."""
 
     symbol: Symbol
@@ -43,12 +40,11 @@ class Occurrence:
     after: str
 
 
-@dataclass(frozen=True)
-class Completion:
-    """A word for the place of the text from ``start`` on; ``detail``: what follows it. The lowest ``rank`` is first."""
+class Completion(NamedTuple):
+    """A word for the place of the text from ``start`` on; ``detail``: its parameters. The lowest ``rank`` is first."""
 
     label: str
-    kind: str  # "statement", "keyword", "metal", "glass", "texture", "solid", "index", "name" or "function"
+    kind: str  # "statement", "keyword", "value", "solid", "index", "name" or "function"
     start: int
     detail: str = ""
     documentation: str = ""
@@ -69,7 +65,7 @@ class Symbols:
 
     @cached_property
     def table(self) -> dict[Symbol, list[Occurrence]]:
-        """Where each symbol stands, in order."""
+        """The places of each symbol, in order."""
         result: dict[Symbol, list[Occurrence]] = {}
         before = ""
         for token in self.tokens:
@@ -79,22 +75,21 @@ class Symbols:
         return result
 
     def _occurrences(self, token: Token, before: str) -> Iterator[Occurrence]:
-        """The symbols in a token; ``before``: the role of the one before it."""
+        """The symbols in a token; ``before``: the role of the token before it."""
         if self.text[token.start] in "${":
-            for found in VARIABLE.finditer(self.text, token.start, token.end):
+            for found in USE.finditer(self.text, token.start, token.end):
                 yield Occurrence(Symbol("name", found[1]), *found.span(), token.role == "VARIABLE", before)
         elif token.role == "NUMBER" and before in INDEXED and re.fullmatch("[0-9]{1,9}", token.text):
-            symbol = Symbol("index", str(int(token.text)))
-            yield Occurrence(symbol, token.start, token.end, before in STATEMENTS, before)
+            yield Occurrence(Symbol("index", str(int(token.text))), *token.span, before in STATEMENTS, before)
         elif token.role == "TEXTURE_NAME":
-            symbol = Symbol("texture", words.texture_name(token.text))
-            yield Occurrence(symbol, token.start, token.end, before == "TEXTURE", before)
+            yield Occurrence(
+                Symbol("texture", words.texture_name(token.text)), *token.span, before == "TEXTURE", before
+            )
         elif token.role == "USE" or before == "SOLID":
-            symbol = Symbol("solid", words.normalise(token.text))
-            yield Occurrence(symbol, token.start, token.end, before == "SOLID", before)
+            yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID", before)
 
     def occurrences(self, symbol: Symbol) -> list[Occurrence]:
-        """Where a symbol is used or defined."""
+        """The places where a symbol is used or defined."""
         return self.table.get(symbol, [])
 
     def at(self, offset: int) -> Occurrence | None:
@@ -102,51 +97,30 @@ class Symbols:
         everywhere = (one for found in self.table.values() for one in found)
         return min((o for o in everywhere if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
-    def renamed(self, symbol: Symbol, new: str) -> list[Occurrence]:
-        """The places where ``new`` has to be written for a symbol to have that name.
+    def renamed(self, symbol: Symbol, new: str) -> str | None:
+        """The text with another name for a symbol; None if that is no name of this kind, or another symbol's."""
+        text = self.text
+        for one in reversed(self.occurrences(symbol)):
+            text = text[: one.start] + new + text[one.end :]
+        other = Symbols(text)
+        places = [list(map(len, symbols.table.values())) for symbols in (self, other)]
+        return text if places[0] == places[1] and (self.document is None) == (other.document is None) else None
 
-        Raises ValueError where that cannot be a name, or is another's.
-        """
-        new = new.removeprefix("$") if symbol.kind == "name" else new
-        if symbol.kind == "index":
-            if not re.fullmatch("[0-9]{1,9}", new):
-                raise ValueError(f"{new!r} is no index; expected {words.numbers('SURFACE', 'surfaces').bounds()}")
-            new = str(int(new))
-        elif symbol.kind == "texture":
-            new = words.normalise(new)
-            if not re.fullmatch(r't-[^\s()#":={}]+', new):
-                raise ValueError(f"{new!r} is no name of a texture; expected t- and a word")
-        elif symbol.kind == "solid":
-            new = words.normalise(new)
-            if not re.fullmatch(r"[^\W\d][\w-]*", new) or new in words.ROWS:
-                raise ValueError(f"{new!r} is no name of a solid; expected a word that the language does not have")
-        elif not NAME.fullmatch(new):
-            raise ValueError(f"{new!r} cannot be a name; expected letters, digits and _")
-        elif symbol.key in (FRAME, TIME):
-            raise ValueError(f"${symbol.key} is the language's own name; expected another one to be renamed")
-        if Symbol(symbol.kind, new) != symbol and Symbol(symbol.kind, new) in self.table:
-            raise ValueError(f"{new!r} is there already; expected a new one")
-        return self.occurrences(symbol)
-
-    # ---- What a word means
+    # ---- Meanings
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:
-        """``(start, end, Markdown)`` of what is said of the word at an offset."""
+        """``(start, end, Markdown)``: the meaning of the word at an offset."""
         if here := self.at(offset):
             return here.start, here.end, self._of_symbol(here.symbol)
         i = bisect_right(self.tokens, offset, key=lambda token: token.start) - 1
-        token, before = self.tokens[max(i, 0)] if self.tokens else None, self.tokens[i - 1].role if i > 0 else ""
-        if token is None or not token.start <= offset < token.end:
+        if i < 0 or offset >= self.tokens[i].end:
             return None
-        text, name = "", words.normalise(token.text)
+        token, before = self.tokens[i], self.tokens[i - 1].role
+        text = descriptions.OPERATORS.get(token.role, "")
         if token.role in ROLES:
             text = descriptions.of_word(row(token.role, token.text))
-        elif token.role in descriptions.OPERATORS:
-            text = descriptions.OPERATORS[token.role]
-        elif token.role == "WORD" and before in ("METAL", "CONDUCTOR"):
-            text = descriptions.of_metal(name) if name in words.METALS else "a metal that nobody knows"
-        elif token.role == "WORD" and before == "DIELECTRIC" and name in words.GLASSES:
-            text = f"The glass {words.GLASSES[name]}: n-refr = {words.INDICES[words.GLASSES[name]]} at 587.6 nm"
+        elif token.role == "WORD" and before in NAMED:
+            text = descriptions.of_name(*NAMED[before], words.normalise(token.text))
         return (token.start, token.end, text) if text else None
 
     @property
@@ -159,36 +133,33 @@ class Symbols:
     def _textures(self) -> dict[str, str]:
         """The kinds of textures."""
         patterns = self.reader.fields["patterns"].items()
-        return words.BUILT_IN | {name: pattern.kind for name, pattern in patterns if pattern}
+        return words.BUILT_IN | {name: pattern.kind for name, pattern in patterns if pattern.kind}
 
     def _of_symbol(self, symbol: Symbol) -> str:
-        """What is said of an index, a texture or a name."""
+        """The definition of a symbol, as Markdown."""
         if symbol.kind == "name":
-            value = self._names.get(symbol.key)
-            return f"**${symbol.key}**" + (f" = {value}" if value else ": nothing here says what it stands for")
+            return f"**${symbol.key}** = {self._names.get(symbol.key, '? It has no value in this text')}"
         if symbol.kind == "texture":
-            kind = self._textures.get(symbol.key)
-            return f"**{symbol.key}** " + (descriptions.TEXTURES[kind] if kind else "no TEXTURE has this name")
+            return f"**{symbol.key}**: {self._textures.get(symbol.key, 'no TEXTURE has this name')}"
         starts = [token.start for token in self.tokens if token.role in STATEMENTS]
         ends = [*starts[1:], len(self.text)]
         defining = [bisect_right(starts, one.start) - 1 for one in self.occurrences(symbol) if one.defines]
         parts = "\n".join(self.text[starts[i] : ends[i]].strip() for i in defining)
         return f"```scn\n{parts}\n```" if parts else f"no SURFACE or TRANSFORM has the index {symbol.key}"
 
-    # ---- What fits
+    # ---- Completion
 
     def completions(self, offset: int) -> list[Completion]:
-        """The words that fit at an offset, whatever has been typed of one already."""
+        """The words that fit at an offset, whatever part of one stands there already."""
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):
-            start = offset - len((IN_BRACES.search(braces[0]) or braces)[0])
+            start = offset - len(braces[1])
             functions = [Completion(name, "function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._variables(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
-        before = Reader(self.text[:start], tolerant=True)
+        before = Reader(self.text[:start])
         last, expected = before.scanner.last, before.expected
-        errors = [one.error.code for one in before.skipped if one.end == start]
-        unclosed = "unclosed" in errors and "RPAR" not in expected
+        unclosed = any(one.code == "unclosed" for one in before.errors[-1:]) and "RPAR" not in expected
         comment = before.tokens and before.tokens[-1].text.startswith("#") and before.tokens[-1].end == start
         if unclosed or comment or last.role == "END":
             return []
@@ -197,16 +168,8 @@ class Symbols:
         if last.role in ROLES and isinstance(row(last.role, last.text).takes, Numbers):
             return self._variables(start)
         result = [one for role in words.ORDER if role in ROLES and role in expected for one in _words(role, start)]
-        if last.role in ("METAL", "CONDUCTOR"):
-            result += [
-                Completion(name, "metal", start, words.METALS[name], descriptions.of_metal(name))
-                for name in words.METALS
-            ]
-        if last.role == "DIELECTRIC":
-            result += [Completion(name, "glass", start) for name in words.GLASSES]
-        if "TEXTURE_NAME" in expected:
-            kinds = self._textures.items()
-            result += [Completion(name, "texture", start, kind, descriptions.TEXTURES[kind]) for name, kind in kinds]
+        values = NAMED[last.role][1] if last.role in NAMED else self._textures if "TEXTURE_NAME" in expected else {}
+        result += [Completion(name, "value", start, value) for name, value in values.items()]
         if "USE" in expected:
             result += [Completion(name, "solid", start) for name in before.fields["solids"]]
         if {"NUMBER", "WORD"} & expected:
@@ -217,7 +180,7 @@ class Symbols:
         return [Completion(f"${name}", "name", start, value, rank=1) for name, value in self._names.items()]
 
     def _indices(self, role: str, start: int) -> list[Completion]:
-        """Indices that lack this statement; or for a primitive, those that have one."""
+        """Indices that lack this statement; after a primitive, those that have a statement."""
         given: dict[str, set[int]] = {keyword: set() for keyword in INDEXED}
         for symbol, found in self.table.items():
             for one in found if symbol.kind == "index" else ():

@@ -180,8 +180,8 @@ def test_bytes_that_are_lost_or_changed_raise_nothing_else():
     "text, words",
     [
         ("MESH cube.obj", "found 0 numbers after MESH; expected 1 number"),
-        ("MESH 0", "the file ends after this; expected a number, a file name or a quoted string"),
-        ("MESH 0 t-tijolo", "found 't-tijolo'; expected .* a file name"),
+        ("MESH 0", "the file ends after this; expected a file name or a quoted string"),
+        ("MESH 0 t-tijolo", "found 't-tijolo'; expected a file name"),
         ('MESH 0 ""', "this file name is empty; expected a mesh file"),
         ("MESH 0 ../cube.obj", "outside the scene's folder; .*--allow-outside"),
     ],
@@ -224,7 +224,7 @@ def test_a_mesh_that_has_changed_is_read_again(tmp_path):
 
 
 def test_the_manuals_example_and_its_layout(tmp_path):
-    (example,) = (text for text in EXAMPLES if "MESH" in text)
+    example = next(text for text in EXAMPLES if "MESH 0 vaso.obj" in text)
     (tmp_path / "vaso.obj").write_bytes(obj())
     path = tmp_path / "s.scn"
     path.write_text(example)

@@ -28,7 +28,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     other_pdf = None
     if context.photon_mis is not None:
         of_photons = active if ray.gathered_photons is None else but_not(active, ray.gathered_photons)
-        other_pdf = context.photon_mis.light_pdf(ray, vertex.si, vertex.bsdf, of_photons)
+        other_pdf = context.photon_mis.light_pdf(vertex, of_photons)
     if lights.sampler is None:
         L = lights.for_each(
             lambda lamp, L: L + lamp_light(context, vertex, lamp, points(first_space + lamp.k, active), other_pdf),

@@ -59,7 +59,7 @@ def next_ray(
         through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
         following.branch = context.layers.branch(ray, k == DIFFUSE, through)
     if context.photon_mis is not None:
-        following.etendue = context.photon_mis.next(vertex, following, bs, weight, vertex.inseparable)
+        following = context.photon_mis.next(vertex, following, bs, weight)
     if context.absorbs:
         following.medium = beyond(si, ray.medium, dr.detach(d), active)
         following.offset = dr.dot(o - si.p, d)

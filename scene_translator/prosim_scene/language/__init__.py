@@ -1,9 +1,9 @@
 """The scene language: text -> document.
 
-``words`` is the table of the language. ``tokens`` cuts a text into words, numbers and marks, ``reader`` makes of them
-the values of the model, with ``expressions`` for arithmetic in braces, and ``analysis`` says what is wrong and makes a
-:class:`~prosim_scene.language.document.Document`: a scene with the places of its values. ``diagnostics`` are messages
-that show their place, ``suggestions`` what they say of unknown words. ``formatter`` lays a text out.
+``words`` is the table of the language. ``tokens`` splits a text into words, numbers and marks; ``reader`` turns them
+into the values of the model, with ``expressions`` for names and arithmetic; ``analysis`` checks the whole scene and
+makes a :class:`~prosim_scene.language.document.Document`: a scene with the places of its values. ``diagnostics`` are
+messages that show their place, ``suggestions`` the ends of messages. ``formatter`` writes a text in canonical layout.
 """
 
 from .analysis import document_of, parse

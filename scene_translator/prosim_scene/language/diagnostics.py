@@ -1,15 +1,14 @@
-"""Errors and warnings that show the place in the scene's text."""
+"""Errors and warnings that show their place in the text of a scene."""
 
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
-CLIP = 60  # a word or a line of the source is quoted up to this length: a file may be one line of 16 MiB
+CLIP = 60  # a message quotes at most this many characters: a file may be one line of 16 MiB
 OTHERS = 4  # a message shows this many errors after the first one
 MOST = 100  # the reader stops after this many more errors
 
@@ -21,26 +20,12 @@ class Span(NamedTuple):
     end: int
 
 
-class SceneWarning(UserWarning):
-    """Something in a scene that is most likely not meant, but has a meaning. Emitted through ``warnings.warn``.
+class Diagnostic(Exception):  # noqa: N818 - also of warnings
+    """A problem of a scene. ``str()`` is the whole message: file, line, column, what is wrong, and a caret.
 
-    ``reason`` is the message without its place, ``span`` that place or None, ``code`` a stable name of the problem.
+    The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the problem has no place in
+    the text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem.
     """
-
-    def __init__(self, message: str, reason: str = "", span: Span | None = None, code: str = "") -> None:
-        super().__init__(message)
-        self.reason, self.span, self.code = reason or message, span, code
-
-
-class SceneError(ValueError):
-    """Wrong input. ``str()`` is the whole message: file, line, column, what was found and expected, and a caret.
-
-    The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
-    text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem. ``others`` are the further errors
-    of the text; the message shows the first of them.
-    """
-
-    others: tuple["SceneError", ...] = ()
 
     def __init__(
         self,
@@ -57,37 +42,38 @@ class SceneError(ValueError):
         self.span, self.code = span, code
 
 
-def together(first: SceneError, others: Sequence[SceneError]) -> SceneError:
-    """The first error; its message goes on with the others."""
+class SceneWarning(Diagnostic, UserWarning):
+    """Something in a scene that has a meaning but is probably a mistake. Emitted through ``warnings.warn``.
+
+    The attributes are those of :class:`SceneError`.
+    """
+
+
+class SceneError(Diagnostic, ValueError):
+    """Wrong input. ``str()`` is the whole message: file, line, column, what was found and expected, and a caret.
+
+    The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
+    text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem. ``others`` are the further errors
+    of the text; the message shows the first of them.
+    """
+
+    others: tuple["SceneError", ...] = ()
+
+
+Kind = TypeVar("Kind", SceneError, SceneWarning)
+
+
+def together(errors: Sequence[SceneError]) -> SceneError:
+    """One error for all: the first, whose message continues with the others."""
+    first, *others = errors
     if not others:
         return first
     more = len(others) - OTHERS
-    rest = "and many more errors" if len(others) >= MOST else f"and {more} more errors"
-    text = "\n".join([str(first), *map(str, others[:OTHERS]), *([rest] if more > 0 else [])])
+    rest = ["and many more errors" if len(others) >= MOST else f"and {more} more errors"] if more > 0 else []
+    text = "\n".join([*map(str, errors[: OTHERS + 1]), *rest])
     result = SceneError(text, first.filename, first.line, first.column, first.reason, first.span, first.code)
     result.others = tuple(others)
     return result
-
-
-@dataclass(frozen=True)
-class Diagnostic:
-    """An error or a warning about the text from offset ``start`` to ``end``; ``code`` is a stable name of the problem.
-
-    ``undefined``: the ``$name`` that has no value, where that is the error.
-    """
-
-    start: int
-    end: int
-    reason: str
-    error: bool
-    code: str = ""
-    undefined: str | None = None
-
-
-def diagnostic(message: SceneError | SceneWarning, undefined: str | None = None) -> Diagnostic:
-    """What a message says; at the beginning of the text where it has no place."""
-    span = message.span or Span(0, 1)
-    return Diagnostic(*span, message.reason, isinstance(message, SceneError), message.code, undefined)
 
 
 class Source:
@@ -95,7 +81,7 @@ class Source:
 
     def __init__(self, text: str, filename: str | PathLike[str]) -> None:
         self.text, self.filename = text, str(filename)
-        #: What ``$names`` stand for, and where that is from: ``'5', by -D x=5``. Messages about them say it.
+        #: The values of ``$names`` and their origin: ``'5', by -D x=5``. Messages about names show it.
         self.names: dict[str, str] = {}
 
     @cached_property
@@ -118,7 +104,7 @@ class Source:
         start = self.line_starts[line - 1]
         end = self.text.find("\n", span.start)
         end = len(self.text) if end < 0 else end
-        # A long line is quoted around the place only.
+        # Of a long line only the part around the place is quoted.
         first, last = max(start, span.start - CLIP), min(end, span.start + CLIP)
         before, after = "…" * (first > start), "…" * (last < end)
         quoted = before + "".join(c if c.isprintable() else " " for c in self.text[first:last]) + after
@@ -126,35 +112,29 @@ class Source:
         caret = " " * (len(before) + span.start - first) + "^" + "~" * (width - 1)
         return f"{self.filename}:{line}:{column}: {reason}\n    {quoted}\n    {caret}"
 
-    def explained(self, span: Span, reason: str) -> str:
-        """The reason, and what the ``$names`` in a span stand for where it does not say that."""
-        found = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + CLIP)]))
-        values = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
-        return f"{reason}; {listing(values[:3], 'and')}" if values else reason
-
     def error(self, span: Span, reason: str, code: str = "") -> SceneError:
-        """The error to raise about what stands at ``span``."""
-        reason = self.explained(span, reason)
-        line, column = self.line_column(span.start)
-        return SceneError(self.message(span, reason), self.filename, line, column, reason, span, code)
+        """The error to raise about the text at ``span``."""
+        return self._diagnostic(SceneError, span, reason, code)
 
     def warning(self, span: Span, reason: str, code: str = "") -> SceneWarning:
-        """The warning to emit about what stands at ``span``."""
-        reason = self.explained(span, reason)
-        return SceneWarning(self.message(span, reason), reason, span, code)
+        """The warning to emit about the text at ``span``."""
+        return self._diagnostic(SceneWarning, span, reason, code)
 
-    def diagnostic(self, span: Span, reason: str, code: str = "", error: bool = False) -> Diagnostic:
-        """The diagnostic of what stands at ``span``."""
-        return Diagnostic(*span, self.explained(span, reason), error, code)
+    def _diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
+        """An error or a warning; the reason ends with the values of the ``$names`` in the span."""
+        found = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + CLIP)]))
+        values = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
+        reason += f"; {listing(values[:3], 'and')}" if values else ""
+        return kind(self.message(span, reason), self.filename, *self.line_column(span.start), reason, span, code)
 
 
-def quote(text: str) -> str:
-    """``'text'``, clipped where it is too long to print."""
+def quote(text: object) -> str:
+    """``'text'``, clipped if it is longer than a message can show."""
     text = str(text)
     return repr(text if len(text) <= CLIP else text[: CLIP - 3] + "...")
 
 
 def listing(words: Iterable[object], last: str = "or") -> str:
     """``A, B or C``."""
-    texts = [str(word) for word in words]
-    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} {last} {texts[-1]}"
+    *texts, end = map(str, words)
+    return f"{', '.join(texts)} {last} {end}" if texts else end

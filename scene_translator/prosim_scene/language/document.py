@@ -1,11 +1,11 @@
-"""A scene, and beside it where each of its values stands in the text."""
+"""A scene, and the place of each of its values in the text."""
 
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..model import Leaf, Scene
-from .diagnostics import Diagnostic, SceneError, Source, Span
+from .diagnostics import SceneError, SceneWarning, Source, Span
 
 #: The path to a value of the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
 Path = tuple[str | int, ...]
@@ -21,43 +21,42 @@ class Document:
     uses: frozenset[str] = frozenset()
 
     def given(self, *path: str | int) -> bool:
-        """Whether the text gives this value, or it is a default."""
+        """Whether the text gives this value, and it is no default."""
         return path in self.spans
 
     def span(self, *path: str | int) -> Span:
-        """Where a value stands, or else what it belongs to; the beginning of the text if that is not given either."""
+        """The place of a value, or else of the value around it; the beginning of the text if none is given."""
         while path and path not in self.spans:
             path = path[:-1]
         return self.spans.get(path) or Span(0, 0)
 
     def word(self, *path: str | int) -> str:
-        """What the text has at the place of a value."""
-        span = self.span(*path)
-        return self.source.text[span.start : span.end]
+        """The text at the place of a value."""
+        return self.source.text[slice(*self.span(*path))]
 
     def line(self, *path: str | int) -> int:
         """The line of a value, from 1."""
         return self.source.line(self.span(*path))
 
-    def error(self, reason: str, *path: str | int) -> SceneError:
-        """The error to raise about a value; its code is the first part of the path."""
-        return self.source.error(self.span(*path), reason, str(path[0]))
+    def error(self, reason: str, *path: str | int, code: str = "") -> SceneError:
+        """The error to raise about a value; its code is by default the first part of the path."""
+        return self.source.error(self.span(*path), reason, code or str(path[0]))
+
+    def warning(self, reason: str, *path: str | int, code: str = "") -> SceneWarning:
+        """The warning to emit about a value; its code is by default the first part of the path."""
+        return self.source.warning(self.span(*path), reason, code or str(path[0]))
 
     def warn(self, reason: str, *path: str | int) -> None:
-        """Emits a :class:`SceneWarning` about a value; its code is the first part of the path."""
-        warnings.warn(self.source.warning(self.span(*path), reason, str(path[0])), stacklevel=2)
-
-    def diagnostic(self, reason: str, code: str, *path: str | int, error: bool = False) -> Diagnostic:
-        """The diagnostic of a value."""
-        return self.source.diagnostic(self.span(*path), reason, code, error)
+        """Emits a :class:`SceneWarning` about a value."""
+        warnings.warn(self.warning(reason, *path), stacklevel=2)
 
     def operation(self, number: int) -> str:
-        """Which operands the operator - or * nearest above a node of the tree has, in words; nothing if there is none.
+        """The operands of the nearest operator - or * above a node of the tree, in words; nothing if there is none.
 
         For messages about solids that vanish, often because operators were written between their operands.
         """
         csg = self.scene.csg
-        ends = [0] * len(csg)  # behind each subtree
+        ends = [0] * len(csg)  # after each subtree
         for i in reversed(range(len(csg))):
             ends[i] = i + 1 if isinstance(csg[i], Leaf) else ends[ends[i + 1]]
         above = [i for i in range(number) if ends[i] > number and self.word("csg", i) in ("-", "*")]

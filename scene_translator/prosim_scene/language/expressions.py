@@ -1,54 +1,49 @@
-"""Arithmetic in braces -> a number.
+"""``$names`` and arithmetic in braces -> their values.
 
-The parser is lark's LALR with expression.lark. The tree is worked through from its leaves up, in a loop, so that no
+The parser of arithmetic is lark's LALR with expression.lark. A loop evaluates the tree from its leaves up, so that no
 input can exhaust Python's stack.
 """
 
 import math
 import operator
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from functools import cache
+from numbers import Real
 from pathlib import Path
 
-from lark import Lark, Token, Tree, UnexpectedCharacters, UnexpectedInput, UnexpectedToken
+from lark import Lark, Token, Tree, UnexpectedInput
 
 from .diagnostics import SceneError, Source, Span, listing, quote
-from .suggestions import nearest, of_braces
+from .suggestions import BRACES, NUMBER, nearest
+
+#: A name, without its ``$``.
+NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+#: The names that have values of their own: the number of a frame in a film, and its time in seconds.
+FRAME, TIME = "frame", "time"
+#: Frames a second by default: those of the cinema.
+FPS = 24.0
 
 
-def _quarters(degrees: float) -> int | None:
-    """How many right angles an angle has, 0 to 3; None where it is between two."""
-    return int(degrees // 90) % 4 if degrees % 90 == 0 else None
+def _of_degrees(function: Callable[[float], float], exact: tuple[float, ...]) -> Callable[[float], float]:
+    """A function of an angle in degrees, ``exact`` at 0, 90, 180 and 270 degrees."""
+    return lambda x: exact[int(x // 90) % 4] if x % 90 == 0 else function(math.radians(math.fmod(x, 360)))
 
 
-def _cosine(degrees: float) -> float:
-    quarters = _quarters(degrees)
-    return math.cos(math.radians(math.fmod(degrees, 360))) if quarters is None else (1.0, 0.0, -1.0, 0.0)[quarters]
-
-
-def _sine(degrees: float) -> float:
-    quarters = _quarters(degrees)
-    return math.sin(math.radians(math.fmod(degrees, 360))) if quarters is None else (0.0, 1.0, 0.0, -1.0)[quarters]
-
-
-def _tangent(degrees: float) -> float:
-    return _sine(degrees) / _cosine(degrees)
-
-
-#: Name -> (the function, the least and the most numbers that it takes; None: any number). Angles are in degrees, and
-#: right angles are exact.
-FUNCTIONS: dict[str, tuple[Callable[..., float], int, int | None]] = {
-    "sin": (_sine, 1, 1),
-    "cos": (_cosine, 1, 1),
-    "tan": (_tangent, 1, 1),
-    "atan2": (lambda y, x: math.degrees(math.atan2(y, x)), 2, 2),
-    "sqrt": (math.sqrt, 1, 1),
-    "abs": (abs, 1, 1),
-    "floor": (math.floor, 1, 1),
-    "round": (lambda x: math.floor(x + 0.5), 1, 1),
-    "mod": (operator.mod, 2, 2),
-    "min": (min, 2, None),
-    "max": (max, 2, None),
+_sine, _cosine = _of_degrees(math.sin, (0.0, 1.0, 0.0, -1.0)), _of_degrees(math.cos, (1.0, 0.0, -1.0, 0.0))
+#: Name -> (the function, the count of its arguments; 0: two or more). Angles are in degrees.
+FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
+    "sin": (_sine, 1),
+    "cos": (_cosine, 1),
+    "tan": (lambda x: _sine(x) / _cosine(x), 1),
+    "atan2": (lambda y, x: math.degrees(math.atan2(y, x)), 2),
+    "sqrt": (math.sqrt, 1),
+    "abs": (abs, 1),
+    "floor": (math.floor, 1),
+    "round": (lambda x: math.floor(x + 0.5), 1),
+    "mod": (operator.mod, 2),
+    "min": (min, 0),
+    "max": (max, 0),
 }
 CONSTANTS = {"pi": math.pi}
 OPERATIONS: dict[str, Callable[..., float]] = {
@@ -61,23 +56,99 @@ OPERATIONS: dict[str, Callable[..., float]] = {
 }
 
 
-def evaluate(source: Source, braces: Span, value: Callable[[str, Span], float]) -> float:
-    """The number that an expression comes to; ``braces`` is its span, these included.
+def written(value: float) -> str:
+    """A number as the language writes it, to the bit."""
+    return str(int(value)) if abs(value) < 1e15 and value == int(value) else repr(value)
 
-    ``value(name, span)`` says what a name stands for. Raises SceneError, also where the result is not finite.
+
+class Definitions:
+    """The values of ``$names`` in one text, and the names that it ``uses``.
+
+    A name has the value ``given`` by the caller (``-D`` of the commands, ``define`` in Python), or else that of the
+    DEFAULT statement above its use. ``$frame`` and ``$time`` have values of their own.
     """
-    first = braces.start + 1
+
+    def __init__(self, source: Source, given: Mapping[str, object] | None = None) -> None:
+        """Raises SceneError for a name or a value that the language does not allow."""
+        self.source = source
+        self.given = {name: _checked(source, name, value) for name, value in (given or {}).items()}
+        self.defaults: dict[str, str] = {}
+        self.uses: set[str] = set()
+        source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.given.items()})
+
+    def default(self, name: str, text: str) -> None:
+        """Stores the value that a DEFAULT statement gives a name."""
+        self.defaults[name] = text
+        self.source.names.setdefault(name, quote(text))
+
+    def text(self, name: str, span: Span) -> str:
+        """The text of a name's value; SceneError with the code "undefined" if it has none."""
+        self.uses.add(name)
+        for table in (self.given, self.defaults):
+            if name in table:
+                return table[name]
+        if name == FRAME:
+            return "0"
+        if name == TIME:
+            return written(self.number(FRAME, span) / FPS)
+        known = [f"${other}" for other in dict.fromkeys([*self.given, *self.defaults, FRAME, TIME])]
+        reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or "
+        reason += f"define={{{name!r}: 1}} in Python{nearest('$' + name, known)}"
+        raise self.source.error(span, reason, "undefined")
+
+    def number(self, name: str, span: Span) -> float:
+        """The number that is a name's value; SceneError if the value is missing, or no finite number."""
+        text = self.text(name, span)
+        if not re.fullmatch(NUMBER, text, re.IGNORECASE) or not math.isfinite(float(text)):
+            value = self.source.names.get(name, quote(text))
+            reason = f"${name} stands for {value}; expected a finite number in arithmetic"
+            raise self.source.error(span, reason, "expression")
+        return float(text)
+
+    def check_uses(self) -> None:
+        """Raises SceneError if the text, which has been read, does not use a ``given`` value."""
+        for name, text in self.given.items():
+            if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
+                used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
+                names = f"it has {listing(used, 'and')}{nearest('$' + name, used)}" if used else "it has no names"
+                reason = f"{name} = {text} is given, but the scene does not use ${name}; {names}"
+                filename = self.source.filename
+                raise SceneError(f"{filename}: {reason}", filename, reason=reason, code="unused-definition")
+
+
+def _checked(source: Source, name: str, value: object) -> str:
+    """The text of a value that the caller gives."""
+    text = value.strip() if isinstance(value, str) else ""
+    if isinstance(value, bool):
+        text = str(value).upper()
+    elif isinstance(value, Real) and math.isfinite(value):
+        text = written(float(value))
+    if not NAME.fullmatch(name):
+        reason = f"{name!r} cannot be a name; expected letters, digits and _, such as angle_2"
+    elif not text or '"' in text or not text.isprintable():
+        reason = f"{name} = {value!r} cannot stand in a scene; expected a finite number or a word"
+    else:
+        return text
+    raise SceneError(f"{source.filename}: {reason}", source.filename, reason=reason, code="name")
+
+
+def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
+    """The value of an expression; ``braces`` is its span, braces included.
+
+    Raises SceneError, also if the result is not finite.
+    """
+    first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
     if source.text[braces.end - 1] != "}":
-        reason = of_braces(source.text[first : braces.end])
-        raise _error(source, braces, "this '{' is not closed on its line" + (f"; {reason}" if reason else ""))
+        raise source.error(braces, f"this '{{' is not closed on its line; {BRACES}", "expression")
     try:
-        tree = _parser().parse(source.text[first : braces.end - 1])
+        tree = _parser().parse(inside)
     except UnexpectedInput as error:
         raise _syntax_error(source, braces, error) from None
     values: dict[int, float] = {}
     for node in tree.iter_subtrees():  # the leaves first
         span = Span(first + node.meta.start_pos, first + node.meta.end_pos)
-        values[id(node)] = _value(source, node, span, values, value)
+        operands = [values[id(child)] for child in node.children if isinstance(child, Tree)]
+        values[id(node)] = _value(source, node, span, operands, definitions)
     return values[id(tree)]
 
 
@@ -87,97 +158,44 @@ def _parser() -> Lark:
     return Lark(grammar, parser="lalr", start="sum", propagate_positions=True)
 
 
-def _value(
-    source: Source, node: Tree[Token], span: Span, values: dict[int, float], value: Callable[[str, Span], float]
-) -> float:
-    """The value of a node, whose operands have theirs in ``values``."""
-    word = str(node.children[0]) if node.children and isinstance(node.children[0], Token) else ""
-    operands = [values[id(child)] for child in node.children if isinstance(child, Tree)]
-    if node.data == "number":
-        result = float(word)
-    elif node.data == "name":
-        result = value(word[1:], span)
-    elif node.data == "word":
-        if word not in CONSTANTS:
-            raise _unknown(source, span, word)
-        result = CONSTANTS[word]
-    else:
-        function = _function(source, span, word, len(operands)) if node.data == "call" else OPERATIONS[node.data]
-        try:
-            result = float(function(*operands))
-        except ZeroDivisionError:
-            raise _error(source, span, "this divides by 0") from None
-        except (ValueError, OverflowError):
-            result = math.nan
+def _value(source: Source, node: Tree[Token], span: Span, operands: list[float], definitions: Definitions) -> float:
+    """The value of a node, whose operands have these values."""
+    word = str(node.children[0]) if isinstance(node.children[0], Token) else ""
+    if node.data == "name":
+        return definitions.number(word[1:], span)
+    call = node.data == "call"
+    if (call or node.data == "word") and word not in (FUNCTIONS if call else CONSTANTS):
+        known = listing([*(f"{name}()" for name in FUNCTIONS), *CONSTANTS])
+        reason = f"unknown word {quote(word)} in an expression; expected a name such as ${word}, or {known}"
+        place = Span(span.start, span.start + len(word))
+        raise source.error(place, reason + nearest(word, [*FUNCTIONS, *CONSTANTS]), "expression")
+    given, (function, count) = len(operands), FUNCTIONS[word] if call else (OPERATIONS.get(node.data), len(operands))
+    if given != count and (count or given < 2):
+        reason = f"found {given} number{'s' * (given != 1)} in {word}(); expected {count or '2 or more'}"
+        raise source.error(span, reason, "expression")
+    try:
+        result = float(function(*operands) if function else CONSTANTS.get(word) or float(word))
+    except ZeroDivisionError:
+        raise source.error(span, "this divides by 0", "expression") from None
+    except (ValueError, OverflowError):
+        result = math.nan
     if not math.isfinite(result):
-        raise _error(source, span, f"{quote(source.text[span.start : span.end])} is no finite number")
+        raise source.error(span, f"{quote(source.text[slice(*span)])} is no finite number", "expression")
     return result
 
 
-def _function(source: Source, span: Span, word: str, count: int) -> Callable[..., float]:
-    """The function of that name, for so many numbers."""
-    if word not in FUNCTIONS:
-        raise _unknown(source, span, word)
-    function, least, most = FUNCTIONS[word]
-    if count < least or (most is not None and count > most):
-        raise _error(
-            source,
-            span,
-            f"found {count} number{'s' * (count != 1)} in {word}(); expected {least}{' or more' * (most is None)}",
-        )
-    return function
-
-
-def _unknown(source: Source, span: Span, word: str) -> SceneError:
-    known = [f"{name}()" for name in FUNCTIONS] + list(CONSTANTS)
-    return _error(
-        source,
-        Span(span.start, span.start + len(word)),
-        f"unknown word {quote(word)} in an expression; expected a name such as ${word}, or {listing(known)}"
-        f"{nearest(word, [*FUNCTIONS, *CONSTANTS])}",
-    )
-
-
 def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> SceneError:
-    inside = source.text[braces.start + 1 : braces.end - 1]
-    if inside.strip() and (reason := of_braces(inside)):
-        return _error(source, braces, f"found {quote(inside.strip())} in braces; {reason}")
+    """The error about arithmetic that does not parse."""
+    expected = set(getattr(error, "accepts", None) or getattr(error, "allowed", None) or ())
+    operators = "an operator (+ - * / ^)" + " or ')'" * ("RPAR" in expected)
+    wanted = "a number, a $name, a function or '('" if "NUMBER" in expected else operators
+    token = getattr(error, "token", None)
+    if token is not None and token.type == "$END":
+        reason = f"the expression ends here and is not complete; expected {wanted}"
+        return source.error(Span(braces.end - 1, braces.end), reason, "expression")
     start = braces.start + 1 + (error.pos_in_stream or 0)
-    if "NUMBER" in _expected(error):
-        wanted = "a number, a $name, a function or '('"
-    else:
-        wanted = "an operator (+ - * / ^)" + " or ')'" * ("RPAR" in _expected(error))
-    if isinstance(error, UnexpectedToken) and error.token.type == "$END":
-        unclosed = ""
-        if "RPAR" in _expected(error):
-            line, column = source.line_column(braces.start + 1 + _open(inside))
-            unclosed = f"; the '(' on line {line}, column {column} is not closed"
-        return _error(
-            source,
-            Span(braces.end - 1, braces.end),
-            f"the expression ends here and is not complete; expected {wanted}{unclosed}",
-        )
-    length = 1 if isinstance(error, UnexpectedCharacters) else len(str(getattr(error, "token", " ")))
-    span = Span(start, start + length)
-    found = source.text[span.start : span.end]
-    point = "; a fraction has a point, as in 0.5" if found == "," else ""
-    return _error(source, span, f"found {quote(found)} in an expression; expected {wanted}{point}")
-
-
-def _error(source: Source, span: Span, reason: str) -> SceneError:
+    span = Span(start, start + len(token or " "))
+    found = source.text[slice(*span)]
+    hint = "a fraction has a point, as in 0.5" if found == "," else BRACES
+    reason = f"found {quote(found)} in an expression; expected {wanted}; {hint}"
     return source.error(span, reason, "expression")
-
-
-def _open(text: str) -> int:
-    """Where the innermost parenthesis is that is open at the end of a text which has one."""
-    depth = 0
-    for i in range(len(text) - 1, -1, -1):
-        depth += {"(": 1, ")": -1}.get(text[i], 0)
-        if depth > 0:
-            return i
-    raise ValueError("no parenthesis is open")
-
-
-def _expected(error: UnexpectedInput) -> set[str]:
-    """The terminals that have a place where the error is."""
-    return set(getattr(error, "accepts", None) or getattr(error, "allowed", None) or ())

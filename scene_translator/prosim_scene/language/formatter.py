@@ -4,9 +4,11 @@ from math import isfinite
 from os import PathLike
 
 from . import tokens
-from .analysis import analyse, errors
-from .diagnostics import together
-from .tokens import Token, written
+from .analysis import analyse
+from .diagnostics import SceneError, together
+from .expressions import written
+from .reader import SYNTAX
+from .tokens import Token
 from .words import OPERATORS, STATEMENTS, row
 
 INDENT = "    "
@@ -15,22 +17,19 @@ DEEPEST = 12  # steps to which the tree is indented
 HEADINGS = {"LIGHTS", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
 #: Tokens that stand on the line of the keyword before them; any other begins a line.
 VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
-#: The codes of errors of a text that parses, but depend on no value.
-LAYOUT = ("no-end", "tree", "infix")
 
 
 def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     """The text of a scene in canonical layout: one statement or parameter a line, canonical spellings, comments kept.
 
-    ``parse(format(x)) == parse(x)``, and what is formatted stays as it is; names and what stands in braces are kept as
-    they are written. Raises :class:`SceneError` where ``parse`` would; but of a scene with names that have no value the
-    syntax alone is judged.
+    ``parse(format(x)) == parse(x)`` and ``format(format(x)) == format(x)``; names and expressions stay as written.
+    Raises :class:`SceneError` where ``parse`` does; in a scene with names that have no value, for syntax errors alone.
     """
-    reader, found, _ = analyse(text, filename, tolerant=True)
-    if reader.scanner.undefined and not reader.skipped:
-        found = [one for one in found if one.code in LAYOUT]
-    if wrong := errors(reader, found):
-        raise together(wrong[0], wrong[1:])
+    reader, found, _ = analyse(text, filename)
+    syntax_only = reader.has_undefined and not reader.skipped
+    errors = [one for one in found if isinstance(one, SceneError) and (one.code in SYNTAX or not syntax_only)]
+    if errors:
+        raise together(errors)
     layout = _Layout(text)
     end = 0
     for token in reader.tokens:

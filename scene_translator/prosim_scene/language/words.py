@@ -18,7 +18,7 @@ LARGE = 1e15
 
 @dataclass(frozen=True)
 class Numbers:
-    """The numbers that follow a word: how many, what they are called in messages, and where they lie."""
+    """The numbers that follow a word: how many, their names in messages, and their range."""
 
     count: int = 1
     what: str = ""
@@ -27,16 +27,22 @@ class Numbers:
     whole: bool = False
     channels: bool = False  #: r g b, or one for all channels
     direction: bool = False  #: a vector that may not have length 0
-    least: float = 0  #: smaller magnitudes are refused, but for 0
+    least: float = 0  #: smaller magnitudes are refused, except 0
     nonzero: bool = False  #: and 0 too
     unit: str = ""
+
+    noun = "number"
 
     def counted(self) -> str:
         """How many there are, in words."""
         return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
 
+    def fit(self, count: int) -> bool:
+        """Whether so many values may follow."""
+        return count == self.count or (self.channels and count == 1)
+
     def bounds(self) -> str:
-        """What is allowed, in words."""
+        """The allowed values, in words."""
         kind = ("a whole number" if self.whole else "") + (f" of {self.unit}" if self.unit else "")
         magnitude = "a magnitude of " if self.low < 0 else ""
         low = max(self.low, self.least)
@@ -44,24 +50,20 @@ class Numbers:
         zero = "0, or " if self.least and not self.nonzero else ""
         return f"{zero}{kind}{', ' * bool(kind)}{magnitude}{least}{self.high:.10g} at most"
 
-    def allow(self, value: float) -> bool:
+    def allow(self, text: str) -> bool:
         """Whether a number is in the range."""
+        value = float(text)
         return (
             self.low <= value <= self.high
-            and (abs(value) >= self.least or value == 0)
-            and (value != 0 or not self.nonzero)
-            and (value == int(value) or not self.whole)
+            and (abs(value) >= self.least or (value == 0 and not self.nonzero))
+            and (not self.whole or value == int(value))
         )
 
-    def value(self, given: Sequence[float]) -> Any:
-        """The value of these numbers: one, or a tuple; None where their count is wrong, or one is not allowed."""
-        if len(given) != self.count and not (self.channels and len(given) == 1):
+    def value(self, texts: Sequence[str]) -> Any:
+        """The value of these numbers: one, or a tuple; None if their count is wrong, or one is not allowed."""
+        if not self.fit(len(texts)) or not all(map(self.allow, texts)):
             return None
-        if not (self.low <= min(given) and max(given) <= self.high):
-            return None
-        small = self.least and min(map(abs, given)) < self.least
-        if (small or self.whole or (self.nonzero and 0 in given)) and not all(map(self.allow, given)):
-            return None
+        given = [float(text) for text in texts]
         if self.direction and math.hypot(*given) < 1 / LARGE:
             return None
         values = tuple(map(int, given)) if self.whole else tuple(given)
@@ -70,14 +72,33 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Flags:
-    """The TRUE or FALSE that follow a word: how many, and what they are called in messages."""
+    """The TRUE or FALSE, or 1 or 0, that follow a word: how many, and their names in messages."""
 
     count: int = 1
     what: str = ""
 
+    noun = "word"
+
     def counted(self) -> str:
         """How many there are, in words."""
         return f"{self.count} words, each TRUE or FALSE ({self.what})" if self.count > 1 else "TRUE or FALSE"
+
+    def fit(self, count: int) -> bool:
+        """Whether so many values may follow."""
+        return count == self.count
+
+    def bounds(self) -> str:
+        """The allowed values, in words."""
+        return "TRUE or FALSE"
+
+    def allow(self, text: str) -> bool:
+        """Whether a word is one of these."""
+        return normalise(text) in FLAGS
+
+    def value(self, texts: Sequence[str]) -> Any:
+        """The value of these words: one, or a tuple; None if their count is wrong, or one is not allowed."""
+        values = tuple(FLAGS.get(normalise(text)) for text in texts)
+        return None if len(values) != self.count or None in values else values[0] if self.count == 1 else values
 
 
 @dataclass(frozen=True)
@@ -163,7 +184,7 @@ WORDS = (
     _word("VIEW_PARAMETER", "WINDOW JANELA", "window", Numbers(4, "umin vmin umax vmax", -LARGE, LARGE)),
     _word("VIEW_PARAMETER", "OBS OBSERVER OBSERVADOR EYE OLHO", "eye", POINT),
     _word("VIEW_PARAMETER", "VPN", "vpn", POINT),
-    _word("VRP", "VRP", "vrp", POINT),
+    _word("VIEW_PARAMETER", "VRP", "vrp", POINT),
     _word("VIEW_PARAMETER", "VUP", "vup", POINT),
     # the tree
     _word("PRIMITIVE", "CUBE CUBO", "cube", INDEX),
@@ -235,7 +256,7 @@ WORDS = (
     _word("NULL", "NULL NULO NENHUM NENHUMA NONE"),
 )
 
-#: What messages call tokens that are no words, and BOOL, whose words are too many.
+#: The names in messages of tokens that are no words, and of BOOL.
 MEANINGS = {
     "NUMBER": "a number",
     "VARIABLE": "a name such as $angle",
@@ -252,20 +273,21 @@ MEANINGS = {
 }
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
-#: The words that belong to a statement, by their roles; ``""`` is the end of the text, where a statement ends, too.
+#: The roles of keywords that begin a statement, and of the words that belong to one.
 STATEMENTS = frozenset(
     {"DEFAULT", "NAME", "SETTING", "LIGHTS", "BACKGROUND", "VIEW"}
     | {"SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE", "END"}
 )
 PARTS = {
     "LIGHTS": "LIGHT LIGHT_PARAMETER DISTRIBUTION",
-    "VIEW": "VIEW_PARAMETER VRP",
+    "VIEW": "VIEW_PARAMETER",
     "CSG_TREE": "PRIMITIVE",
     "SURFACE": "MATERIAL CONDUCTOR DIELECTRIC MATERIAL_KIND METAL OPTIC",
     "TRANSFORM": "STEP",
     "TEXTURE": "KIND PARAMETER",
 }
 STATEMENT_OF = {role: statement for statement, roles in PARTS.items() for role in roles.split()}
+KIND_ROLES = ("DISTRIBUTION", "CONDUCTOR", "DIELECTRIC", "MATERIAL_KIND", "KIND")
 ROLES = tuple(dict.fromkeys(word.role for word in WORDS))
 #: The order in which a message lists what it expected.
 ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
@@ -293,8 +315,8 @@ METAL_NAMES = {
 }
 METALS = {name: table for table, names in METAL_NAMES.items() for name in names.split()}
 METALS |= {table.lower(): table for table in (*METAL_NAMES, *["Cu", "Hg", "Ir", "K", "Li", "Mo", "Nb", "Rh", "Ta"])}
-#: Names of glasses, and of what else is clear, by the materials of prosim_dielectric; and their indices at the line d,
-#: 587.6 nm.
+#: Names of glasses and other clear materials, by the materials of prosim_dielectric; and their indices of refraction at
+#: the line d, 587.6 nm.
 GLASS_NAMES = {
     "bk7": "bk7 n-bk7",
     "f2": "f2",
@@ -307,6 +329,8 @@ GLASS_NAMES = {
     "water": "water agua",
 }
 GLASSES = {name: glass for glass, names in GLASS_NAMES.items() for name in names.split()}
+#: Role of a word that a name may follow -> the field of the model that the name sets, and the names.
+NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
 INDICES = dict(zip(GLASS_NAMES, (1.5168, 1.62004, 1.72825, 1.78472, 1.85025, 1.45846, 2.41749, 2.15877, 1.3334)))
 #: The textures that need no TEXTURE statement and their kinds, and their other names.
 BUILT_IN = {"t-tijolo": "brick", "t-listra": "stripes", "t-fractal": "fractal"}
@@ -327,15 +351,19 @@ for _row in WORDS:
         ROWS.setdefault(normalise(_spelling), []).append(_row)
 
 
+#: TRUE and FALSE, and 1 and 0, by their normalised spellings.
+FLAGS = {normalise(s): word.name == "true" for word in WORDS if word.role == "BOOL" for s in word.spellings}
+FLAGS |= {"0": False, "1": True}
+#: The canonical spellings of kinds of lights, materials and textures; a material may also be absent.
+KINDS = {word.name: word.canonical for word in WORDS if word.role in KIND_ROLES} | {
+    "phong": "a surface without a material"
+}
+
+
 @lru_cache(maxsize=1 << 10)
 def row(role: str, spelling: str) -> Word:
     """The row of a keyword."""
     return next(word for word in ROWS[normalise(spelling)] if word.role == role)
-
-
-def is_statement(word: str) -> bool:
-    """Whether a word may begin a statement."""
-    return any(row.role in STATEMENTS for row in ROWS.get(normalise(word), ()))
 
 
 def of_role(*roles: str) -> list[Word]:

@@ -231,16 +231,15 @@ def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, mo
     assert key() != first
 
 
-def test_references_that_can_not_be_kept(tmp_path, monkeypatch, capsys):
-    """That is seen before they are rendered."""
+def test_references_that_can_not_be_stored(tmp_path, monkeypatch):
+    """An error before they are rendered."""
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"--cache: references can't be stored there: .*this is not a folder"):
-        compare.place_of_references(tmp_path / "file" / "cache", tmp_path, 10)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert compare.place_of_references(None, tmp_path, 10) == tmp_path
-    assert "warning: references are not stored: " in capsys.readouterr().err
+    for folder in tmp_path / "file" / "cache", None:
+        with pytest.raises(InputError, match=r"references can't be stored: .*this is not a folder"):
+            compare.reference_folder(folder, 10)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert compare.place_of_references(None, tmp_path, 10) == runs.cache_folder()
+    assert compare.reference_folder(None, 10) == runs.cache_folder()
 
 
 # ---- the page

@@ -132,19 +132,6 @@ def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, keep):
         assert film.with_name("film" + name).read_bytes() == film.with_name("whole" + name).read_bytes()
 
 
-def test_a_scene_that_changes_during_the_film(film, monkeypatch):
-    start = image.start
-
-    def changing(*arguments, **how):
-        film.write_text(FILM.replace("+ $frame / 100", "+ $frame / 50"))
-        return start(*arguments, **how)
-
-    monkeypatch.setattr(image, "start", changing)
-    done = prosim("render", film, "--frames", "1:4")
-    assert done.exit_code == 0 and done.stderr.count("has changed: frame 2 shows the new scene") == 1
-    assert rendered(film, "--frames", "1:4") == (1, 2)
-
-
 def test_scenes_in_xml_have_frames_too(scene):
     scene.write_text(XML.replace("$radiance", "$time").replace('name="radiance" value="0.5"', 'name="time" value="9"'))
     assert rendered(scene, "--frames", "12:14", "--fps", 48) == (2, 0)
@@ -172,7 +159,6 @@ def test_a_wrong_frame_is_named_and_those_before_it_are_kept(film):
         *[(f"--frames={frames}", "not of the form A:B[:STEP]") for frames in ("-1:3", "9:0:-1", "a:b", "0:3:1:1")],
         ("--frames 0:3 -D frame=3", "-D frame=... and --frames both define $frame"),
         ("--frames 0:3 --part 1/2", "--part is for single images"),
-        ("--frames 0:3 -o turn.%04d.exr", "frames get numbers"),
         ("--frames 0:3 --workers 2 -m scalar_rgb", "--workers: scalar_rgb"),
         ("--fps 3", "--fps is for films"),
         ("--anew", "--overwrite is for films"),

@@ -15,7 +15,7 @@ from tqdm import tqdm
     "arguments, says",
     [
         ("--resolution 40", "not of the form WxH, such as 640x480"),
-        ("--noise 60%", "'60%' is not a finite number, such as 0.01"),
+        ("--noise 60%", "'60%' is not a valid number"),
         ("--exposre 1", "'--exposure'"),
         ("--spp many", "'many' is not a valid integer"),
         ("--resolution 0x4", "1 to 65536 pixels a side"),

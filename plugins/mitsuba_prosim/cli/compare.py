@@ -13,11 +13,11 @@ from ..scene import session
 from ..scene.errors import with_nearest
 from . import output as files
 from .image import check_denoising
-from .input_files import SceneFile
+from .input_files import SCENE_FILE
 from .job import Command, Job, takes
 from .log import log
 from .options import LEVELS, InputError, Integer, Number, need, option, wrong_input
-from .progress import Progress, warn
+from .progress import Progress
 
 SUFFIXES = (".html", ".json")
 
@@ -33,7 +33,7 @@ LIGHT = {
 
 
 @click.command(cls=Command)
-@click.argument("scene", type=SceneFile())
+@click.argument("scene", type=SCENE_FILE)
 @click.argument("a", default="prosim")
 @click.argument("b", default="path:multijitter")
 @takes("noise", "denoise", "output", "exposure", "definitions", "resolution", "allow_outside")
@@ -43,9 +43,9 @@ LIGHT = {
 @option(
     "Comparison",
     "--reference-seconds",
-    type=Number("seconds", 0),
+    type=Number(0),
     default=60,
-    help="Time for each reference; a cached one is continued.",
+    help="Seconds for each reference; a cached one is continued.",
 )
 @option(
     "Comparison",
@@ -95,7 +95,7 @@ def compare(
         if min(width, height) < LEAST:
             raise InputError(f"{scene}: SSIM needs {LEAST} x {LEAST} pixels; the image has {width} x {height}.")
         files.check(stem, SUFFIXES, 2**23, [scene])
-        cache = place_of_references(cache, folder, 2**4 * 3 * width * height)
+        cache = reference_folder(cache, 2**4 * 3 * width * height)
         with Progress("comparing") as bar:
             tell = lambda doing, done: bar.show(done, doing)  # noqa: E731
             effort = Effort(levels, rounds, reference_seconds, cache, job.denoise, tell)
@@ -106,22 +106,16 @@ def compare(
     click.echo(" and ".join(map(str, written)))
 
 
-def place_of_references(asked: Path | None, scratch: Path, size: int) -> Path:
-    """The folder for references of ``size`` bytes: ``asked``, or the user's, or with a warning ``scratch``.
-
-    Raises InputError where ``asked`` can't be written to.
-    """
+def reference_folder(cache: Path | None, size: int) -> Path:
+    """The folder for references of ``size`` bytes: ``cache``, or that of the user. Raises InputError."""
     from ..compare import runs
 
-    place = asked or runs.cache_folder()
+    folder = cache or runs.cache_folder()
     try:
-        atomic.check([place / "reference"], size)
+        atomic.check([folder / "reference"], size)
     except OSError as error:
-        if asked:
-            raise InputError(f"--cache: references can't be stored there: {files.reason(error)}") from None
-        warn(f"references are not stored: {files.reason(error)}. Give another folder by --cache")
-        return scratch
-    return place
+        raise InputError(f"references can't be stored: {files.reason(error)}. Give another folder by --cache") from None
+    return folder
 
 
 def summary(facts: Mapping[str, Any]) -> str:

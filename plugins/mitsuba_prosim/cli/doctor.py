@@ -45,8 +45,6 @@ def doctor() -> None:
             problems.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
         else:
             say("mitsuba", f"{len(installed)} stand-ins for plugins in Python in {stand_ins.plugin_folder()}")
-        compiler = stand_ins.compiler()
-        say("C compiler", " ".join(compiler) if compiler else "none (only prosim link needs one)")
     else:
         say("mitsuba", "the mitsuba command runs plugins in Python on Linux only; use prosim render")
 

@@ -42,18 +42,15 @@ SMALL = 30.0
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that is to be rendered. ``stem``: its path without suffix; ``digest``: its :func:`digest`."""
+    """A frame that is to be rendered. ``stem``: its path without suffix; ``facts``: its metadata, beside those of every
+    image.
+    """
 
     number: int
     job: Job
     stem: Path
     file: scene_file.SceneFile
-    digest: str
-
-    @property
-    def facts(self) -> dict[str, str]:
-        """Its metadata, beside those of every image."""
-        return {DIGEST: self.digest, "prosim.frame": str(self.number)}
+    facts: dict[str, str]
 
 
 class Film:
@@ -63,9 +60,6 @@ class Film:
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.Kept()
         self.rendered = self.left = self.black = 0
-        #: Why frames are black; each reason is printed once.
-        self.reasons: set[str] = set()
-        self.text = Path(job.scene).read_bytes()
         self.bar = FilmProgress(len(self.frames))
         self.signals: list[int] = []
         #: The frame that errors are about.
@@ -109,8 +103,8 @@ class Film:
             job = replace(self.job, definitions={**self.job.definitions, **own}, seed=seed)
             with wrong_input():
                 file = job.file(folder, kept=self.cache)
-                self.warn_of_changes()
-                frame = Frame(number, job, self.path(number), file, digest(job, file))
+                facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
+            frame = Frame(number, job, self.path(number), file, facts)
             if job.overwrite or not exists(frame):
                 yield frame
             else:
@@ -178,21 +172,11 @@ class Film:
         """Counts a frame that was rendered, and prints its report."""
         self.rendered += 1
         self.bar.finish()
-        self.black += result.black is not None
-        if result.black is not None and result.black not in self.reasons:
-            self.reasons.add(result.black)
-            warn(f"frame {frame.number}: {result.black}")
+        if result.black:
+            self.black += 1
+            if self.black == 1:
+                warn(f"frame {frame.number}: {result.black}")
         self.bar.write(result.report, file=sys.stderr)
-
-    def warn_of_changes(self) -> None:
-        """Warns where the scene differs from that of the frame before."""
-        text = Path(self.job.scene).read_bytes()
-        if text != self.text:
-            self.text = text
-            warn(
-                f"{self.job.scene} has changed: frame {self.number} shows the new scene, and frames before it the old "
-                "one; the same command renders these again"
-            )
 
     def definitions(self, number: int) -> dict[str, str]:
         """The values of a frame's names."""
@@ -243,7 +227,7 @@ def exists(frame: Frame) -> bool:
         header = OpenEXR.File(str(image), header_only=True).parts[0].header
     except (RuntimeError, ValueError):
         return False
-    return bool(header.get(DIGEST) == frame.digest)
+    return bool(header.get(DIGEST) == frame.facts[DIGEST])
 
 
 def render(job: Job, stem: Path) -> None:
@@ -253,10 +237,6 @@ def render(job: Job, stem: Path) -> None:
     """
     if given := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(given)}=... and --frames both define ${min(given)}; give one of them.")
-    if "%" in stem.name:
-        raise click.BadParameter(
-            f"'{stem.name}': frames get numbers, such as name.0007.exr; give the name alone.", param_hint="-o"
-        )
     film = Film(job, stem)
     try:
         interruption = film.render()

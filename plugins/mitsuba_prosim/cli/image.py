@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 #: Suffixes of an image, and of its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
-#: Channels of the raw and of the denoised image, and of the errors.
-DENOISED_CHANNELS = 9
-
 
 @dataclass(frozen=True)
 class Task:
@@ -97,11 +94,9 @@ class Task:
         return CheckpointWriter(self.stem.with_name(self.stem.name + states[0]), self.about, warn)
 
     def size(self) -> int:
-        """Bytes of the image at most."""
+        """Bytes of the image at most: ten channels of 32 bits, the integrator's own ones, and the PNG."""
         width, height = self.sensor.film().crop_size()
-        # Four channels of 32 bits and the other ones, and three bytes of the PNG.
-        others = len(self.integrator.aov_names()) + (DENOISED_CHANNELS if self.job.denoise else 0)
-        return int(width * height) * (19 + 4 * others) + 2**16
+        return int(width * height) * (48 + 4 * len(self.integrator.aov_names())) + 2**16
 
 
 @dataclass(frozen=True)
@@ -128,13 +123,12 @@ class Image:
 
 @dataclass(frozen=True)
 class Result:
-    """The outcome of a task. ``report``: what to print; ``interruption``: what interrupted it, in words; ``state``: its
-    checkpoint; ``black``: why nothing is visible, if that is so.
+    """The outcome of a task. ``report``: what to print; ``interruption``: what interrupted it, in words; ``black``: why
+    nothing is visible, if that is so.
     """
 
     report: str
     interruption: str | None = None
-    state: Path | None = None
     black: str | None = None
 
 
@@ -181,13 +175,15 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
         if shown is not None:
             shown.show()
         paths = output.save(task.stem, image.contents) if image.contents else []
-    state = None if writer is None else writer.path
-    if writer is not None and writer.unwritten is not None:
-        output.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
-    line = image.line(job, task.file, [*paths, state] if state else paths)
-    left = report.interrupted(steps.reached) if interruption else None
-    lines = [f"{line}, {left}" if left else line, lost, *image.quality]
-    return Result("\n".join(filter(None, lines)), interruption, state, image.black)
+    if writer is not None:
+        if writer.unwritten is not None:
+            output.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
+        paths.append(writer.path)
+    lines = [image.line(job, task.file, paths), lost, *image.quality]
+    if interruption:
+        lines[0] = f"{lines[0]}, {report.interrupted(steps.reached)}"
+        lines.append(f"To continue it: prosim resume {writer.path}" if writer else None)
+    return Result("\n".join(filter(None, lines)), interruption, image.black)
 
 
 def end_without_image(signals: Sequence[int], lost: str | None) -> NoReturn:

@@ -6,7 +6,7 @@ import difflib
 import os
 import re
 import shlex
-from abc import ABC, abstractmethod
+from collections.abc import Collection
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,10 @@ import click
 
 from ..engine import checkpoint
 
-EXR, ARCHIVE = "an EXR image", "an archive"
+TEXT, XML, EXR, ARCHIVE = "a text file", "a Mitsuba scene", "an EXR image", "an archive"
+STATE, PART = "the state of a render", "a part of an image"
 
-#: The first bytes of files that are no scenes, and their kinds.
+#: The first bytes of files that are no text, and their kinds.
 MAGIC = {
     b"v/1\x01": EXR,
     b"\x89PNG": "a PNG image",
@@ -27,18 +28,27 @@ MAGIC = {
     b"PK\x03\x04": ARCHIVE,
 }
 
+#: What to do with a file that is of another kind than a command needs.
+USES = {
+    XML: "To render it: prosim render {}",
+    STATE: "To continue it: prosim resume {}",
+    PART: "To merge all parts: prosim merge {}",
+}
+
 #: What follows the name of an image in that of its state, or of a part.
 SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$|\.exr$")
 
 
-class InputFile(click.Path, ABC):
-    """A file that exists; a subclass says which kind it has to be of."""
+class InputFile(click.Path):
+    """A file that exists, of one of these ``kinds``, all of which messages call ``what``.
 
-    #: Patterns of the names of such files, the likeliest first.
-    patterns: tuple[str, ...] = ()
+    ``patterns``: names of such files, the likeliest first; ``writer``: the command that writes one.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:
         super().__init__(exists=True, readable=True, path_type=Path)
+        self.what, self.kinds, self.patterns = what, kinds, patterns
+        self.writes = writer and f" {writer} writes one."
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Returns the path of the file."""
@@ -46,16 +56,12 @@ class InputFile(click.Path, ABC):
         if path.is_dir():
             self.fail(f"'{path}' is a folder.{self.suggestion(path)}", param, ctx)
         if not os.path.lexists(path):
-            nor = "" if path.parent.is_dir() else f" (nor does the folder '{path.parent}')"
-            self.fail(f"File '{path}' does not exist{nor}.{self.suggestion(path)}", param, ctx)
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if (wrong := self.wrong(path)) is not None:
-            self.fail(f"'{path}' is {wrong}", param, ctx)
+            self.fail(f"File '{path}' does not exist.{self.suggestion(path)}", param, ctx)
+        super().convert(value, param, ctx)
+        if (found := kind(path)) not in self.kinds:
+            hint = f" {USES[found].format(parts(path))}" if found in USES else self.suggestion(path)
+            self.fail(f"'{path}' is {found}, not {self.what}.{hint or self.writes}", param, ctx)
         return path
-
-    @abstractmethod
-    def wrong(self, path: Path) -> str | None:
-        """The kind of a file of the wrong kind, and what to do; None for any other file."""
 
     def suggestion(self, path: Path) -> str:
         """A question for the file of this kind in the same folder, or in one below it, whose name is like ``path``."""
@@ -70,52 +76,10 @@ class InputFile(click.Path, ABC):
         return f" Did you mean {parts(files[likely[0]])}?" if likely else ""
 
 
-class SceneFile(InputFile):
-    """A scene, in the thesis's language (any name) or XML."""
-
-    patterns = ("*.scn", "*.xml")
-
-    def wrong(self, path: Path) -> str | None:
-        """As :meth:`InputFile.wrong`."""
-        what = kind(path)
-        part = is_part(path) if what in (EXR, ARCHIVE) else None
-        if part:
-            return f"a part of an image, not a scene. To merge all parts: prosim merge {parts(path)}"
-        if part is not None:
-            return f"the state of a render, not a scene. To continue it: prosim resume {shlex.quote(str(path))}"
-        return what and f"{what}, not a scene.{self.suggestion(path)}"
-
-
-class LanguageFile(SceneFile):
-    """A scene in the thesis's language."""
-
-    def wrong(self, path: Path) -> str | None:
-        """As :meth:`InputFile.wrong`."""
-        if path.suffix.lower() == ".xml":
-            return f"a Mitsuba scene already. To render it: prosim render {shlex.quote(str(path))}"
-        return super().wrong(path)
-
-
-class StateFile(InputFile):
-    """The state of a render, or a part of an image."""
-
-    patterns: tuple[str, ...] = ("*.state.npz", "*.*-of-*.npz")
-    described, writer = "the state of a render", "prosim render --keep"
-
-    def wrong(self, path: Path) -> str | None:
-        """As :meth:`InputFile.wrong`."""
-        what = kind(path)
-        if what in (EXR, ARCHIVE) and is_part(path) is not None:
-            return None
-        what = f"{what or 'a text file'}, not {self.described}."
-        return what + (self.suggestion(path) or f" {self.writer} writes one.")
-
-
-class PartFile(StateFile):
-    """A part of an image."""
-
-    patterns = ("*.*-of-*.npz",)
-    described, writer = "a part of an image", "prosim render --part 1/4"
+SCENE_FILE = InputFile("a scene", (TEXT, XML), ("*.scn", "*.xml"))
+LANGUAGE_FILE = InputFile("a scene in the thesis's language", (TEXT,), ("*.scn",))
+STATE_FILE = InputFile(STATE, (STATE, PART), ("*.state.npz", "*.*-of-*.npz"), "prosim render --keep")
+PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/4")
 
 
 def stem(path: Path) -> Path:
@@ -125,25 +89,24 @@ def stem(path: Path) -> Path:
 
 
 def parts(path: Path) -> str:
-    """A pattern for all parts of the image of one: ``night.*-of-4.npz``; another path as it is."""
+    """A pattern for all parts of the image of one: ``night.*-of-4.npz``; another path, in quotes if need be."""
     found = SUFFIXES.search(path.name)
-    return f"{stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else str(path)
+    return f"{stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else shlex.quote(str(path))
 
 
-def kind(path: Path) -> str | None:
-    """The kind of a file by its first bytes; None if they are unknown."""
-    if not path.is_file():  # a pipe could not be read again
-        return None
-    with open(path, "rb") as file:
-        begin = file.read(4)
-    return next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
-
-
-def is_part(path: Path) -> bool | None:
-    """Whether a file is the state of a part of an image; None if it is no state."""
-    try:
-        return checkpoint.about(path)["facts"]["part"] is not None
-    except checkpoint.NotACheckpointError:
-        return None
-    except (checkpoint.CheckpointError, OSError):
-        return False
+def kind(path: Path) -> str:
+    """The kind of a file, by its first bytes and its suffix."""
+    if path.is_file():  # a pipe could not be read again
+        with open(path, "rb") as file:
+            begin = file.read(4)
+        what = next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
+        if what in (EXR, ARCHIVE):
+            try:
+                return STATE if checkpoint.about(path)["facts"]["part"] is None else PART
+            except checkpoint.NotACheckpointError:
+                return what
+            except (checkpoint.CheckpointError, OSError):  # its command says what is wrong
+                return STATE
+        if what:
+            return what
+    return XML if path.suffix.lower() == ".xml" else TEXT

@@ -18,20 +18,8 @@ from ..engine.checkpoint import Checkpoint
 from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
-from .options import (
-    ADDRESS,
-    CROP,
-    DEFINITION,
-    FRAMES,
-    PART,
-    RESOLUTION,
-    VIEWER,
-    GroupedCommand,
-    InputError,
-    Integer,
-    Number,
-    option,
-)
+from . import options
+from .options import Integer, Number
 
 #: Fields that become parameters of the integrator, and options of the translator.
 INTEGRATOR = ("caustics", "max_level", "threshold", "noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
@@ -44,7 +32,7 @@ TARGETS = ("noise", "noise_99", "noise_999", "time")
 FILES = ("output", "denoise", "keep", "view", "verbose", "frames", "fps", "overwrite")
 RUNNING = (*FILES, "threads", "workers", "cluster", "part")
 
-ERROR = Number("error", 0, open_below=True)
+POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
 SCENES, NOISES = "what the scene says", "with --noise, --time: "
 
@@ -66,26 +54,26 @@ class Job:
     scene: str = ""
 
     noise: float | None = _quality(
-        ERROR, "Stop when the RMS error of the displayed image is below this (white = 1); 0.01 is usual."
+        POSITIVE, "Stop when the RMS error of the displayed image is below this (white = 1); 0.01 is usual."
     )
-    time: float | None = _quality(Number("seconds", 0, open_below=True), "Stop after this time, at the latest.")
+    time: float | None = _quality(POSITIVE, "Stop after this many seconds, at the latest.")
     spp: int | None = _quality(Integer(1, 2**24), "Samples per pixel.", show_default=SCENES)
     denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
 
     output: str | None = _output(
         click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="beside the input"
     )
-    exposure: float | None = _output(Number("stops", -64, 64), "Exposure of the PNG in stops.")
+    exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
     keep: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
-    view: tuple[str, int] | None = _output(VIEWER, "Show the image in tev while it is rendered.")
+    view: tuple[str, int] | None = _output(options.VIEWER, "Show the image in tev while it is rendered.")
     verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
 
     definitions: Mapping[str, str] = _scene(
-        DEFINITION, "Replace $key in the scene; may be repeated.", "-D", "--define", multiple=True
+        options.DEFINITION, "Replace $key in the scene; may be repeated.", "-D", "--define", multiple=True
     )
     sensor: int = _scene(Integer(min=0), "Number of the scene's sensor.", "-s", default=0)
-    resolution: tuple[int, int] | None = _scene(RESOLUTION, "Size of the image in pixels, such as 640x480.")
-    crop: tuple[int, int, int, int] | None = _scene(CROP, "Render only this window of the image, in pixels.")
+    resolution: tuple[int, int] | None = _scene(options.RESOLUTION, "Size of the image in pixels, such as 640x480.")
+    crop: tuple[int, int, int, int] | None = _scene(options.CROP, "Render only this window of the image, in pixels.")
     paths: bool = _scene(None, "Path tracing: follow diffuse reflections too, in place of the ambient term.")
     caustics: bool | None = _scene(
         None, "Light that glass and mirrors gather.", "--caustics/--no-caustics", default=None, show_default=SCENES
@@ -95,14 +83,14 @@ class Job:
     )
     allow_outside: bool = _scene(None, "Let the scene use files from outside its folder.")
 
-    frames: range | None = _film(FRAMES, "Render a film: an image for each $frame, A to B-1, or one.")
-    fps: float | None = _film(Number("number", 0, open_below=True), "Frames per second, for $time.", show_default="24")
-    overwrite: bool = _film(None, "Render existing frames again.", old=["--anew"])
+    frames: range | None = _film(options.FRAMES, "Render a film: an image for each $frame, A to B-1, or one.")
+    fps: float | None = _film(POSITIVE, "Frames per second, for $time.", show_default="24")
+    overwrite: bool = _film(None, "Render existing frames again.")
 
     threads: int | None = _distribution(Integer(1, 1024), "Number of threads.", "-t", show_default="all")
     workers: int | None = _distribution(Integer(1, 256), "Use this many local processes.")
-    cluster: str | None = _distribution(ADDRESS, "Use the workers of the Dask cluster with this scheduler.")
-    part: Part | None = _distribution(PART, "Render only part K of M, to NAME.K-of-M.npz; see prosim merge.")  # noqa: RUF009
+    cluster: str | None = _distribution(options.ADDRESS, "Use the workers of the Dask cluster with this scheduler.")
+    part: Part | None = _distribution(options.PART, "Render only part K of M, to NAME.K-of-M.npz; see prosim merge.")  # noqa: RUF009
 
     variant: str = _advanced(
         click.Choice(mi.variants()),
@@ -116,12 +104,10 @@ class Job:
     samples: int | None = _advanced(
         Integer(1, 2**12), "N of the thesis's N-rook sampling: N samples a pass, at most N*N per pixel."
     )
-    threshold: float | None = _advanced(
-        Number("error", 0), "Standard error of a pixel that needs no more samples (white = 1)."
-    )
-    noise_99: float | None = _advanced(ERROR, "Also require 99 % of the pixels to be within this error.")
+    threshold: float | None = _advanced(Number(0), "Standard error of a pixel that needs no more samples (white = 1).")
+    noise_99: float | None = _advanced(POSITIVE, "Also require 99 % of the pixels to be within this error.")
     noise_999: float | None = _advanced(
-        ERROR, "Also require 99.9 % of the pixels, bright specks included, to be within this error.", "--noise-99.9"
+        POSITIVE, "Also require 99.9 % of the pixels, bright specks included, to be within this error.", "--noise-99.9"
     )
     max_samples: int | None = _advanced(
         Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=NOISES + "any"
@@ -133,7 +119,7 @@ class Job:
         UNITS, "What a light's intensity means in the thesis's language.", show_default="calibrated"
     )
     tolerance: float | None = _advanced(
-        Number("pixels", 0, open_below=True), "Maximum tessellation error in the thesis's language.", show_default="0.1"
+        POSITIVE, "Maximum tessellation error in pixels, in the thesis's language.", show_default="0.1"
     )
 
     @property
@@ -196,21 +182,41 @@ def takes(*names: str) -> Callable[[Callable], Callable]:
             flags = settings.pop("flags")
             if not any(flag.startswith("--") for flag in flags):
                 flags = *flags, f"--{name.replace('_', '-')}"
-            command = option(settings.pop("group"), *flags, name, **settings)(command)
+            command = options.option(settings.pop("group"), *flags, name, **settings)(command)
         return command
 
     return decorate
 
 
-class Command(GroupedCommand):
-    """A command that gets its scene and the options of :func:`takes` as one :class:`Job`, its argument ``job``."""
+#: The groups in the order of the help; the last has the options of no group.
+GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
+
+#: Options of the version before, and their names today.
+OLD = {"--anew": "--overwrite"}
+
+
+class Command(click.Command):
+    """A command that gets its scene and the options of :func:`takes` as one :class:`Job`, its argument ``job``.
+
+    Its help shows the options in groups.
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Makes the job when all options are known."""
-        rest = super().parse_args(ctx, args)
+        rest = super().parse_args(ctx, [OLD.get(word, word) for word in args])
         if not ctx.resilient_parsing:
             ctx.params["job"] = job_of({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
         return rest
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Writes them."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for param in self.get_params(ctx):
+            if isinstance(param, click.Option) and (record := param.get_help_record(ctx)) is not None:
+                groups.setdefault(getattr(param, "group", GROUPS[-1]), []).append(record)
+        for group, records in sorted(groups.items(), key=lambda item: GROUPS.index(item[0])):
+            with formatter.section(group):
+                formatter.write_dl(records)
 
 
 #: Options that exclude each other: one, others, and what to do.
@@ -231,29 +237,29 @@ CONFLICTS = (
 )
 
 
-def job_of(options: dict[str, Any]) -> Job:
+def job_of(asked: dict[str, Any]) -> Job:
     """The job that options ask for, whose variant is set. Raises UsageError where they contradict each other."""
-    given = {name for name, value in options.items() if value}
+    given = {name for name, value in asked.items() if value}
     for one, others, message in CONFLICTS:
         if one in given and given & set(others.split()):
             raise click.UsageError(message)
     if "frames" not in given and (film := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film)} is for films; add --frames.")
-    if options.get("adaptive") == "thesis" and given & set(TARGETS):
+    if asked.get("adaptive") == "thesis" and given & set(TARGETS):
         raise click.UsageError("--adaptive thesis knows neither --noise nor --time; give another policy, or none.")
-    options["scene"] = scene = str(options.get("scene") or "")
+    asked["scene"] = scene = str(asked.get("scene") or "")
     for name in ("light_units", "tolerance"):
         if name in given and scene.lower().endswith(".xml"):
             raise click.UsageError(
                 f"--{name.replace('_', '-')} is for scenes in the thesis's language; {scene} is XML."
             )
     warnings.simplefilter("always", prosim_scene.SceneWarning)
-    options["definitions"] = dict(options.get("definitions", ()))
-    if "variant" in options:
-        options["variant"] = choose_variant(options["variant"])
+    asked["definitions"] = dict(asked.get("definitions", ()))
+    if "variant" in asked:
+        asked["variant"] = choose_variant(asked["variant"])
         progressive = (*TARGETS, "max_samples", "adaptive", "keep", "part", "workers", "cluster")
-        refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], options["variant"])
-    return Job(**options)
+        refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], asked["variant"])
+    return Job(**asked)
 
 
 def choose_variant(name: str | None) -> str:
@@ -268,9 +274,9 @@ def choose_variant(name: str | None) -> str:
 
 
 def refuse_scalar(names: list[str], variant: str) -> None:
-    """Raises InputError where something of these names was asked of a scalar variant, which renders pixel by pixel."""
+    """Raises InputError where one of these options is given with a scalar variant, which renders pixel by pixel."""
     if variant.startswith("scalar_") and names:
-        raise InputError(
+        raise options.InputError(
             f"{', '.join(names)}: {variant} renders one pixel after the other, and knows nothing of the whole image. "
             "Give another variant, such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
         )

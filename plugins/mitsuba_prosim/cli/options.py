@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -70,23 +70,16 @@ class Integer(click.IntRange):
 
 
 class Number(click.FloatRange):
-    """A finite number in a range, which the help calls ``name``."""
+    """A finite number in a range."""
 
-    def __init__(
-        self, name: str, low: float | None = None, high: float | None = None, open_below: bool = False
-    ) -> None:
-        super().__init__(low, high, open_below)
-        self.name = name
+    name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Returns the number."""
-        try:
-            finite = math.isfinite(float(value))
-        except ValueError:
-            finite = False
-        if not finite:
-            self.fail(f"'{value}' is not a finite number, such as 0.01 or 90", param, ctx)
-        return super().convert(value, param, ctx)
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"'{value}' is not a finite number.", param, ctx)
+        return number
 
 
 def _resolution(width: str, height: str) -> tuple[int, int]:
@@ -133,40 +126,13 @@ ADDRESS = Form("ADDRESS", "tcp://machine:8786, which `dask scheduler` prints", r
 
 
 class Option(click.Option):
-    """An option in a ``group`` of the help, which leaves out its ``old`` names."""
+    """An option in a ``group`` of the help."""
 
-    def __init__(self, names: Sequence[str], *, group: str, old: Sequence[str] = (), **settings: Any) -> None:
-        super().__init__([*names, *old], **settings)
-        self.group, self.old = group, old
-
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Returns the names and the text of the help."""
-        every = self.opts
-        self.opts = [name for name in every if name not in self.old]
-        try:
-            return super().get_help_record(ctx)
-        finally:
-            self.opts = every
+    def __init__(self, *names: Any, group: str, **settings: Any) -> None:
+        super().__init__(*names, **settings)
+        self.group = group
 
 
 def option(group: str, *names: str, **settings: Any) -> Callable[[Callable], Callable]:
     """Decorator: gives a command an :class:`Option`."""
     return click.option(*names, cls=Option, group=group, **settings)
-
-
-#: The groups in the order of the help; the last has the options of no group.
-GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
-
-
-class GroupedCommand(click.Command):
-    """A command whose help shows its options in groups."""
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes them."""
-        groups: dict[str, list[tuple[str, str]]] = {}
-        for param in self.get_params(ctx):
-            if isinstance(param, click.Option) and (record := param.get_help_record(ctx)) is not None:
-                groups.setdefault(getattr(param, "group", GROUPS[-1]), []).append(record)
-        for group, records in sorted(groups.items(), key=lambda item: GROUPS.index(item[0])):
-            with formatter.section(group):
-                formatter.write_dl(records)

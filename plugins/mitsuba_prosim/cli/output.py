@@ -20,7 +20,7 @@ def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
     """The path without suffix of what is written with all of ``suffixes``.
 
     ``output``: the value of ``-o``, a file with one of them or without, or a folder; None for ``default``. Raises
-    BadParameter where it is empty, another kind of file, or a device, or needs more than one new folder.
+    BadParameter where it is empty, another kind of file, or a device.
     """
     if output is None:
         return default
@@ -38,7 +38,7 @@ def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
         )
     else:
         path = path.with_name(path.name.rstrip(".") or path.name)  # a name that ends before its suffix
-    return _in_new_folder(path, path.parent)
+    return path
 
 
 def folder(output: str | None) -> Path | None:
@@ -48,7 +48,7 @@ def folder(output: str | None) -> Path | None:
     path = _expanded(output)
     if KNOWN.fullmatch(path.suffix.lower()) and not path.exists():
         raise click.BadParameter(f"'{output}': give a folder; its files get the scene's name.", param_hint="-o")
-    return _in_new_folder(path, path)
+    return path
 
 
 def _expanded(output: str) -> Path:
@@ -56,15 +56,6 @@ def _expanded(output: str) -> Path:
     if not output:
         raise click.BadParameter("expected a name or a folder, found nothing.", param_hint="-o")
     return Path(os.path.expanduser(output))
-
-
-def _in_new_folder(path: Path, folder: Path) -> Path:
-    """``path``. Raises BadParameter if more than its ``folder`` is missing: its name is probably mistyped."""
-    if not os.path.lexists(folder) and not os.path.lexists(folder.parent):
-        raise click.BadParameter(
-            f"the folder '{folder.parent}' does not exist; at most one new folder is created.", param_hint="-o"
-        )
-    return path
 
 
 def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:

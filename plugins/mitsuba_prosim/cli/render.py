@@ -13,7 +13,7 @@ from ..engine.checkpoint import Checkpoint
 from ..scene import rendering, session
 from . import film, output
 from .image import SUFFIXES, Task, render_image
-from .input_files import SceneFile
+from .input_files import SCENE_FILE
 from .job import OPTIONS, Command, Job, takes
 from .log import log
 from .options import wrong_input
@@ -23,7 +23,7 @@ from .workers import Workers
 
 
 @click.command(cls=Command)
-@click.argument("scene", type=SceneFile())
+@click.argument("scene", type=SCENE_FILE)
 @takes(*OPTIONS)
 def render(job: Job) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
@@ -61,6 +61,4 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
             warn(result.black)
     click.echo(result.report)
     if result.interruption:
-        if result.state is not None:
-            click.echo(f"To continue it: prosim resume {result.state}")
         sys.exit(1)

@@ -15,7 +15,7 @@ from ..engine.checkpoint import Checkpoint
 from ..scene import session
 from . import output
 from .image import STATE, SUFFIXES
-from .input_files import PartFile, SceneFile, StateFile, parts, stem
+from .input_files import PART_FILE, SCENE_FILE, STATE_FILE, parts, stem
 from .job import RUNNING, Command, Job, choose_variant, takes
 from .options import InputError, option
 from .render import write_image
@@ -31,14 +31,14 @@ scene_option = option(
     "Scene",
     "--scene",
     "moved",
-    type=SceneFile(),
+    type=SCENE_FILE,
     help="Path of the scene, if it was moved.",
     show_default="where it was, or beside the state",
 )
 
 
 @click.command(cls=Command)
-@click.argument("state", type=StateFile())
+@click.argument("state", type=STATE_FILE)
 @takes(*TARGET, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
@@ -56,15 +56,9 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
         )
     if target.get("adaptive") in BY_FIRST:
         raise click.UsageError(f"--adaptive {target['adaptive']} decides by the first samples, which exist already.")
-    sampling = record.facts["sampling"]
     if target:
-        policy = sampling["adaptive"]
+        policy = record.facts["sampling"]["adaptive"]
         target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
-    if target and "time" not in target and 0 < sampling["time"] < record.facts["seconds"] / 0.99:
-        raise click.UsageError(
-            f"the render has used up its --time {sampling['time']:g}, which counts from the beginning; add a longer "
-            f"one, such as --time {2 * sampling['time']:g}"
-        )
     job = continued(before, job, keep=True, part=record.part, **target)
     write_image(job, output.stem(job.output, stem(state), SUFFIXES), record)
     if record.finished and not target:
@@ -76,7 +70,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 
 
 @click.command(cls=Command)
-@click.argument("files", metavar="PART...", type=PartFile(), nargs=-1, required=True)
+@click.argument("files", metavar="PART...", type=PART_FILE, nargs=-1, required=True)
 @takes("output", "exposure", "keep", "verbose", "threads")
 @scene_option
 def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:

@@ -8,14 +8,14 @@ import click
 import prosim_scene
 
 from ..stock_command import stand_ins
-from .input_files import LanguageFile
+from .input_files import LANGUAGE_FILE
 from .job import Command, Job, takes
 from .options import option, wrong_input
 from .output import folder
 
 
 @click.command(cls=Command)
-@click.argument("scene", type=LanguageFile())
+@click.argument("scene", type=LANGUAGE_FILE)
 @takes("definitions", "resolution", "allow_outside", "samples", "light_units", "tolerance")
 @option(
     "Output", "-o", "--output", type=click.Path(file_okay=False), help="Folder to write to.", show_default="the scene's"
@@ -48,7 +48,7 @@ def translate(job: Job, target: str, check: bool) -> None:
 
 
 @click.command("format")
-@click.argument("scenes", type=LanguageFile(), nargs=-1, required=True)
+@click.argument("scenes", type=LANGUAGE_FILE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES, in the thesis's scene language, in tidy form; their meaning stays the same."""

@@ -14,7 +14,7 @@ from prosim_scene import Document, Kept
 from .. import atomic
 from ..scene import images, scene_file, session
 from .image import metadata
-from .input_files import SceneFile
+from .input_files import SCENE_FILE
 from .interrupts import interruptible
 from .job import OPTIONS, Command, Job, refuse_scalar, takes
 from .log import log
@@ -25,7 +25,7 @@ LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "over
 
 
 @click.command(cls=Command)
-@click.argument("scene", type=SceneFile())
+@click.argument("scene", type=SCENE_FILE)
 @takes(*(name for name in OPTIONS if name not in LEFT_OUT))
 @option("Page", "--port", type=Integer(0, 65535), default=0, help="Port of the page; 0: any free one.")
 @option("Page", "--browser/--no-browser", default=True, help="Open the page in a browser, or only print its address.")

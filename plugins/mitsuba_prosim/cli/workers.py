@@ -16,18 +16,13 @@ if TYPE_CHECKING:
     from ..parallel.executor import DaskExecutor
 
 
-class Workers:
+class Workers(ExitStack):
     """The workers that a job asks for, from the first image until the context ends."""
 
     def __init__(self, job: Job) -> None:
-        self.job, self.until = job, ExitStack()
+        super().__init__()
+        self.job = job
         self.dask: DaskExecutor | None = None
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.until.close()
 
     def executor(self, task: Task) -> DaskExecutor | None:
         """What takes the samples of an image; None where that is this process.
@@ -49,8 +44,8 @@ class Workers:
             return self.dask
         there = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
         try:
-            client = self.until.enter_context(there)
-            self.dask = self.until.enter_context(DaskExecutor(client, bundle, warn))
+            client = self.enter_context(there)
+            self.dask = self.enter_context(DaskExecutor(client, bundle, warn))
         except RuntimeError as error:
             said = str(error) if job.cluster else f"the workers can't be started here ({error})"
             raise click.ClickException(said) from None

@@ -12,7 +12,7 @@ import textwrap
 from pathlib import Path
 
 import mitsuba as mi
-from prosim_scene.language.words import WORDS, Numbers
+from prosim_scene.language.words import GLASS_NAMES, METAL_NAMES, WORDS, Numbers
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "api.rst"
@@ -85,10 +85,10 @@ def plugin_section(name, docstring):
     for item in re.split(r"^ \* - ", listed, flags=re.MULTILINE)[1:]:
         cells = [plain(cell) for cell in re.split(r"^   - ", item, flags=re.MULTILINE)] + [""]
         parameter, kind, meaning, flags = cells[:4]
-        default = re.search(r"\(Default: (.*?)\)(?=\.?$| )", meaning)
-        meaning = sentence(re.sub(r" ?\(Default: .*?\)(?=\.?$| )", "", meaning))
+        default = "; ".join(re.findall(r"\(Default: (.*?)\)(?=[.,;]?$|[.,;]? )", meaning))
+        meaning = re.sub(r" ?\(Default: .*?\)(?=[.,;]?$|[.,;]? )", "", meaning)
         flags = flags.replace("exposed", "P").replace("differentiable", "∂").replace("discontinuous", "D")
-        rows.append([f"``{parameter}``", kind, default[1] if default else "", meaning, flags.replace(",", "")])
+        rows.append([f"``{parameter}``", kind, default, meaning, flags.replace(",", "")])
     head = ["parameter", "type", "default", "meaning", ""]
     return f"{name}\n{'~' * len(name)}\n\n{sentence(about)}\n\n{table(head, rows)}\n"
 
@@ -122,7 +122,10 @@ def words_section():
         bounds = word.takes.bounds() if isinstance(word.takes, Numbers) else ""
         rows.append([first, ", ".join(others), takes, bounds])
     title = "Words of the scene language"
-    return f"{title}\n{'-' * len(title)}\n\n{table(['word', 'other spellings', 'takes', 'range'], rows)}\n"
+    words = table(["word", "other spellings", "takes", "range"], rows)
+    named = [[names.replace(" ", ", "), f"``{name}``"] for name, names in (METAL_NAMES | GLASS_NAMES).items()]
+    materials = table(["metal or glass", "table of Mitsuba, or material of prosim_dielectric"], named)
+    return f"{title}\n{'-' * len(title)}\n\n{words}\n\n{materials}\n"
 
 
 def page():

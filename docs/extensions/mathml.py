@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers draw by themselves: the site needs neither scripts nor a network for them."""
+"""Formulas as MathML, which browsers draw without scripts and without a network."""
 
 import re
 
@@ -7,19 +7,19 @@ from docutils.utils.math.latex2mathml import tex2mathml
 
 
 def formula(writer, node):
-    """A formula within a line."""
+    """Writes a formula within a line."""
     writer.body.append(compact(tex2mathml(node.astext())))
     raise nodes.SkipNode
 
 
 def display(writer, node):
-    """A formula in lines of its own."""
+    """Writes a displayed formula."""
     writer.body.append(compact(tex2mathml(node.astext())).replace("<math", '<math display="block"', 1))
     raise nodes.SkipNode
 
 
 def compact(markup):
-    """Without the line ends, of which browsers would make spaces."""
+    """Returns the markup without line ends, which browsers would show as spaces."""
     return re.sub(r"\s*\n\s*", "", markup)
 
 

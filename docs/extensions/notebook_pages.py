@@ -21,7 +21,7 @@ UNRUN, SMALL, FULL = range(3)
 
 
 def run(notebook):
-    """Fills in the outputs, but for widgets, which are nothing without their scripts."""
+    """Runs the notebook and keeps its outputs, except widgets, which need scripts."""
     NotebookClient(notebook, timeout=1800, resources={"metadata": {"path": str(EXAMPLES)}}).execute()
     for cell in notebook.cells:
         if cell.cell_type == "code":
@@ -30,7 +30,7 @@ def run(notebook):
 
 
 def write_pages(app):
-    """Brings ``docs/notebooks`` up to date."""
+    """Writes the pages of ``docs/notebooks`` that have changed."""
     folder = Path(app.srcdir, "notebooks")
     folder.mkdir(exist_ok=True)
     wanted = UNRUN if app.config.notebooks == "unrun" else SMALL if "PROSIM_SMALL" in os.environ else FULL
@@ -50,7 +50,7 @@ def write_pages(app):
 
 
 def link_pages(app, doctree):
-    """Leads a page's link to a notebook in ``examples`` to the page that is made of it."""
+    """Changes links to notebooks in ``examples`` to links to their pages."""
     for node in doctree.findall(addnodes.pending_xref):
         path = Path(node["reftarget"])
         if path.parent == EXAMPLES and (EXAMPLES / f"{path.name}.ipynb").exists():

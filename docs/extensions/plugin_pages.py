@@ -1,4 +1,4 @@
-"""Pages made of the plugins' docstrings, which are written as Mitsuba writes its own.
+"""Pages made of the plugins' docstrings, in the form of Mitsuba's.
 
 ``.. plugins:: FOLDER`` shows every plugin in ``plugins/mitsuba_prosim/FOLDER``, each with its picture from
 ``docs/pictures``; ``.. pluginparameters::`` is the table of parameters; references to Mitsuba's plugins lead to
@@ -30,7 +30,7 @@ MITSUBA_PAGES = {
 
 
 def plugins(folder):
-    """``(name, docstring)`` of each plugin in the folder."""
+    """Yields ``(name, docstring)`` of each plugin in the folder."""
     for path in sorted((SOURCES / folder).glob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef):
@@ -40,7 +40,7 @@ def plugins(folder):
 
 
 def example(docstring):
-    """The example in a plugin's docstring, as the dictionary that ``mi.load_dict`` takes."""
+    """Returns the example in a plugin's docstring as a dictionary for ``mi.load_dict``."""
     return ast.literal_eval("{" + docstring.partition(".. code-tab:: python")[2] + "}")
 
 
@@ -56,7 +56,7 @@ class Plugins(SphinxDirective):
         return self.parse_text_to_nodes(text, allow_section_headings=True)
 
     def with_picture(self, name, docstring):
-        """The docstring with the plugin's picture, if there is one, under the title."""
+        """Returns the docstring, with the plugin's picture under the title if it exists."""
         if not (Path(self.env.srcdir) / "pictures" / f"{name}.jpg").exists():
             return docstring
         head, mark, rest = docstring.partition(".. pluginparameters::")
@@ -64,7 +64,7 @@ class Plugins(SphinxDirective):
 
 
 class PluginParameters(ListTable):
-    """A table of name, type, meaning and flags, of which the last may be left out."""
+    """A table of name, type, meaning and, optionally, flags."""
 
     required_arguments = optional_arguments = 0
 
@@ -83,7 +83,7 @@ class PluginParameters(ListTable):
 
 
 def mitsuba_reference(app, env, node, content):
-    """A link to Mitsuba's site for a label of one of its plugins."""
+    """Returns a link to Mitsuba's site for the label of one of its plugins."""
     kind, _, name = node["reftarget"].partition("-")
     if node["reftype"] != "ref" or kind not in MITSUBA_PAGES or not name:
         return None

@@ -11,14 +11,14 @@ KEYWORDS = "|".join(sorted({spelling for row in WORDS for spelling in row.spelli
 
 
 class SceneLexer(RegexLexer):
-    """The words of the language, numbers, names, file names in quotes, and remarks."""
+    """Highlights words of the language, numbers, names, quoted file names and comments."""
 
     name = "scn"
     tokens: ClassVar = {
         "root": [
             (rf"(?i)((?:{STEPS})\s*)(\()", bygroups(Keyword, Text)),
             (r"#.*", Comment),
-            (r"\(", Comment, "remark"),
+            (r"\(", Comment, "comment"),
             (r'"[^"\n]*"', String),
             (r"\$\w+", Name.Variable),
             (r"\{", Punctuation, "arithmetic"),
@@ -34,7 +34,7 @@ class SceneLexer(RegexLexer):
             (r"\w+", Name.Function),
             (r"\s+|.", Operator),
         ],
-        "remark": [(r"\(", Comment, "#push"), (r"\)", Comment, "#pop"), (r"[^()]+", Comment)],
+        "comment": [(r"\(", Comment, "#push"), (r"\)", Comment, "#pop"), (r"[^()]+", Comment)],
     }
 
 

@@ -43,19 +43,21 @@ def translate(
     source: AnyPath | Document,
     out_dir: AnyPath | None = None,
     *,
-    target: str = "prosim",
-    light_units: str = "calibrated",
-    tolerance: float | None = None,
-    resolution: tuple[int, int] | None = None,
-    samples: int | None = None,
-    allow_outside: bool = False,
     define: Mapping[str, object] | None = None,
     kept: Kept | None = None,
+    **options: Any,
 ) -> Path:
     """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
     ``out_dir``
         Folder of the result, made if need be; by default the scene's own.
+    ``define``
+        Values, numbers or words, of the ``$names`` in the scene.
+    ``kept``
+        What an earlier translation has left, and this one leaves: meshes of the same solids are not made again.
+
+    The other options are those of :func:`load` and :func:`check`, too:
+
     ``target``
         "prosim" for this project's plugins, "stock" for those alone that Mitsuba brings (what these cannot say is
         approximated, and each approximation is a SceneWarning, given once).
@@ -66,23 +68,12 @@ def translate(
     ``resolution``, ``samples``
         (width, height) and N instead of the scene's.
     ``allow_outside``
-        Whether image files outside the scene's folder may be used.
-    ``define``
-        Values, numbers or words, of the ``$names`` in the scene.
-    ``kept``
-        What an earlier translation has left, and this one leaves: meshes of the same solids are not made anew.
+        Whether files outside the scene's folder may be used.
 
     Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
     translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
     """
-    options = Options(
-        target=target,
-        light_units=light_units,
-        tolerance=tolerance,
-        resolution=resolution,
-        samples=samples,
-        allow_outside=allow_outside,
-    )
+    checked = Options(**options)
     opened, source_path = _opened(source, define)
     if not output.can_say(source_path.stem):
         raise SceneError(
@@ -114,7 +105,7 @@ def translate(
         meshes[file := output.mesh_name(name, content)] = content
         return f"{output.meshes_folder(stem)}/{file}"
 
-    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, options, store, image_path, kept)}
+    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, checked, store, image_path, kept)}
     try:
         return output.write(folder, stem, output.xml(tree), meshes)
     except OSError as error:

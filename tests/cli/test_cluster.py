@@ -129,10 +129,10 @@ def test_so_do_files_that_are_named_by_paths_and_parameters(lamp, tmp_path):
     "options, says",
     [
         (["--workers", 2, "--cluster", "tcp://a:1"], "give one of them"),
-        (["--workers", 2, "--part", "1/2"], "leave it to the cluster"),
+        (["--workers", 2, "--part", "1/2"], "leave it out with a cluster"),
         (["--cluster", "localhost"], "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
         (["--workers", 2, "-m", "scalar_rgb"], "--workers: scalar_rgb"),
-        (["--workers", 2], "this scene's integrator is PathIntegrator. Say how it should be sampled"),
+        (["--workers", 2], "needs prosim or prosim_adaptive"),
     ],
 )
 def test_wrong_use(scene, options, says):
@@ -146,7 +146,9 @@ def test_workers_that_can_not_be_begun(lamp, monkeypatch):
 
     monkeypatch.setattr(cluster.distributed, "LocalCluster", fails)
     result = prosim("render", lamp, "--workers", 1)
-    assert result.exit_code == 1 and "Error: the workers can't be begun here (Nanny failed to start.)" in result.output
+    assert (
+        result.exit_code == 1 and "Error: the workers can't be started here (Nanny failed to start.)" in result.output
+    )
 
 
 def test_without_the_package_nothing_is_begun(lamp, monkeypatch):

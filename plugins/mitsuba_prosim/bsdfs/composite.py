@@ -24,7 +24,7 @@ class Composite(Pigmented):
 
      * - diffuse_reflectance
        - |spectrum| or |texture|
-       - Share of the light that the pigment reflects, :math:`k_d`. (Default: 0.5)
+       - Fraction of the light that the pigment reflects, :math:`k_d`. (Default: 0.5)
        - |exposed|, |differentiable|
 
      * - specular_reflectance
@@ -41,7 +41,7 @@ class Composite(Pigmented):
 
      * - eta
        - |float|
-       - Their quotient, inside over outside: not a parameter, but what is exposed of the two.
+       - Relative index ``int_ior / ext_ior``: no parameter, but exposed.
        - |exposed|, |differentiable|
 
      * - distribution
@@ -62,13 +62,14 @@ class Composite(Pigmented):
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: ``diffuse_reflectance``)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default:
+         ``diffuse_reflectance``)
        - |exposed|, |differentiable|
 
     A dielectric over a pigment (thesis, sections 3.1.1 and 5.1): :math:`\rho = k_s \rho_s + k_d / \pi`, a white
     highlight on a coloured body. :math:`\rho_s` is the lobe of :ref:`prosim_conductor <bsdf-prosim_conductor>` with the
-    reflectance of a dielectric. As in the thesis, the pigment is lit by all of the light and not by what the
-    varnish lets through; that :math:`k_s + k_d \le 1` bounds the energy. One-sided. Components: specular, diffuse.
+    reflectance of a dielectric. As in the thesis, the varnish does not dim the light of the pigment;
+    :math:`k_s + k_d \le 1` bounds the energy. One-sided. Components: specular, diffuse.
 
     .. tabs::
         .. code-tab:: xml

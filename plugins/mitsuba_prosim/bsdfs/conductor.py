@@ -27,7 +27,7 @@ class Conductor(mi.BSDF):
 
      * - material
        - |string|
-       - Name of a measured metal, any that Mitsuba's :ref:`conductor <bsdf-conductor>` knows: ``Cu``, ``Au``,
+       - Name of a measured metal of Mitsuba's :ref:`conductor <bsdf-conductor>`: ``Cu``, ``Au``,
          ``Al``, ``Cu_palik`` (the tables that the thesis cites), ... Not together with ``eta`` or ``k``. (Default:
          none)
 
@@ -62,18 +62,18 @@ class Conductor(mi.BSDF):
 
      * - specular_reflectance
        - |spectrum| or |texture|
-       - Factor on what is reflected, in [0, 1]; physically 1. (Default: none)
+       - Factor on the reflected light, in [0, 1]; physically 1. (Default: none)
        - |exposed|, |differentiable|
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
     The model of Torrance and Sparrow (thesis, section 3.1.1; equation 3.1): facets of a distribution :math:`D`, each a
     mirror that reflects by Fresnel's equations, arranged in V-shaped cavities that shadow and mask one another
     (:math:`G`). Facets are sampled in proportion to their visible area (Heitz and d'Eon 2014), so that no sample
-    weighs more than :math:`F`. Light reflected by two facets in turn is lost: ``docs/optics.md`` has a table.
+    weighs more than :math:`F`. Light that two facets reflect is lost: ``docs/optics.md`` has a table.
     One-sided: black from the back; put it into :ref:`twosided <bsdf-twosided>` otherwise.
 
     .. tabs::

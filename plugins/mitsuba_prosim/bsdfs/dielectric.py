@@ -19,7 +19,7 @@ class Dielectric(mi.BSDF):
     r"""
     .. _bsdf-prosim_dielectric:
 
-    Glass, water and their kind (:monosp:`prosim_dielectric`)
+    Glass and water (:monosp:`prosim_dielectric`)
     ---------------------------------------------------------
 
     .. pluginparameters::
@@ -30,12 +30,12 @@ class Dielectric(mi.BSDF):
 
      * - eta
        - |float|
-       - Their quotient, inside over outside: not a parameter, but what is exposed of the two, if they are numbers.
+       - Relative index ``int_ior / ext_ior``: no parameter, but exposed if both are numbers.
        - |exposed|, |differentiable|
 
      * - int_material, ext_material
        - |string|
-       - In the place of an index, what depends on the wavelength: ``bk7``, ``f2``, ``sf10``, ``sf11``, ``lasf9``,
+       - Instead of an index, a dispersive material: ``bk7``, ``f2``, ``sf10``, ``sf11``, ``lasf9``,
          ``silica``, ``diamond``, ``zirconia`` or ``water``. (Default: none)
 
      * - int_abbe, ext_abbe
@@ -45,17 +45,17 @@ class Dielectric(mi.BSDF):
 
      * - int_cauchy, ext_cauchy
        - |string|
-       - In the place of an index, A and B (and C) of Cauchy's formula :math:`n = A + B/\lambda^2 + C/\lambda^4`,
+       - Instead of an index, A and B (and C) of Cauchy's formula :math:`n = A + B/\lambda^2 + C/\lambda^4`,
          wavelengths in µm. (Default: none)
 
      * - int_sellmeier, ext_sellmeier
        - |string|
-       - In the place of an index, :math:`B_1, C_1, B_2, C_2, ...` of Sellmeier's formula
+       - Instead of an index, :math:`B_1, C_1, B_2, C_2, ...` of Sellmeier's formula
          :math:`n^2 = 1 + \sum_i B_i \lambda^2 / (\lambda^2 - C_i)`, wavelengths in µm. (Default: none)
 
      * - int_A, int_B, ..., int_B1, int_C1, ..., ext_A, ...
        - |float|
-       - The coefficients of what depends on the wavelength, as they are exposed.
+       - Coefficients of dispersive materials, as they are exposed.
        - |exposed|, |differentiable|
 
      * - distribution
@@ -76,12 +76,12 @@ class Dielectric(mi.BSDF):
 
      * - specular_reflectance, specular_transmittance
        - |spectrum| or |texture|
-       - Factors on what is reflected and what is transmitted, in [0, 1]; physically 1. (Default: none)
+       - Factors on the reflected and the transmitted light, in [0, 1]; physically 1. (Default: none)
        - |exposed|, |differentiable|
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
     Reflects and refracts by Fresnel's equations and Snell's law (thesis, sections 2.2.3 and 5.1), total reflection
@@ -90,11 +90,11 @@ class Dielectric(mi.BSDF):
     the V-cavities' :math:`G_1` of both directions. Ideally smooth, it equals Mitsuba's
     :ref:`dielectric <bsdf-dielectric>`. Components: reflected, transmitted.
 
-    Where an index depends on the wavelength, glass disperses (Thomas 1986). What an ideally smooth surface refracts
-    goes on with one of the wavelengths of a ray, or with one of r, g and b in RGB variants, for which 635, 544 and
-    437 nm stand; it weighs as much more. What it reflects keeps all. Rough surfaces evaluate each wavelength for
-    itself. :ref:`prosim <integrator-prosim>` knows which wavelengths a ray has lost, and goes on with the others;
-    Mitsuba's integrators draw anew at each surface, which is right in the mean, and noisier.
+    Where an index depends on the wavelength, glass disperses (Thomas 1986). A smooth surface refracts only one of the
+    wavelengths of a ray (in RGB variants one of r, g and b, which stand for 635, 544 and 437 nm) and increases its
+    weight. It reflects all of them. Rough surfaces evaluate each wavelength. :ref:`prosim <integrator-prosim>` chooses
+    among the wavelengths that the ray still carries; Mitsuba's integrators choose again at each surface, which is
+    unbiased and noisier.
 
     .. tabs::
         .. code-tab:: xml

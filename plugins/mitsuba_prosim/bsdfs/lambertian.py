@@ -22,12 +22,13 @@ class Lambertian(mi.BSDF):
 
      * - reflectance
        - |spectrum| or |texture|
-       - Share of the incident light that is reflected, the same in every direction, in [0, 1]. (Default: 0.5)
+       - Fraction of the incident light that the surface reflects, in [0, 1]. (Default: 0.5)
        - |exposed|, |differentiable|
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: ``reflectance``)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default:
+         ``reflectance``)
        - |exposed|, |differentiable|
 
     Reflects all light diffusely, by Lambert's law (thesis, section 5.1; equation :math:`\rho_d = R / \pi` of section

@@ -44,7 +44,7 @@ class Phong(Pigmented):
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
     The empirical model (thesis, sections 3.1.2 and 4.2.2.2), normalised as Lafortune and Willems (1994) have it:

@@ -1,6 +1,9 @@
-"""What is to be said about the runs of a comparison: numbers for the page, and images."""
+"""The results of a comparison: numbers for the page, and images."""
 
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -9,55 +12,44 @@ import numpy as np
 from ..transport import lobes
 from ..transport.context import scene_flags
 from . import measures
-from .runs import Part
+from .runs import Contestant, Runs
 from .scenes import Scene, Spec
 
-#: What a row of the table says beside the measures of error.
+if TYPE_CHECKING:
+    from .study import Section
+
+#: Values of a row of the table, beside the measures of error, that are medians of rounds.
 COSTS = ("seconds", "cpu")
 
 #: Kinds of maps, whose names end in these words: all of one kind share their scale.
 MAPS = ("error", "flip", "counts")
 
-
-def spread(values: list[float]) -> dict[str, float]:
-    """Median, least and most."""
-    return {"median": float(np.median(values)), "least": float(min(values)), "most": float(max(values))}
+Results = Mapping[Contestant, Runs]
 
 
-def section(part: Part, a: Spec, b: Spec, k: int, scale: float) -> dict[str, Any]:
-    """What is to be said about the runs of one transport, the ``k``-th."""
-    reference = part.reference
-    names = {"a": a.text, "b": b.text}
-    rows = [
-        {
-            "role": role,
-            "name": names[role[0]],
-            "samples": run.samples,
-            "cold": run.cold,
-            **{what: spread(run.spread(what)) for what in (*COSTS, *measures.ALL)},
+def of_section(section: Section, results: Results, scale: float) -> dict[str, Any]:
+    """Rows, curves and reference of one transport."""
+    rows: list[dict[str, Any]] = []
+    for role, contestant in section.rows.items():
+        run = results[contestant]
+        values = {
+            name: {"median": run.median(name), "least": min(of_rounds), "most": max(of_rounds)}
+            for name, of_rounds in run.values.items()
         }
-        for role, run in part.rows.items()
-    ]
+        rows.append({"role": role, "name": contestant.name, "samples": run.samples, **values})
     curves: list[dict[str, Any]] = []
-    for role, curve in part.curves.items():
-        points = [
-            {"level": n, "samples": run.samples, **{what: run.median(what) for what in (*COSTS, *measures.ALL)}}
-            for n, run in curve.items()
-        ]
-        errors = [max(p["rmse"], 1e-12) for p in points]
-        curves.append(
-            {
-                "role": role,
-                "name": names[role],
-                "points": points,
-                "slopes": {
-                    cost: measures.slope([p[cost] for p in points], errors) if len(points) > 1 else None
-                    for cost in ("samples", "cpu")
-                },
-            }
-        )
+    for role, curve in section.curves.items():
+        points = []
+        for level, contestant in curve.items():
+            run = results[contestant]
+            medians = {name: run.median(name) for name in (*COSTS, *measures.ALL)}
+            points.append({"level": level, "samples": run.samples, **medians})
+        errors = [max(point["rmse"], 1e-12) for point in points]
+        slopes = {cost: measures.slope([point[cost] for point in points], errors) for cost in ("samples", "cpu")}
+        curves.append({"role": role, "name": section.specs[role].text, "points": points, "slopes": slopes})
+    reference = section.reference
     result = {
-        "transport": part.transport,
+        "transport": section.transport,
         "mean": float(np.mean(reference.image) * scale),
         "rows": rows,
         "curves": curves,
@@ -66,46 +58,44 @@ def section(part: Part, a: Spec, b: Spec, k: int, scale: float) -> dict[str, Any
             "seconds": reference.seconds,
             "passes": reference.passes,
             "disagreement": reference.disagreement,
-            "mean_difference": reference.mean_difference,
         },
     }
-    if k == 0 and len(curves) == 2:
+    if len(curves) == 2:
         result["equal_error"] = {
-            m: {cost: equal_error(curves[1]["points"], cost, m, rows[0]) for cost in ("samples", "cpu")}
-            for m in ("rmse", "tone_mapped_rmse", "percentile99", "flip")
+            measure: {cost: equal_error(curves[1]["points"], cost, measure, rows[0]) for cost in ("samples", "cpu")}
+            for measure in ("rmse", "flip")
         }
     return result
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
-    """How many times as much of a cost the curve ``points`` takes for the error of ``row``.
+    """The cost at which the curve ``points`` has the error of ``row``, over the cost of ``row``.
 
-    Where it does not get there, ``reached`` is false and the ratio that of its dearest point; where the least that was
-    run is better already, the ratio is that of its first.
+    If the curve does not reach that error, ``reached`` is false, and its highest cost counts; if it starts below that
+    error, its lowest cost counts.
     """
-    costs = [p[cost] for p in points]
-    own = row[cost] if cost == "samples" else row[cost]["median"]
-    found = measures.relative_cost(own, row[measure]["median"], costs, [max(p[measure], 1e-12) for p in points])
-    ratio, reached = found or (costs[0] / own, True)
-    return {"ratio": ratio, "reached": reached}
+    costs, errors = [point[cost] for point in points], [max(point[measure], 1e-12) for point in points]
+    own, error = row[cost] if cost == "samples" else row[cost]["median"], max(row[measure]["median"], 1e-12)
+    needed = costs[0] if error > errors[0] else measures.cost_at(error, costs, errors)
+    return {"ratio": (max(costs) if needed is None else needed) / own, "reached": needed is not None}
 
 
-def pictures(part: Part, scale: float) -> dict[str, np.ndarray]:
+def pictures(section: Section, results: Results, scale: float) -> dict[str, np.ndarray]:
     """Images, error maps and sample counts of the rows of the table."""
-    reference = part.reference.image * scale
-    result = {"reference": reference}
-    for role, run in part.rows.items():
-        image = run.image * scale
-        result |= {
+    reference = section.reference.image * scale
+    images = {"reference": reference}
+    for role, contestant in section.rows.items():
+        image = results[contestant].image * scale
+        images |= {
             f"{role}/image": image,
             f"{role}/error": measures.tone_mapped_error(image, reference),
             f"{role}/flip": measures.flip_map(image, reference),
-            f"{role}/counts": run.counts,
+            f"{role}/counts": results[contestant].counts,
         }
-    return result
+    return images
 
 
-def scales(images: dict[str, np.ndarray]) -> dict[str, float]:
+def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Kind of map -> the value at which its colours end."""
     result = {}
     for kind in MAPS:
@@ -117,35 +107,38 @@ def scales(images: dict[str, np.ndarray]) -> dict[str, float]:
 def difference(
     scene: Scene, spec: Spec, paths: np.ndarray, own: np.ndarray, scale: float
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """What the thesis's transport leaves out, and what it puts in its place: ``(facts, images)``.
+    """The light that the thesis's transport leaves out, and its ambient term: ``(facts, images)``.
 
-    ``paths``, ``own``: converged images with every path and in the scene's own light, times ``scale``.
+    ``paths``, ``own``: converged images with all paths and in the scene's own light, times ``scale``.
     """
-    with_ambient = scene.contestant(spec, "scene", adaptive="none").render(0)[0]
     ambient = np.zeros_like(own)
     if scene.ambient is not None:
-        dark = scene.contestant(spec, "scene", adaptive="none", ambient=0.0).render(0)[0]
-        # The same samples: their difference is the ambient term alone, all but free of noise.
-        ambient = (with_ambient - dark) * scale
+        bright, dark = (
+            scene.contestant(spec, "scene", adaptive="none", **more).render(0)[0] for more in ({}, {"ambient": 0.0})
+        )
+        ambient = (bright - dark) * scale  # of the same samples, almost without noise
     left_out = paths - (own - ambient)
-    flags = scene_flags(scene.scene())
-    specular = lobes.has_any(flags, "GlossyReflection", "DeltaReflection", "GlossyTransmission", "DeltaTransmission")
-    diffuse = lobes.has_any(flags, "DiffuseReflection", "DiffuseTransmission")
-    followed = bool((scene.settings.get(spec.integrator, {}) | spec.parameters).get("caustics"))
-    return {
-        "paths_mean": float(paths.mean()),
-        "own_mean": float(own.mean()),
-        "left_out_mean": float(left_out.mean()),
-        "ambient_mean": float(ambient.mean()),
-        "difference_mean": float((paths - own).mean()),
-        "difference_rms": float(np.sqrt(np.mean(np.square(paths - own)))),
-        "left_out_share": float(left_out.mean() / paths.mean()) if paths.mean() > 0 else 0.0,
-        "effects": {
-            "interreflection": bool(diffuse),
-            "caustics": bool(specular and diffuse) and not followed,
-            "light of the background": bool(
-                scene.background is not None and dr.any(mi.Float(scene.background.mean()) > 0)
-            ),
-            "ambient": scene.ambient is not None,
-        },
-    }, {"difference/left_out": left_out, "difference/ambient": ambient, "difference/signed": paths - own}
+    flags = scene_flags(scene.scene)
+    is_specular = lobes.has_any(flags, "GlossyReflection", "DeltaReflection", "GlossyTransmission", "DeltaTransmission")
+    is_diffuse = lobes.has_any(flags, "DiffuseReflection", "DiffuseTransmission")
+    has_caustics = (scene.settings | spec.parameters).get("caustics", False)
+    background = scene.background
+    numbers = {
+        "paths_mean": paths.mean(),
+        "own_mean": own.mean(),
+        "left_out_mean": left_out.mean(),
+        "ambient_mean": ambient.mean(),
+        "difference_rms": np.sqrt(np.mean(np.square(paths - own))),
+        "left_out_share": left_out.mean() / max(paths.mean(), 1e-30),
+    }
+    effects = {
+        "interreflection": bool(is_diffuse),
+        "caustics": bool(is_specular and is_diffuse and not has_caustics),
+        "light of the background": background is not None and bool(dr.any(mi.Float(background.mean()) > 0)),
+        "ambient": scene.ambient is not None,
+    }
+    images = {"left_out": left_out, "ambient": ambient, "signed": paths - own}
+    return (
+        {name: float(value) for name, value in numbers.items()} | {"effects": effects},
+        {f"difference/{name}": image for name, image in images.items()},
+    )

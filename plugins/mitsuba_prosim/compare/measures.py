@@ -1,6 +1,6 @@
-"""Measures of error between an image and its reference, and what curves of error against cost say.
+"""Measures of error between an image and its reference, and properties of curves of error against cost.
 
-Images are arrays of shape (height, width, 3), linear, such that 1 is displayed as white.
+Images are arrays of shape (height, width, 3), linear, with white at 1.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def display(image: np.ndarray) -> np.ndarray:
-    """The image as a screen shows it: sRGB in [0, 1]."""
+    """The displayed image: sRGB in [0, 1]."""
     image = np.clip(image, 0, 1)
     return np.where(image <= 0.0031308, 12.92 * image, 1.055 * np.power(image, 1 / 2.4) - 0.055)
 
@@ -50,8 +50,8 @@ def ssim(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """ꟻLIP (Andersson et al. 2020) of the displayed images: difference that a viewer sees, 0 to 1 for each pixel, at
-    the 67 pixels per degree of a screen at arm's length.
+    """ꟻLIP (Andersson et al. 2020) of the displayed images: the visible difference of each pixel, 0 to 1, at 67 pixels
+    per degree.
     """
     import flip_evaluator
 
@@ -64,9 +64,15 @@ def flip(image: np.ndarray, reference: np.ndarray) -> float:
     return float(np.mean(flip_map(image, reference)))
 
 
-#: Those that need no more than numpy.
-CHEAP = {"rmse": rmse, "tone_mapped_rmse": tone_mapped_rmse, "percentile99": percentile99, "relative_mse": relative_mse}
-ALL = CHEAP | {"ssim": ssim, "flip": flip}
+#: Name -> function of an image and its reference.
+ALL = {
+    "rmse": rmse,
+    "tone_mapped_rmse": tone_mapped_rmse,
+    "percentile99": percentile99,
+    "relative_mse": relative_mse,
+    "ssim": ssim,
+    "flip": flip,
+}
 
 
 def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
@@ -75,27 +81,15 @@ def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
 
 
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
-    """Cost at which a curve of points (cost, error) reaches ``error``: straight lines between the points in logarithms.
+    """Cost at which a curve of points (cost, error) reaches ``error``, by linear interpolation of the logarithms.
 
     None where the curve does not reach that error, or starts below it.
     """
     order = np.argsort(costs)
     x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])
-    # What more samples do to the worse is noise of the measurement.
+    # An error that grows with the cost is noise of the measurement.
     y = np.minimum.accumulate(y)
     wanted = np.log(error)
     if not y[-1] <= wanted <= y[0]:
         return None
     return float(np.exp(np.interp(-wanted, -y, x)))
-
-
-def relative_cost(
-    own: float, error: float, costs: Sequence[float], errors: Sequence[float]
-) -> tuple[float, bool] | None:
-    """How many times the cost ``own`` a curve of points (cost, error) takes for ``error``, and whether it gets there;
-    where it does not, that of its dearest point. None where its first point is better already.
-    """
-    if error > errors[0]:
-        return None
-    needed = cost_at(max(error, 1e-12), costs, errors)
-    return (max(costs) if needed is None else needed) / own, needed is not None

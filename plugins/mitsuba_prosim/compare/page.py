@@ -1,7 +1,6 @@
-"""The page of ``prosim compare``: one HTML file without links, and its numbers as JSON and CSV."""
+"""The page of ``prosim compare``: one HTML file without links, and its numbers as JSON."""
 
 import base64
-import csv
 import io
 import json
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ import numpy as np
 
 from .measures import display
 
-#: What a comparison says: texts and numbers, fit for JSON.
+#: The results of a comparison: texts and numbers, fit for JSON.
 Facts = Mapping[str, Any]
 
 #: Measure -> (heading, explanation).
@@ -32,8 +31,12 @@ TRANSPORTS = {
 }
 
 
+#: Colours of the contestants.
+COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
+
+
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
-    """The page as text. Each number on it stands in ``facts`` too, as ``<data value=...>`` gives it in full."""
+    """The text of the page. ``<data value=...>`` holds each number in the precision of ``facts``."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -49,19 +52,18 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
 
 
 def described(role: str) -> str:
-    """What a row of the table is, beside its name."""
-    kind = {"a": "as the scene has it", "b": "as the scene has it", "b at equal samples": "equal samples"}
-    plain = role.removesuffix(" denoised")
-    return kind.get(plain, "equal time") + (", denoised" if plain != role else "")
+    """The role of a row of the table, in words."""
+    kind = "equal samples" if "samples" in role else "equal time" if "time" in role else "as in the scene"
+    return kind + (", denoised" if role.endswith(" denoised") else "")
 
 
 def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
-    """A number as it stands on the page."""
+    """A number in the format of the page."""
     import markupsafe
 
     if value is None:
         return "–"
-    # No exponents: 0.0000123 reads better beside its like, and 1.2e+02 is no way to write 120.
+    # Without exponents, such as that of 1.2e+02.
     text = f"{value:{form}}"
     if "e" in text:
         text = np.format_float_positional(float(text), trim="-")
@@ -69,7 +71,7 @@ def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
 
 
 def picture(source: str, caption: str, classes: str = "") -> str:
-    """An image that is opened and closed by a click."""
+    """An image that a click enlarges."""
     import markupsafe
 
     return markupsafe.Markup('<figure class="{}"><img src="{}" alt="{}"><figcaption>{}</figcaption></figure>').format(
@@ -92,7 +94,7 @@ def png(image: np.ndarray) -> str:
 
 
 def coloured(values: np.ndarray, top: float, name: str = "magma") -> np.ndarray:
-    """Numbers as colours, from 0 to ``top``."""
+    """Numbers in 0 to ``top`` as colours."""
     from matplotlib import colormaps
 
     return colormaps[name](np.clip(values / top, 0, 1))[..., :3]
@@ -118,35 +120,23 @@ def chart(section: Facts) -> str:
     """Curves of a section, as an SVG data URI."""
     import matplotlib
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
-    axes = figure.subplots(2, 2, sharey="row")
+    axes = figure.subplots(2, 2, sharex="col", sharey="row")
+    costs = {"samples": "samples per pixel", "cpu": "processor seconds per thread"}
     for row, measure in zip(axes, ("rmse", "flip")):
-        for axis, (cost, label) in zip(
-            row, (("samples", "samples per pixel"), ("cpu", "processor seconds per thread"))
-        ):
-            for curve, colour in zip(section["curves"], ("#c2410c", "#1d4ed8")):
-                axis.loglog(
-                    [p[cost] for p in curve["points"]],
-                    [max(p[measure], 1e-7) for p in curve["points"]],
-                    "o-",
-                    color=colour,
-                    label=curve["name"],
-                )
+        for axis, cost in zip(row, costs):
+            for curve in section["curves"]:
+                points = [(point[cost], max(point[measure], 1e-7)) for point in curve["points"]]
+                axis.loglog(*zip(*points), "o-", color=COLOURS[curve["role"]], label=curve["name"])
             for entry in section["rows"]:
-                colour = "#c2410c" if entry["role"][0] == "a" else "#1d4ed8"
                 x = entry[cost] if cost == "samples" else entry[cost]["median"]
-                axis.loglog(
-                    [x], [max(entry[measure]["median"], 1e-7)], "D", color=colour, markersize=9, markerfacecolor="none"
-                )
-            axis.set_xlabel(label)
+                y = max(entry[measure]["median"], 1e-7)
+                axis.loglog(x, y, "D", color=COLOURS[entry["role"][0]], markersize=9, markerfacecolor="none")
             axis.grid(True, which="both", alpha=0.2)
-            for side in (axis.xaxis, axis.yaxis):
-                side.set_major_locator(LogLocator(subs=(1, 2, 5)))
-                side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.12g}"))
-                side.set_minor_formatter(NullFormatter())
         row[0].set_ylabel(MEASURES[measure][0])
+    for axis, label in zip(axes[1], costs.values()):
+        axis.set_xlabel(label)
     axes[0, 0].legend()
     file = io.BytesIO()
     with matplotlib.rc_context({"svg.fonttype": "path"}):
@@ -157,22 +147,3 @@ def chart(section: Facts) -> str:
 def json_text(facts: Facts) -> str:
     """All facts, each number in full."""
     return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
-
-
-def csv_text(facts: Facts) -> str:
-    """One line a run: the rows of the tables and the points of the curves, medians."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(["transport", "contestant", "role", "samples", "seconds", "cpu_seconds", *MEASURES])
-    for section in facts["sections"]:
-        runs = [
-            (row, row["role"], row["samples"], [row[k]["median"] for k in ("seconds", "cpu", *MEASURES)])
-            for row in section["rows"]
-        ]
-        for curve in section["curves"]:
-            for point in curve["points"]:
-                role = f"{curve['role']} level {point['level']}"
-                runs.append((curve, role, point["samples"], [point[k] for k in ("seconds", "cpu", *MEASURES)]))
-        for run, role, samples, values in runs:
-            writer.writerow([section["transport"], run["name"], role, samples, *values])
-    return file.getvalue()

@@ -1,11 +1,10 @@
-"""One scene under several integrators and samplers, and under either transport of light."""
+"""One scene with several integrators and samplers."""
 
 from __future__ import annotations
 
 import difflib
+import gc
 import json
-import re
-from abc import ABC, abstractmethod
 from typing import Any
 
 import mitsuba as mi
@@ -13,145 +12,20 @@ import mitsuba as mi
 from ..compat import UNREFERENCED
 from ..engine import origin
 from ..scene import scene_file
-from ..scene.errors import nearest
 from ..scene.overrides import SAMPLING
 from .runs import Contestant
 
-#: How a contestant is said.
+#: The text of a contestant.
 FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
 
-
-class Scene(ABC):
-    """A scene that contestants are made from.
-
-    ``settings``: parameters of the integrators that the scene has its own for, by the integrator's name; ``ambient``
-    and ``background``: those of its ``prosim`` integrator, textures or None; ``key``: text that identifies what is
-    rendered.
-    """
-
-    def __init__(self, settings: dict[str, dict[str, Any]], key: str, ambient: Any = None, background: Any = None):
-        self.settings, self.key, self.ambient, self.background = settings, key, ambient, background
-        self._made: dict[tuple[str | None, bool], mi.Scene] = {}
-
-    @abstractmethod
-    def load(self, sampler: str | None) -> mi.Scene:
-        """Makes the scene, its first sensor with another sampler if one is named."""
-
-    def scene(self, sampler: str | None = None, lit_by_background: bool = False) -> mi.Scene:
-        """The scene with another sampler, and the integrator's background made an emitter, as other integrators need
-        it to be. Of equal arguments it is the same scene, and the parts are always the same.
-        """
-        lit = lit_by_background and self.background is not None
-        if (sampler, lit) not in self._made:
-            self._made[sampler, lit] = self._make(sampler, lit)
-        return self._made[sampler, lit]
-
-    def _make(self, sampler: str | None, lit: bool) -> mi.Scene:
-        if sampler is not None:
-            shared = self.scene(None, lit)
-            return seen_by(self.scene(sampler).sensors()[0] if lit else self.load(sampler).sensors()[0], shared)
-        if not lit:
-            return self.load(None)
-        unlit = self.scene(None)
-        return seen_by(unlit.sensors()[0], unlit, background=sky(self.background))
-
-    def contestant(self, spec: Spec, transport: str, **overrides: Any) -> Contestant:
-        """The :class:`Contestant` that ``spec`` describes, under a ``transport``: "scene" (what the scene file says),
-        or that of another integrator, "paths" or "direct".
-
-        ``overrides``: parameters of the integrator, before those of the spec; ``spp`` for the sample count.
-        """
-        spp = overrides.pop("spp", 0)
-        settings = {"type": spec.integrator} | self.settings.get(spec.integrator, {})
-        if spec.integrator == "prosim":
-            if self.ambient is not None:
-                settings["ambient"] = self.ambient
-            if self.background is not None:
-                settings["background"] = self.background
-        if transport != "scene":
-            for name in ("ambient", "background", "hide_emitters"):
-                settings.pop(name, None)
-            if spec.integrator == "prosim":
-                settings |= {"max_level": 0} if transport == "direct" else {"max_level": -1, "diffuse_bounces": -1}
-        settings |= overrides | spec.parameters
-        scene = self.scene(spec.sampler, lit_by_background=transport != "scene")
-        counting = None
-        if spec.integrator == "prosim":
-            counting = mi.load_dict(settings | {"aovs": "samples"})
-        elif not spp:
-            spp = scene.sensors()[0].sampler().sample_count()
-        return Contestant(spec.text, scene, mi.load_dict(settings), spp, counting)
-
-
-class FileScene(Scene):
-    """A scene of a file."""
-
-    def __init__(self, file: scene_file.SceneFile):
-        self.file = file
-        first = file.load()
-        scene_file.pick_sensor(first, 0)
-        node = next((n for n in file.state.nodes if n.type == mi.ObjectType.Integrator), None)
-        settings = {}
-        if node is not None:
-            settings[node.props.plugin_name()] = {
-                name: node.props[name]
-                for name in node.props
-                if isinstance(node.props[name], (bool, int, float, str)) and name not in ("id", "type")
-            }
-        own = first.integrator()
-        super().__init__(settings, reference_key(file), getattr(own, "ambient", None), getattr(own, "background", None))
-        self._made[None, False] = first
-
-    def load(self, sampler: str | None) -> mi.Scene:
-        """Makes the scene of the file."""
-        return self.file.load(sampler)
-
-
-def reference_key(file: scene_file.SceneFile) -> str:
-    """Text that is the same where a reference of ``file`` may be used again: its content, how it was changed, and the
-    versions that render it.
-    """
-    versions = {name: version for name, version in origin.here().items() if name in origin.EXACT}
-    return json.dumps([file.digest(), file.changes, versions], sort_keys=True)
-
-
-def can_light(background: Any) -> bool:
-    """Whether a background, a texture or None, can be made an emitter, where it is to be one."""
-    return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
-
-
-def sky(background: mi.Texture) -> dict[str, Any]:
-    """The emitter that a background is to other integrators. Raises ValueError for a texture that is no bitmap."""
-    if not can_light(background):
-        raise ValueError(
-            f"a background of {background.class_name()} can't light the scene for other integrators; expected a "
-            "colour or a bitmap"
-        )
-    if background.is_spatially_varying():
-        return {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
-    return {"type": "constant", "radiance": background}
-
-
-def seen_by(sensor: mi.Sensor, scene: mi.Scene, **more: Any) -> mi.Scene:
-    """A scene of the parts of ``scene`` and ``more``, with ``sensor``.
-
-    The parts are shared, not loaded again: Dr.Jit traces and compiles every BSDF and emitter that is alive, in
-    whichever scene, for every image.
-    """
-    parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
-    parts |= {f"emitter_{i}": e for i, e in enumerate(scene.emitters()) if e.get_shape() is None}
-    ids = {part: part.id() for part in parts.values()}
-    try:
-        return mi.load_dict({"type": "scene", "sensor": sensor, **parts, **more})
-    finally:
-        for part, name in ids.items():  # load_dict calls them after its keys
-            part.set_id(name)
+#: Parameters of integrators, for suggestions.
+PARAMETERS = (*SAMPLING, "caustics", "diffuse_bounces", "hide_emitters", "max_depth", "max_level", "rr_depth")
 
 
 class Spec:
-    """A contestant in words: INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as ``path:multijitter,max_depth=5``."""
+    """The text of a contestant, such as ``path:multijitter,max_depth=5``, and its parts."""
 
-    def __init__(self, text: str):
+    def __init__(self, text: str) -> None:
         head, *parameters = text.split(",")
         self.text = text
         self.integrator, _, sampler = head.partition(":")
@@ -166,52 +40,122 @@ class Spec:
             raise ValueError(f"{text!r} is not of the form {FORM}")
 
     def but(self, **parameters: Any) -> Spec:
-        """The same with other values of some parameters, under the same name."""
+        """The same with other values of some parameters."""
         result = Spec(self.text)
         result.parameters |= parameters
         return result
 
     def until(self, noise: float) -> Spec:
-        """The same until the noise is so small, if the integrator :attr:`counts_itself`: by ``graded``, unless the
-        words say otherwise.
-        """
-        return self.but(**{"adaptive": "graded"} | self.parameters | {"noise": noise}) if self.counts_itself else self
+        """The same with a goal for the noise, if the integrator :attr:`is_adaptive`."""
+        return self.but(**{"adaptive": "graded"} | self.parameters | {"noise": noise}) if self.is_adaptive else self
 
     @property
-    def counts_itself(self) -> bool:
+    def is_adaptive(self) -> bool:
         """Whether the integrator decides on the number of samples."""
         return self.integrator == "prosim"
 
     @property
     def transport(self) -> str | None:
-        """The transport that the integrator is bound to; None for one that can follow any."""
+        """The transport of light that the integrator computes; None for one that can compute any."""
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
-#: Parameters of integrators, Mitsuba's and ours, that contestants are given.
-PARAMETERS = (*SAMPLING, "caustics", "diffuse_bounces", "hide_emitters", "max_depth", "max_level", "rr_depth")
+class Scene:
+    """The scene of a file, from which contestants are made."""
+
+    def __init__(self, file: scene_file.SceneFile) -> None:
+        self.file, self.scene = file, file.load()
+        self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
+        self._lit: mi.Scene | None = None
+        own: Any = self.scene.integrator()
+        #: The ambient term and the background of the scene's ``prosim`` integrator: textures or None.
+        self.ambient, self.background = getattr(own, "ambient", None), getattr(own, "background", None)
+        props = next(n.props for n in file.state.nodes if n.type == mi.ObjectType.Integrator)
+        #: Name and plain parameters of the scene's integrator.
+        self.integrator = props.plugin_name()
+        self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
+        here = origin.here()
+        #: Identifies what is rendered, for cached references.
+        self.key = json.dumps([file.digest(), file.changes, [here[name] for name in origin.EXACT]], sort_keys=True)
+
+    def sensor(self, sampler: str | None = None) -> mi.Sensor:
+        """The first sensor, with another sampler if one is named."""
+        if sampler not in self._sensors:
+            self._sensors[sampler] = self.file.load(sampler).sensors()[0]
+            gc.collect()  # Dr.Jit traces the BSDFs of all scenes that exist
+        return self._sensors[sampler]
+
+    def lit(self) -> mi.Scene:
+        """The scene with the integrator's background as an emitter, which other integrators need."""
+        if self._lit is None:
+            self._lit = self.scene if self.background is None else lit(self.scene, self.background)
+        return self._lit
+
+    def contestant(self, spec: Spec, transport: str, **overrides: Any) -> Contestant:
+        """The :class:`Contestant` of ``spec`` for a ``transport``: "scene" (that of the scene file), "paths" or
+        "direct".
+
+        ``overrides``: parameters of the integrator, before those of the spec; ``spp`` for the sample count.
+        """
+        spp, settings = overrides.pop("spp", 0), dict[str, Any](type=spec.integrator)
+        if spec.integrator == self.integrator:
+            settings |= self.settings
+        if transport != "scene":
+            settings.pop("hide_emitters", None)
+        elif spec.integrator == "prosim":
+            given = {"ambient": self.ambient, "background": self.background}
+            settings |= {name: value for name, value in given.items() if value is not None}
+        if transport != "scene" and spec.integrator == "prosim":
+            settings |= {"max_level": 0} if transport == "direct" else {"max_level": -1, "diffuse_bounces": -1}
+        settings |= overrides | spec.parameters
+        sensor = self.sensor(spec.sampler)
+        counting = mi.load_dict(settings | {"aovs": "samples"}) if spec.is_adaptive else None
+        if not spec.is_adaptive and not spp:
+            spp = sensor.sampler().sample_count()
+        scene = self.scene if transport == "scene" else self.lit()
+        return Contestant(spec.text, scene, sensor, mi.load_dict(settings), spp, counting)
 
 
-def unknown(spec: Spec, error: RuntimeError) -> str | None:
-    """What is said where ``error`` is that Mitsuba knows no such integrator, sampler or parameter; None where it is
-    another.
+def can_light(background: Any) -> bool:
+    """Whether a background, a texture or None, can be an emitter."""
+    return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
+
+
+def lit(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
+    """A scene of the same objects and of an emitter that corresponds to ``background``, without a sensor.
+
+    The objects are shared, as Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError for a texture that is
+    not a bitmap.
     """
-    if (found := UNREFERENCED.search(str(error))) and found[2] in spec.parameters:
-        near = difflib.get_close_matches(found[2], PARAMETERS, n=1)
-        hint = f" Did you mean {near[0]}?" if near else ""
-        return f"{spec.text!r}: {found[1]} has no parameter {found[2]!r}.{hint}"
-    found = re.search(r'Plugin "(.+?)" not found', str(error))
-    kinds = {spec.integrator: mi.ObjectType.Integrator, spec.sampler: mi.ObjectType.Sampler}
-    if not found or (name := found[1]) not in kinds:
+    if not can_light(background):
+        raise ValueError(
+            f"a background of {background.class_name()} can't light the scene for other integrators; use a colour or a "
+            "bitmap"
+        )
+    sky = {"type": "constant", "radiance": background}
+    if background.is_spatially_varying():
+        sky = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
+    parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
+    parts |= {f"emitter_{i}": emitter for i, emitter in enumerate(scene.emitters()) if emitter.get_shape() is None}
+    names = {part: part.id() for part in parts.values()}
+    try:
+        return mi.load_dict({"type": "scene", **parts, "background": sky})
+    finally:
+        for part, name in names.items():  # load_dict renames them
+            part.set_id(name)
+
+
+def unknown_parameter(spec: Spec, error: RuntimeError) -> str | None:
+    """The message for a parameter that the integrator does not have; None for another ``error``."""
+    found = UNREFERENCED.search(str(error))
+    if not found or found[2] not in spec.parameters:
         return None
-    meant = nearest(name, kinds[name].name.lower())
-    return f"{spec.text!r}: there is no {kinds[name].name.lower()} {name!r}." + (
-        f" Did you mean {meant}?" if meant else f" What is compared is {FORM}, such as path:multijitter."
-    )
+    near = difflib.get_close_matches(found[2], PARAMETERS, n=1)
+    return f"{spec.text!r}: {found[1]} has no parameter {found[2]!r}." + (f" Did you mean {near[0]}?" if near else "")
 
 
 def typed(text: str) -> bool | int | float | str:
-    """``text`` as the truth value or number that it spells, or itself."""
+    """``text`` as a truth value, a number, or itself."""
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     for kind in (int, float):

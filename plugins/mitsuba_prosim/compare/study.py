@@ -1,4 +1,6 @@
-"""The comparison itself: which runs, by turns."""
+"""The comparison of two contestants: which runs, by turns."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -8,55 +10,69 @@ from typing import Any
 import numpy as np
 
 from . import facts, measures, runs
+from .runs import Contestant, Reference
 from .scenes import Scene, Spec
 
-#: What the transports of light are called where it is told what is going on.
+#: Transport of light -> its name in progress reports.
 LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's light"}
+
+#: Parameters that end a render by its sample counts, not by its noise.
+UNTARGETED: dict[str, Any] = {"noise": 0.0, "time": 0.0}
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is rendered: square roots of the sample counts of the curves, rounds by turns, seconds for the reference
-    of each transport, the folder that references are kept in (None: the user's), whether what is compared is denoised
-    as well, and whom to tell what is going on and the part of it that is done.
-    """
+    """The amount of work."""
 
+    #: Square roots of the sample counts of the curves.
     levels: tuple[int, ...] = (2, 3, 4, 6, 9)
     rounds: int = 5
+    #: Time for the reference of each transport.
     seconds: float = 60
+    #: Folder of references; None for the user's.
     cache: Path | None = None
+    #: Whether each image is also denoised.
     denoise: bool = False
+    #: Receives the current step and its progress, 0 to 1.
     tell: Callable[[str, float], None] = field(default=lambda text, done: None)
+
+
+@dataclass
+class Section:
+    """The contestants of one transport of light: the rows of the table by role, and the curves by role and level.
+
+    Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves. A level is the
+    square root of the sample count.
+    """
+
+    transport: str
+    specs: dict[str, Spec]
+    reference: Reference
+    rows: dict[str, Contestant]
+    curves: dict[str, dict[int, Contestant]]
+
+    def contestants(self) -> list[Contestant]:
+        """All contestants, rows first."""
+        return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
 
 def study(
     scene: Scene, name: str, a: Spec, b: Spec, effort: Effort = Effort(), exposure: float = 0.0
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Compares two contestants on a scene called ``name``.
+    """Compares two contestants on a scene called ``name``, at ``exposure`` in stops.
 
-    ``exposure``: in stops, for everything that is measured and shown. Returns ``(facts, images)``: a dictionary of text
-    and numbers, fit for JSON, and arrays by name.
+    Returns ``(facts, images)``: a dictionary of text and numbers, fit for JSON, and arrays by name.
     """
-    transport = b.transport or a.transport or "scene"
-    free = [spec for spec in (a, b) if spec.transport is None]
-    own_light = transport != "scene" and bool(free)
-
-    parts = [contest(scene, a, b, transport, effort)]
-    if own_light:
-        parts.append(contest(scene, free[0], None, "scene", effort))
-    everyone: list[runs.Contestant] = []
-    for part in parts:
-        part.each(everyone.append)
-    for contestant in everyone:
-        contestant.scale = 2.0**exposure
-    results = iter(
-        runs.by_turns(everyone, effort.rounds, measures.ALL, lambda done: effort.tell("rendering by turns", done))
-    )
-    parts = [part.each(lambda _: next(results)) for part in parts]
-    scale = 2.0**exposure
-
-    height, width = parts[0].reference.image.shape[:2]
-    said = {
+    transport, scale = b.transport or a.transport or "scene", 2.0**exposure
+    sections = [section_of(scene, {"a": a, "b": b}, transport, effort)]
+    free = next((spec for spec in (a, b) if spec.transport is None), None)
+    own = section_of(scene, {"a": free}, "scene", effort) if free and transport != "scene" else None
+    sections += [own] if own else []
+    references = {c: section.reference.image for section in sections for c in section.contestants()}
+    scaled = {name: lambda image, truth, m=m: m(image * scale, truth * scale) for name, m in measures.ALL.items()}
+    results = runs.by_turns(references, effort.rounds, scaled, lambda done: effort.tell("rendering by turns", done))
+    height, width = sections[0].reference.image.shape[:2]
+    result = {
         "scene": name,
         "a": a.text,
         "b": b.text,
@@ -66,81 +82,67 @@ def study(
         "machine": runs.machine(),
         "width": int(width),
         "height": int(height),
-        "sections": [facts.section(part, a if k == 0 else free[0], b, k, scale) for k, part in enumerate(parts)],
+        "sections": [facts.of_section(section, results, scale) for section in sections],
     }
     images: dict[str, np.ndarray] = {}
-    for k, part in enumerate(parts):
-        images |= {f"{k}/{name}": image for name, image in facts.pictures(part, scale).items()}
-    if own_light:
-        paths, own = (part.reference.image * scale for part in parts)
-        said["difference"], difference_images = facts.difference(scene, free[0], paths, own, scale)
-        images |= difference_images
-    return said | {"scales": facts.scales(images)}, images
+    for k, section in enumerate(sections):
+        images |= {f"{k}/{name}": image for name, image in facts.pictures(section, results, scale).items()}
+    if own and free:
+        paths, alone = (section.reference.image * scale for section in sections)
+        result["difference"], more = facts.difference(scene, free, paths, alone, scale)
+        images |= more
+    return result | {"scales": facts.scales(images)}, images
 
 
-def contest(scene: Scene, a: Spec, b: Spec | None, transport: str, effort: Effort) -> runs.Part:
-    """The contestants of one transport, with their reference; without ``b``, ``a`` alone."""
-    specs = {"a": a} | ({"b": b} if b else {})
+def section_of(scene: Scene, specs: dict[str, Spec], transport: str, effort: Effort) -> Section:
+    """The contestants of one transport, with their reference; A alone where ``specs`` has no B."""
     reference = runs.reference(
         effort.cache or runs.cache_folder(),
-        f"{scene.key} {transport} {[s and s.text for s in (a, b)]}",
+        f"{scene.key} {transport} {[spec.text for spec in specs.values()]}",
         [converging(scene, spec, transport) for spec in specs.values()],
         effort.seconds,
         lambda done: effort.tell(f"reference of {LIGHT[transport]}", done),
     )
+    a, b = specs["a"], specs.get("b")
     rows = {"a": scene.contestant(a, transport)}
-    levels = {"a": effort.levels, "b": effort.levels}
-    if b and b.counts_itself:
+    levels = dict.fromkeys(specs, effort.levels)
+    if b and b.is_adaptive:
         rows["b"] = scene.contestant(b, transport)
     elif b:
-        # Further, if need be, than A: it is asked what B takes for A's error.
+        # B may need more samples for the error of A.
         levels["b"] = (*effort.levels, round(1.6 * effort.levels[-1]), round(2.5 * effort.levels[-1]))
         effort.tell("finding equal times", 0.0)
         rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
     if effort.denoise:
         rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in rows.items()}
-    part = runs.Part(
-        transport,
-        reference,
-        rows,
-        {role: {n: at_level(scene, spec, transport, n) for n in levels[role]} for role, spec in specs.items()},
-    )
-
-    def measured(contestant: runs.Contestant) -> runs.Contestant:
-        contestant.reference = reference
-        return contestant
-
-    return part.each(measured)
+    curves = {role: {n: at_level(scene, spec, transport, n) for n in levels[role]} for role, spec in specs.items()}
+    return Section(transport, specs, reference, rows, curves)
 
 
-#: What makes an integrator end by its samples, not by what they have come to.
-UNTARGETED: dict[str, Any] = {"noise": 0.0, "time": 0.0}
-
-
-def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> runs.Contestant:
-    """The contestant with n * n samples a pixel, or at most as many if it counts by itself."""
-    if not spec.counts_itself:
+def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> Contestant:
+    """The contestant with n * n samples per pixel, or at most as many if it is adaptive."""
+    if not spec.is_adaptive:
         return scene.contestant(spec, transport, spp=n * n)
     own: Any = scene.contestant(spec, transport).integrator
-    # The threshold goes with the count, or the curve would end where every pixel is quiet enough; so would it by noise.
-    but = {"samples": n, "threshold": own.threshold * own.samples / n} | UNTARGETED
-    return scene.contestant(spec.but(**but), transport)
+    # With a fixed threshold all pixels would converge, and the curve would end.
+    changes = {"samples": n, "threshold": own.threshold * own.samples / n} | UNTARGETED
+    return scene.contestant(spec.but(**changes), transport)
 
 
-def converging(scene: Scene, spec: Spec, transport: str) -> runs.Contestant:
-    """The contestant as an estimator of the reference: without bias, 64 samples a pass."""
-    if spec.counts_itself:
+def converging(scene: Scene, spec: Spec, transport: str) -> Contestant:
+    """The contestant as an unbiased estimator of the reference, with 64 samples."""
+    if spec.is_adaptive:
         return scene.contestant(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.contestant(spec, transport, spp=64)
 
 
-def equals(scene: Scene, a: runs.Contestant, b: Spec, transport: str) -> tuple[runs.Contestant, runs.Contestant]:
-    """Contestants ``b`` with as many samples as ``a`` really takes, and with as many as take the same time."""
+def equals(scene: Scene, a: Contestant, b: Spec, transport: str) -> tuple[Contestant, Contestant]:
+    """Contestants of ``b`` with as many samples as ``a`` takes, and with as many as take the same time."""
     samples = max(round(float(np.mean(a.counts()))), 1)
 
-    def processor_seconds(contestant: runs.Contestant) -> float:
+    def processor_seconds(contestant: Contestant) -> float:
         contestant.render(0)  # compiles
-        return float(np.median([contestant.render(0)[1][1] for _ in range(3)]))
+        return float(np.median([contestant.render(0)[2] for _ in range(3)]))
 
     wanted = processor_seconds(a)
     spp, equal = samples, scene.contestant(b, transport, spp=samples)

@@ -39,13 +39,13 @@ class Area(mi.Emitter):
 
      * - angle
        - |float|
-       - Half-opening of a cone in degrees, > 0 and <= 180, which must be given; or the angle at which a spot is cut
-         off, <= 90. (Default for a spot: 90)
+       - Half-opening of a cone in degrees, > 0 and <= 180; or the angle at which a spot is cut off, <= 90. (Default:
+         required for a cone, 90 for a spot)
        - |exposed|, |differentiable|, |discontinuous|
 
      * - exponent
        - |float|
-       - Concentration n >= 0 of a spot, which must be given.
+       - Concentration n >= 0 of a spot. (Default: required)
        - |exposed|, |differentiable|
 
      * - unattenuated

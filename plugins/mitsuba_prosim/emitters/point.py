@@ -46,13 +46,13 @@ class Point(mi.Emitter):
 
      * - angle
        - |float|
-       - Half-opening of a cone in degrees, > 0 and <= 180, which must be given; or the angle at which a spot is cut
-         off, <= 90. (Default for a spot: 90)
+       - Half-opening of a cone in degrees, > 0 and <= 180; or the angle at which a spot is cut off, <= 90. (Default:
+         required for a cone, 90 for a spot)
        - |exposed|, |differentiable|, |discontinuous|
 
      * - exponent
        - |float|
-       - Concentration n >= 0 of a spot, which must be given.
+       - Concentration n >= 0 of a spot. (Default: required)
        - |exposed|, |differentiable|
 
      * - unattenuated
@@ -66,7 +66,7 @@ class Point(mi.Emitter):
 
      * - radiance
        - |spectrum|
-       - In place of ``intensity``: that of a sphere of this radiance L and of the virtual radius, :math:`\pi r^2 L`.
+       - Instead of ``intensity``: radiance L of a sphere of the virtual radius; the intensity is :math:`\pi r^2 L`.
        - |exposed|, |differentiable|
 
     The point sources of section 5.2 of the thesis. With an intensity alone this is Mitsuba's

@@ -34,37 +34,34 @@ class Prosim(ProgressiveIntegrator):
 
      * - samples
        - |int|
-       - :math:`N`: samples of a pass; :math:`N` passes fill a pattern of :math:`N^2` (Default: 5)
+       - :math:`N`: number of samples of a pass; :math:`N` passes fill a pattern of :math:`N^2` (Default: 5)
 
      * - adaptive
        - |string|
-       - :monosp:`neighbours`: a pixel gets all :math:`N^2` samples where the 24 pixels around it are noisy.
-         :monosp:`graded`: it gets as many samples as the variance within the 48 pixels around asks for, a power of two,
-         or the first passes alone. :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own are quiet.
-         :monosp:`none`: always :math:`N^2`. (Default: :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or
-         :monosp:`time`)
+       - Policy. :monosp:`neighbours`: a pixel gets all :math:`N^2` samples if the 24 pixels around it are noisy.
+         :monosp:`graded`: the number of samples follows the variance within the 48 pixels around.
+         :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own variance is small. :monosp:`none`:
+         always :math:`N^2`. (Default: :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or :monosp:`time`)
 
      * - threshold
        - |float|
-       - Standard error that is small enough: of the displayed value, white being 1, for :monosp:`neighbours` and
-         :monosp:`graded`; of the radiance for :monosp:`thesis` (Default: 0.006)
+       - Standard error of a pixel that needs no more samples: of the displayed value (white = 1) for
+         :monosp:`neighbours` and :monosp:`graded`, of the radiance for :monosp:`thesis` (Default: 0.006)
 
      * - min_passes, max_samples
        - |int|
-       - Passes that every pixel gets (Default: 1) and the most samples that one may get; where it is no multiple of
-         :math:`N`, the last pass is cut short. (Default: :math:`N^2`, four times as many for :monosp:`graded`, and any
-         with :monosp:`noise` or :monosp:`time`)
+       - Minimum number of passes (Default: 1) and maximum number of samples of a pixel (Default: :math:`N^2`, four
+         times as many for :monosp:`graded`, unlimited with :monosp:`noise` or :monosp:`time`)
 
      * - noise, noise_99, noise_999, time
        - |float|
-       - The image is taken on until the root mean square of the error of its displayed values, white being 1, is
-         at most :monosp:`noise`, that of 99 pixels in 100 at most :monosp:`noise_99`, and that of 999 in 1000 at most
-         :monosp:`noise_999`, which counts isolated bright pixels; or so many seconds have passed, whichever is
-         first. Not with :monosp:`thesis`. (Default: 0, not asked for)
+       - Error targets of the displayed image (white = 1): the RMS error, the error of 99 % and of 99.9 % of the pixels;
+         and a limit in seconds. The first that is reached ends the render. Not with :monosp:`thesis`. (Default: 0,
+         none)
 
      * - max_level
        - |int|
-       - Deepest level of reflected and refracted rays; 0: only the first visible surface; -1: any, for paths
+       - Maximum depth of reflected and refracted rays. 0: only the first visible surface; -1: unlimited, for paths
          (Default: 4)
 
      * - shadows
@@ -77,29 +74,26 @@ class Prosim(ProgressiveIntegrator):
 
      * - background
        - |spectrum| or |texture|
-       - Radiance of a ray that leaves the scene. A bitmap is looked up by direction, as
-         :monosp:`envmap` does, but lights nothing. (Default: 0)
+       - Radiance of a ray that leaves the scene. A bitmap is a latitude-longitude map, as for :monosp:`envmap`, but
+         lights nothing. (Default: 0)
 
      * - diffuse_bounces
        - |int|
-       - Diffuse reflections that are followed. 0: none, as in the thesis; -1: every one, which is path tracing. With
-         any but 0, each vertex samples one lamp, chosen by an estimate of its light there
-         (Default: 0)
+       - Number of diffuse reflections that are followed. 0: none, as in the thesis; -1: all, which is path tracing.
+         If it is not 0, each vertex samples one lamp, chosen by an estimate of its light. (Default: 0)
 
      * - caustics
        - |bool|
-       - Light that comes to diffuse surfaces by way of specular ones, from photons; in colour, monochrome and spectral
-         variants, not in scalar ones (Default: |false|)
+       - Light that specular surfaces focus on diffuse ones, from photons; not in scalar variants (Default: |false|)
 
      * - caustic_photons
        - |int|
-       - Photons that leave the sources for each :math:`N^2` samples of a pixel, or each 64 where that is less: of the
-         order of the image's pixels, some times as many for a quiet image. They take 40 bytes each, 48 where
-         they meet a rough surface, and in spectral variants four more. (Default: 1048576)
+       - Number of photons that are emitted for each :math:`N^2` samples of a pixel (for each 64, if that is less). A
+         photon takes 40 to 52 bytes. (Default: 1048576)
 
      * - cutoff
        - |float|
-       - A branch whose throughput is not above this ends (Default: 0)
+       - Throughput at or below which a branch ends (Default: 0)
 
      * - rr_depth
        - |int|
@@ -107,9 +101,8 @@ class Prosim(ProgressiveIntegrator):
 
      * - rr_throughput
        - |float|
-       - A branch of the tree whose throughput is below this is followed by lot, as seldom as it is weaker, and counts
-         as much more: many reflections within glass matter little, and are most of its rays. 0: all are followed
-         (Default: 0.01 with :monosp:`caustics`, else 0)
+       - Throughput below which Russian roulette ends branches of the tree; 0: never (Default: 0.01 with
+         :monosp:`caustics`, else 0)
 
      * - hide_emitters
        - |bool|
@@ -126,75 +119,58 @@ class Prosim(ProgressiveIntegrator):
 
      * - aovs
        - |string|
-       - Further channels, separated by commas: :monosp:`samples` (per pixel), :monosp:`error` (standard error of the
-         luminance), or :monosp:`name:type` as for the :monosp:`aov` integrator (Default: none)
+       - Further channels, separated by commas: :monosp:`samples` (number per pixel), :monosp:`error` (standard error
+         of the luminance), or :monosp:`name:type` as for the :monosp:`aov` integrator (Default: none)
 
      * - band
        - |int|
-       - Pixels that are rendered at a time, which bounds the memory; it does not change the image
+       - Number of pixels that are rendered at a time. It bounds the memory and does not change the image.
          (Default: 262144)
 
-    Distributed ray tracing as the thesis has it: at the first visible surface, light from *every* source through the
-    whole BRDF plus the ambient term, then both the reflected and the refracted ray, drawn from their lobes. Nothing is
-    followed from a diffuse component, so caustics and diffuse interreflection are left out, unless
-    :monosp:`caustics` and :monosp:`diffuse_bounces` say otherwise. What the lobes and the sources can both sample is
-    shared by multiple importance sampling, so that the expected image is the same at any roughness.
+    Distributed ray tracing as in the thesis: at each surface, light from *every* source through the whole BRDF and the
+    ambient term; then the reflected and the refracted ray, each sampled from its lobe. Nothing follows a diffuse
+    component, so caustics and diffuse interreflection are missing, unless :monosp:`caustics` and
+    :monosp:`diffuse_bounces` add them. Multiple importance sampling combines lobes and sources.
 
-    Two kinds of light are left noisy: what a rough surface sees of a smooth one's highlight, which only its lobe can
-    find (isolated bright pixels) where there are no :monosp:`caustics`; and, on diffuse surfaces, sources other than
-    spheres and a constant sky, which are sampled by their own methods.
+    Two kinds of light are noisy: highlights of smooth surfaces seen in rough ones, without :monosp:`caustics`; and, on
+    diffuse surfaces, sources other than spheres and a constant sky.
 
-    With :monosp:`caustics`, photons go from every source towards all that is specular, through it by at most
-    :monosp:`max_level` + 1 reflections and refractions, and come to lie on diffuse surfaces, where they count within a
-    pixel's width. So do those on rough surfaces that came by way of smooth ones alone, ideally or nearly: they share
-    that light with the rays of the lobe by multiple importance sampling, which ends the bright pixels; but for those of
-    point sources in nearly smooth surfaces, and in such that disperse. Each sample of a pixel has
-    photons of its own, so that their noise falls with the samples. Paths leave the light on diffuse surfaces to them:
-    nothing is counted twice. In spectral variants all pixels then have the same wavelengths,
-    those of the photons, other ones with each sample. Sources are all of this package's, and of Mitsuba's
-    :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`,
-    :monosp:`directionalarea`, :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. (What a
-    :monosp:`directionalarea` sends straight to a diffuse surface remains unseen, as it does with :monosp:`path`.)
-    Materials that are taken whole (below) count as diffuse: they gather photons by all of their lobes. Without
-    :monosp:`diffuse_bounces` their specular lobes send photons on too, to other materials than their like. Not in
-    scalar variants, not nested in another integrator, and without derivatives.
+    **Caustics.** Photons go from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse
+    ones, where they count within a pixel's width. They also count on rough surfaces behind smooth or nearly smooth
+    ones, where they share the light with the rays of the lobe. Each sample of a pixel has its own photons, so that
+    their noise falls with the samples. Paths leave this light to the photons. In spectral variants all pixels share
+    the wavelengths of the photons. Photons come from all sources of this package and from Mitsuba's :monosp:`area`,
+    :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`, :monosp:`directionalarea`,
+    :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. (Direct light of a :monosp:`directionalarea` remains
+    unseen, as with :monosp:`path`.) Caustics are not possible in scalar variants and within another integrator.
 
-    Every space (the pixel, the lens, each source and each lobe at each node) is sampled by its own N-rook pattern; with
-    :monosp:`graded`, :monosp:`noise`, :monosp:`time`, a nonzero :monosp:`spp` and more than :math:`N^2` samples by its
-    own Owen-scrambled Sobol' points (see :ref:`sampler-owen`), of which there may be any number. A
-    sample is a pure function of seed, pixel, space and index: crop windows, :monosp:`band` and the number of
-    threads do not change a bit of the image (with :monosp:`noise`, crop windows do; with :monosp:`time`, all may). The
-    film's reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's
-    sampler is not used. A nonzero :monosp:`spp` given to ``render()`` stands for :math:`N^2`, in the place of
-    :monosp:`max_samples` and :monosp:`samples`; :monosp:`graded` may take up to four times as many in a pixel.
+    **Samples.** Each space (the pixel, the lens, each source and each lobe at each node) has its own N-rook pattern.
+    :monosp:`graded`, :monosp:`noise`, :monosp:`time`, a nonzero :monosp:`spp` and more than :math:`N^2` samples use
+    Owen-scrambled Sobol' points (see :ref:`sampler-owen`). A sample is a pure function of seed, pixel, space and
+    index: crop windows, :monosp:`band` and the number of threads do not change a bit of the image (but crop windows
+    with :monosp:`noise`, and all with :monosp:`time`). The reconstruction filter weights each sample by one over the
+    number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` of ``render()`` replaces
+    :math:`N^2`; :monosp:`graded` may take up to four times as many in a pixel.
 
-    Derivatives, forward and backward, are those of the image that the same seed gives, by its own samples; so
-    :monosp:`time` and :monosp:`caustics` are refused there. To optimise parameters, Mitsuba's :monosp:`prb` is cheaper:
-    it knows our materials and sources, and takes about half the time for as many samples.
+    **Lobes** are selected by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs without separate lobes
+    (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`) are sampled as a whole: only
+    sampling the sources finds their light, which is noisy where they are smooth. With :monosp:`caustics` they count as
+    diffuse.
 
-    The lobes of a surface are told apart by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs that have no
-    separate lobes (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, also within
-    others) are taken whole: the light of sources comes to them by sampling the sources alone, which is noisy where
-    they are smooth. A :monosp:`mask` and a :monosp:`blendbsdf` are asked for their lobes with care: the mirror in a
-    blend with what is dark is as bright as its share, which Mitsuba's own integrators make darker. (Not so where a
-    :monosp:`bumpmap` or :monosp:`normalmap` holds a blend with what is taken whole: a warning says what to do.)
+    **Absorption.** The inside of a shape absorbs light by Beer's law, if its :monosp:`interior` is a
+    :monosp:`homogeneous` medium with :monosp:`albedo` 0. Shapes within it need it as their :monosp:`exterior`, a
+    camera as its :monosp:`medium`. :monosp:`volpath` renders the same. Other media count as empty, with a warning.
 
-    What lies inside a shape absorbs light by Beer's law along a ray's way through it (Hall), if the shape's
-    :monosp:`interior` is a :monosp:`homogeneous` medium whose :monosp:`albedo` is 0; shapes within it say so by their
-    :monosp:`exterior`, a camera by its :monosp:`medium`. :monosp:`volpath` renders the same. Nothing is scattered:
-    other media are taken for empty, with a warning.
+    **Ambient light** is the attribute :monosp:`ambient` of a BSDF, which this package's materials have; it also works
+    within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap`.
 
-    Ambient light is what a BSDF's attribute :monosp:`ambient` says, which this package's materials have; it is found
-    within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap` too.
-    The back of a one-sided surface reflects none.
+    **Derivatives**, forward and backward, are those of the samples that form the image, by parameters of materials and
+    sources, and by the places of sources, lit objects and mirrors. Missing are the edges that cover or uncover
+    something: silhouettes, shadows, and objects in glossy and diffuse reflections. :monosp:`time` and
+    :monosp:`caustics` are refused. Mitsuba's :monosp:`prb` supports our materials and sources and is faster.
 
-    Derivatives, forward and backward, are those of the samples that the image is made of, by any parameter of materials
-    and sources, and by the places of sources, of what they light, and of mirrors. Left out is what a moving edge covers
-    or uncovers: silhouettes as the camera sees them, shadows, and the edges of objects in glossy and diffuse
-    reflections, except those of sources.
-
-    In scalar variants, and nested in another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the
-    sample count of the sensor's sampler, and that sampler's samples.
+    In scalar variants, and within another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the samples
+    of the sensor's sampler.
 
     .. tabs::
         .. code-tab:: xml

@@ -25,22 +25,21 @@ class ProsimAdaptive(ProgressiveIntegrator):
 
      * - (Nested plugin)
        - :paramtype:`integrator`
-       - What computes the radiance along a ray: :monosp:`path`, :monosp:`volpath`, :monosp:`direct`, :monosp:`aov`,
-         :monosp:`prb`, or any other that takes samples from a sensor.
+       - Computes the radiance along a ray: :monosp:`path`, :monosp:`volpath`, :monosp:`direct`, :monosp:`aov`,
+         :monosp:`prb`, or any other that takes samples from a sensor
 
      * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, noise_999, time, jitter, channels,
          aovs, band
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 
-    Takes samples where they are needed, until the noise is small enough or the time is up, as :ref:`integrator-prosim`
-    does: it is the same engine. The image has the expected value of the nested integrator's own. It is the same to the
-    bit for any crop window, :monosp:`band` and number of threads (with :monosp:`noise`, crop windows change it; with
-    :monosp:`time`, all may). The sensor's sampler is not used.
+    Takes samples where the image is noisy, until an error target or a time limit is reached, with the engine of
+    :ref:`integrator-prosim`. The expected value is that of the nested integrator. The image has the same bits for any
+    crop window, :monosp:`band` and number of threads (but crop windows with :monosp:`noise`, and all with
+    :monosp:`time`). The sensor's sampler is not used.
 
-    Derivatives are the nested integrator's, by uniform sampling with its own means; the image is ours. In scalar
-    variants, and nested in another integrator, every pixel gets the sample count of the sensor's sampler, and that
-    sampler's samples.
+    Derivatives are those of the nested integrator with uniform sampling. In scalar variants, and within another
+    integrator, every pixel gets the samples of the sensor's sampler.
 
     .. tabs::
         .. code-tab:: xml

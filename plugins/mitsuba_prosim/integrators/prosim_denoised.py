@@ -29,20 +29,20 @@ class ProsimDenoised(mi.SamplingIntegrator):
 
      * - (Nested plugin)
        - :paramtype:`integrator`
-       - What renders the image: :monosp:`prosim`, :monosp:`prosim_adaptive`, or any of Mitsuba's that take samples from
-         a sensor.
+       - Renders the image: :monosp:`prosim`, :monosp:`prosim_adaptive`, or one of Mitsuba's that takes samples from a
+         sensor
 
      * - fast
        - |bool|
-       - With smaller networks, several times as fast, for a first look (Default: |false|)
+       - Use smaller networks, which are several times as fast (Default: |false|)
 
-    Renders two halves of the samples and follows Open Image Denoise as far as these agree, see :doc:`/denoising`. The
-    image is the final one; further channels have the :monosp:`raw` and the :monosp:`denoised` image, and the estimated
-    standard error of each pixel of the three: :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised`. What
-    :monosp:`noise` or :monosp:`time` of the nested integrator say is said of the raw image.
+    Renders two halves of the samples and applies Open Image Denoise as far as the halves agree, see :doc:`/denoising`.
+    Further channels are the :monosp:`raw` and the :monosp:`denoised` image, and the estimated standard errors
+    :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised` of the three. :monosp:`noise` and :monosp:`time`
+    of the nested integrator apply to the raw image.
 
-    It is rendered as a whole: there are no derivatives (take those of the nested integrator), and it can't be nested in
-    another. It needs the package :monosp:`mitsuba-oidn`, which the extra :monosp:`denoise` brings.
+    It has no derivatives (use those of the nested integrator) and cannot be nested in another integrator. It needs the
+    package :monosp:`mitsuba-oidn`, the extra :monosp:`denoise`.
 
     .. tabs::
         .. code-tab:: xml

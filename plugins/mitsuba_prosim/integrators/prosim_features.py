@@ -24,13 +24,12 @@ class ProsimFeatures(mi.SamplingIntegrator):
        - |bool|
        - Camera rays do not see light sources (Default: |false|)
 
-    Renders the albedo as a person sees it, and gives the channels :monosp:`albedo.R`, :monosp:`.G`, :monosp:`.B` and
+    Renders the visible albedo, and gives the channels :monosp:`albedo.R`, :monosp:`.G`, :monosp:`.B` and
     :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` beside it, which :monosp:`mitsuba_prosim.denoise` takes.
 
-    The albedo is that of the diffuse lobes, textures included, and to it is added what is seen in the specular ones,
-    up to six reflections and refractions deep: through a metal's tint, and by Fresnel's equations in glass and under
-    varnish. Sources and the sky have their radiance, at most 1. The normal is the shading normal of what is seen first,
-    on the viewer's side.
+    The albedo is that of the diffuse lobes, plus the albedo that the specular lobes show, up to six reflections and
+    refractions deep, with the tint of metals and Fresnel's equations. Sources and the sky have their radiance, at most
+    1. The normal is the shading normal of the first surface, on the viewer's side.
 
     .. tabs::
         .. code-tab:: xml

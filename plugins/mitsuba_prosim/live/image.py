@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compare.scenes import can_light, seen_by, sky
+from ..compare.scenes import can_light, lit
 from ..denoising import halves
 from ..engine.work import Local, Step
 from ..registry import create
@@ -178,5 +178,5 @@ def by_path(own: ProgressiveImage) -> ProgressiveImage:
     path = create("prosim_adaptive", nested=create("path"), channels=own.integrator.channels, **sampling)
     scene, background = own.scene, getattr(own.integrator, "background", None)
     if background is not None:
-        scene = seen_by(own.sensor, scene, background=sky(background))
+        scene = lit(scene, background)
     return ProgressiveImage(path, scene, own.sensor, own.spp, own.seed)

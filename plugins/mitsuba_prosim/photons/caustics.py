@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -12,13 +13,13 @@ import numpy as np
 from ..masks import but_not
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
-from ..transport.ray import Ray
+from ..transport.ray import Vertex
 from .emission import Sources, start_points
 from .footprint import Footprint
 from .gathering import Gathering
 from .grid import Landed, Photons
 from .importance import Importance
-from .mis import GlossyGathering
+from .mis import PhotonMIS
 from .targets import Targets, warn_of_missing_caustics
 from .tracing import Walk
 
@@ -39,6 +40,27 @@ KEPT = 1 << 22
 Which = tuple[int, int, int]
 
 
+@dataclass(frozen=True)
+class Allocation:
+    """How many of the photons of a map each cell has. The photons of a cell are in a row."""
+
+    #: Number of photons of each cell, and the index of the first of them.
+    shares: mi.Float
+    begins: mi.UInt32
+    #: The cell of each photon.
+    cells: mi.UInt32
+
+    @classmethod
+    def of(cls, wanted: np.ndarray) -> Allocation:
+        """That of about ``wanted`` photons for each cell, and at least one."""
+        counts = np.maximum(np.round(wanted.ravel()), 1).astype(np.uint32)
+        begins = np.cumsum(counts, dtype=np.uint32) - counts
+        cells = np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
+        result = cls(mi.Float(counts.tolist()), mi.UInt32(begins.tolist()), mi.UInt32(cells.tolist()))  # see Targets
+        dr.make_opaque(result.shares, result.begins, result.cells)
+        return result
+
+
 class Caustics:
     """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a photon pass, traced by ``walk``.
 
@@ -48,19 +70,20 @@ class Caustics:
     """
 
     def __init__(
-        self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, walk: Walk, footprint: Footprint
+        self, scene: mi.Scene, sensor: mi.Sensor, sources: Sources, count: int, deepest: int, tree: bool
     ) -> None:
         self.scene, self.sensor, self.sources, self.count = scene, sensor, sources, count
-        self.walk, self.footprint = walk, footprint
+        self.footprint = Footprint.of(scene, sensor)
+        limit = dr.opaque(mi.UInt32, deepest)
+        mis = PhotonMIS(scene, sources, self.footprint, limit, tree)
+        #: The MIS of photons and rays at glossy surfaces; None where only diffuse surfaces gather photons.
+        self.mis = mis if mis.needed else None
+        self.walk = Walk(scene, limit, tree, self.footprint, self.mis)
         self.gathering = Gathering(scene, self.footprint)
-        #: What shares light between photons and rays at glossy surfaces; None where nothing is to be shared.
-        self.mis: GlossyGathering | None = None
-        if walk.shares_light:
-            self.mis = GlossyGathering(footprint, sources, walk.near_specular, walk.deepest, walk.scattering)
-        self._shares: dict[int, tuple[mi.Float, mi.UInt32, mi.UInt32]] = {}
+        self._allocations: dict[int, Allocation] = {}
         #: Photon passes, the most recently used one last.
-        self._sets: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
-        self._drawn: Photons | None = None
+        self._passes: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
+        self._current: Photons | None = None
         #: Number of photon passes that were emitted.
         self.draws = 0
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
@@ -76,8 +99,7 @@ class Caustics:
             return None
         if tree:
             warn_of_missing_caustics(scene.shapes())
-        footprint = Footprint.of(scene, sensor)
-        return cls(scene, sensor, sources, count, Walk(scene, deepest, tree, footprint), footprint)
+        return cls(scene, sensor, sources, count, deepest, tree)
 
     @property
     def kept(self) -> int:
@@ -91,28 +113,30 @@ class Caustics:
 
     def draw(self, seed: int, number: int, n: int) -> None:
         """Lets samples gather from the photon pass ``number`` under ``seed``; ``n`` samples divide the spectrum."""
-        self._drawn, glossy = self.photons((seed, number, n))
+        self._current, glossy = self.photons((seed, number, n))
         if self.mis is not None and glossy is not None:
-            self.mis.use(glossy, self._places(self.maps(n))[0])
+            self.mis.use(glossy, self._allocation(n).shares)
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
         """A photon pass, kept or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
-        if which not in self._sets:
-            self.put(which, self._photons(*which))
+        if which not in self._passes:
+            (diffuse, glossy), map_of, _ = self._emit(*which, self._allocation(which[2]))
+            rest = map_of, self.maps(which[2]), self.footprint
+            self.put(which, (Photons.of(diffuse, *rest), None if glossy is None else Photons.of(glossy, *rest)))
             self.draws += 1
-        self._sets.move_to_end(which)
-        return self._sets[which]
+        self._passes.move_to_end(which)
+        return self._passes[which]
 
     def put(self, which: Which, photons: tuple[Photons, Photons | None]) -> None:
         """Keeps a photon pass, which another process may have emitted."""
-        while len(self._sets) >= self.kept:
-            self._sets.popitem(last=False)
-        self._sets[which] = photons
+        while len(self._passes) >= self.kept:
+            self._passes.popitem(last=False)
+        self._passes[which] = photons
 
     def has(self, which: Which) -> bool:
         """Whether a photon pass is kept."""
-        return which in self._sets
+        return which in self._passes
 
     def wavelength(self, t: mi.UInt32) -> mi.Float:
         """The number in [0, 1) by which a sensor samples the wavelengths of the ``t``-th samples: those of their map,
@@ -124,62 +148,39 @@ class Caustics:
         """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
         return t, self._n
 
-    def add_to(
-        self,
-        L: mi.Spectrum,
-        ray: Ray,
-        si: mi.SurfaceInteraction3f,
-        bsdf: mi.BSDFPtr,
-        drawn: Sequence[mi.BSDFContext],
-        t: mi.UInt32,
-        active: mi.Bool,
-        scattered: mi.Bool | bool,
-    ) -> mi.Spectrum:
-        """``L`` plus the radiance of the photons at ``si``, which ``ray`` meets, for the ``t``-th sample of a pixel.
-
-        ``drawn``: the glossy lobes, each with a ray of its own. ``scattered``: the lanes behind a diffuse reflection,
-        whose glossy lobes gather none.
+    def add_to(self, L: mi.Spectrum, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32) -> mi.Spectrum:
+        """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
+        glossy lobes, each with a ray of its own; after a diffuse reflection they gather none.
         """
-        assert self._drawn is not None, "no photons have been emitted"
-        number = t % dr.opaque(mi.UInt32, self._drawn.maps)
-        L = L + self.gathering(self._drawn, number, si, bsdf, active)
-        return L if self.mis is None else L + self.mis(ray, si, bsdf, drawn, t, but_not(active, scattered))
+        assert self._current is not None, "no photons have been emitted"
+        L = L + self.gathering(self._current, t % dr.opaque(mi.UInt32, self._current.maps), vertex)
+        if self.mis is None:
+            return L
+        gathered = vertex.ray.gathered_photons
+        active = vertex.active if gathered is None else but_not(vertex.active, gathered)
+        return L + self.mis.radiance(vertex, drawn, t, active)
 
-    def _photons(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
-        maps = self.maps(n)
-        landed, map_of, _ = self._landed(seed, number, n, self._places(maps))
-        diffuse, glossy = (None if one is None else Photons.of(one, map_of, maps, self.footprint) for one in landed)
-        assert diffuse is not None
-        return diffuse, glossy
-
-    def _places(self, maps: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
-        """Number of photons of each pair in a map, as :func:`placed` returns it."""
-        if maps not in self._shares:
-            self._shares[maps] = self._shared(max(self.count // maps, 1))
-        return self._shares[maps]
-
-    def _landed(
-        self, seed: int, number: int, n: int, places: tuple[mi.Float, mi.UInt32, mi.UInt32], white: bool = False
+    def _emit(
+        self, seed: int, number: int, n: int, allocation: Allocation, white: bool = False
     ) -> tuple[tuple[Landed, Landed | None], mi.UInt32, mi.UInt32]:
-        """``(landed, map, pair)`` of all photons of a pass; ``landed`` as :class:`.Walk` returns it. ``places``: of
-        :func:`placed`; ``white``: whether each photon has its own wavelengths instead of its map's.
+        """``(landed, map, cell)`` of all photons of a pass; ``landed`` as :class:`.Walk` returns it. ``white``: whether
+        each photon has its own wavelengths instead of its map's.
         """
-        (shares, begins, pairs), maps = places, self.maps(n)
-        size = dr.width(pairs)
+        maps, size = self.maps(n), dr.width(allocation.cells)
         i = dr.arange(mi.UInt32, size * maps)
         map_of = i // dr.opaque(mi.UInt32, size)
         of_map = i - map_of * dr.opaque(mi.UInt32, size)
-        pair = dr.gather(mi.UInt32, pairs, of_map)
-        share = mi.UInt32(dr.gather(mi.Float, shares, pair))
+        cell = dr.gather(mi.UInt32, allocation.cells, of_map)
+        share = mi.UInt32(dr.gather(mi.Float, allocation.shares, cell))
         key = combine(combine(hash32(dr.opaque(mi.UInt32, seed)), dr.opaque(mi.UInt32, number)), 0)
-        # The photons of a pair go on from map to map, so that those of all together are evenly spread too.
-        of_pair = map_of * share + of_map - dr.gather(mi.UInt32, begins, pair)
+        # The points of a cell continue from map to map, so that those of all maps together are evenly spread too.
+        of_cell = map_of * share + of_map - dr.gather(mi.UInt32, allocation.begins, cell)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
-        wanted = self._wavelengths(seed, t, n)
-        start = self.sources.start(pair, shares, *start_points(combine(key, pair), of_pair), wanted)
+        points = start_points(combine(key, cell), of_cell)
+        start = self.sources.start(cell, allocation.shares, *points, self._wavelengths(seed, t, n))
         landed = self.walk(start, combine(key, i + 1))
-        dr.eval(landed, map_of, pair)
-        return landed, map_of, pair
+        dr.eval(landed, map_of, cell)
+        return landed, map_of, cell
 
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
         """Wavelengths of the ``t``-th samples, as the sensor samples them; empty except in spectral variants."""
@@ -189,44 +190,36 @@ class Caustics:
         sample = wavelengths.shared(key, t, dr.opaque(mi.UInt32, n))
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
-    def _shared(self, size: int) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
-        """How many of the ``size`` photons of a map each cell of each pair gets: in proportion to the RMS of what its
-        photons add to a pixel, which minimises the noise (Neyman 1934).
+    def _allocation(self, n: int) -> Allocation:
+        """The :class:`Allocation` of a map: in proportion to the RMS of what the photons of a cell add to a pixel,
+        which minimises the noise (Neyman 1934), by some rounds of pilot photons.
         """
-        pairs, edge = self.sources.pairs, 1
+        maps, pairs, edge = self.maps(n), self.sources.pairs, 1
+        if maps in self._allocations:
+            return self._allocations[maps]
+        size = max(self.count // maps, 1)
         while edge < EDGE and PER_CELL * pairs * (2 * edge) ** 2 <= size:
             edge *= 2
-        cells = pairs * edge**2
         importance = Importance(self.scene, self.sensor, self.walk, self.footprint)
-        part, squares, number = np.full(cells, 1 / cells), np.zeros(cells), np.zeros(cells)
+        squares = np.zeros((pairs, edge, edge))
+        number, fractions = np.zeros_like(squares), np.full_like(squares, 1 / squares.size)
         for k in range(ROUNDS):
-            places = placed(np.maximum(np.round(part * PILOTS), 1))
-            landed, _, cell = self._landed(0, k, 1, places, white=True)
-            weights = importance(landed)
-            count = np.array(places[0], dtype=np.float64)
-            squares += count**2 * np.bincount(np.array(cell), weights, minlength=cells)
-            number += count
-            part = self._parts(np.sqrt(squares / number).reshape(pairs, edge, edge))
-        return placed(np.maximum(np.round(part * size), 1))
+            pilots = Allocation.of(fractions * PILOTS)
+            landed, _, cell = self._emit(0, k, 1, pilots, white=True)
+            count = np.array(pilots.shares, dtype=np.float64)
+            sums = np.bincount(np.array(cell), importance(landed), minlength=squares.size)
+            squares += (count**2 * sums).reshape(squares.shape)
+            number += count.reshape(squares.shape)
+            fractions = self._fractions(np.sqrt(squares / number))
+        self._allocations[maps] = Allocation.of(fractions * size)
+        return self._allocations[maps]
 
-    def _parts(self, wanted: np.ndarray) -> np.ndarray:
+    def _fractions(self, wanted: np.ndarray) -> np.ndarray:
         """Fraction of the photons for each cell, about in proportion to ``wanted``, shape (pairs, edge, edge)."""
         edge = wanted.shape[1]
         padded = np.pad(wanted, ((0, 0), (1, 1), (1, 1)), mode="edge")
         smooth = np.mean([padded[:, j : j + edge, i : i + edge] for j in range(3) for i in range(3)], axis=0)
         aimless = self.sources.aimless
         smooth[aimless] = smooth[aimless].mean(axis=(1, 2), keepdims=True)
-        whole, even = smooth.sum(), 1 / smooth.size
-        return (1 - EVEN) * smooth.ravel() / whole + EVEN * even if whole > 0 else np.full(smooth.size, even)
-
-
-def placed(shares: np.ndarray) -> tuple[mi.Float, mi.UInt32, mi.UInt32]:
-    """``(shares, begins, pairs)`` of a map: the number of photons of each pair, the index of its first photon, and the
-    pair of each photon.
-    """
-    counts = shares.astype(np.uint32)
-    begins = np.cumsum(counts, dtype=np.uint32) - counts
-    pairs = np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
-    result = mi.Float(counts.tolist()), mi.UInt32(begins.tolist()), mi.UInt32(pairs.tolist())  # lists: see Targets
-    dr.make_opaque(*result)
-    return result
+        total, even = smooth.sum(), 1 / smooth.size
+        return (1 - EVEN) * smooth / total + EVEN * even if total > 0 else np.full_like(smooth, even)

@@ -1,4 +1,4 @@
-"""How large a pixel is where a camera sees it."""
+"""The footprint of a pixel: its width where the camera sees it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import mitsuba as mi
 from ..compat import world_transform
 from ..engine.camera import uncropped
 
-#: Where a camera has no pixels to speak of (a meter of one ray): that part of the scene's radius.
+#: Least width of a pixel, for sensors without pixels (a meter of one ray): this part of the scene's radius.
 LEAST = 1e-5
 
-#: That area over the area of Epanechnikov's kernel.
+#: Area on which photons have equal weights, over the area of an Epanechnikov kernel of the same noise.
 EVENLY = 0.75
 
 
@@ -27,7 +27,7 @@ class Footprint:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
-        """That of the pixels in the middle of the film of ``sensor``, a crop window left aside."""
+        """The footprint of the pixels in the middle of the whole film of ``sensor``."""
         width, height = (int(v) for v in sensor.film().size())
         with uncropped(sensor):
             middle, right, below = (
@@ -47,13 +47,17 @@ class Footprint:
         return result
 
     def distance(self, p: mi.Point3f) -> mi.Float:
-        """That of ``p`` from the eye."""
+        """Distance of ``p`` from the eye."""
         return dr.norm(p - self.eye)
 
-    def evenly(self, p: mi.Point3f) -> mi.Float:
-        """Area on which photons within reach of ``p`` would count alike, with the same noise as by their kernel."""
-        return EVENLY * dr.pi * dr.square(self.at(self.distance(p)))
-
     def at(self, distance: mi.Float) -> mi.Float:
-        """Width of a pixel at that distance."""
+        """Width of a pixel at that distance from the eye."""
         return self.size + self.spread * distance
+
+    def width(self, p: mi.Point3f) -> mi.Float:
+        """Width of a pixel at ``p``."""
+        return self.at(self.distance(p))
+
+    def area(self, p: mi.Point3f) -> mi.Float:
+        """Area around ``p`` on which photons with equal weights have the same noise as with those of the kernel."""
+        return EVENLY * dr.pi * dr.square(self.width(p))

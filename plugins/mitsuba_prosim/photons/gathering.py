@@ -8,6 +8,7 @@ import mitsuba as mi
 from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.context import scene_flags
+from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
 from .footprint import Footprint
 from .grid import WIDE, Photons, within_reach
@@ -34,17 +35,15 @@ class Gathering:
             and all(map(is_lambertian, bsdfs))
         )
 
-    def __call__(
-        self, photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, active: mi.Bool
-    ) -> mi.Spectrum:
-        """Radiance of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``; by all lobes if
-        they are inseparable.
+    def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
+        """Radiance of the photons of the map ``number`` by the diffuse lobes at ``vertex``; by all lobes if they are
+        inseparable.
 
         Photons count within a pixel's width, by Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²). So caustics are
         blurred by no more than a pixel.
         """
-        whole = self.scattering.inseparable(bsdf, active)
-        active = active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | whole)
+        si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
+        active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
         def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
             wo = -dr.gather(mi.Vector3f, photons.directions, i, near)
@@ -55,7 +54,8 @@ class Gathering:
                 return dr.select(near, flux * kernel, 0)
             near = near & (dr.abs(cos) > 1e-6)
             wo = si.to_local(wo)
-            f = self.scattering.or_all_lobes(bsdf.eval(lobes.diffuse(), si, wo, near), si, bsdf, wo, near, whole)
+            f = bsdf.eval(lobes.diffuse(), si, wo, near)
+            f = self.scattering.or_all_lobes(f, si, bsdf, wo, near, inseparable)
             return dr.select(near, f * flux * (kernel / dr.select(near, dr.abs(cos), 1)), 0)
 
         L = mi.Spectrum(0)

@@ -80,7 +80,7 @@ class Photons:
         if landed.density is not None:
             of_each += [landed.density, landed.level]
         p, d, flux, wide, *others = (dr.gather(type(v), v, there) for v in of_each)
-        level = level_of(footprint.at(footprint.distance(p)) * wide)
+        level = level_of(footprint.width(p) * wide)
         x, y, z = cell(p, level)
         rows = key(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)

@@ -70,7 +70,7 @@ class Importance:
         weights = mi.Float((self.seen / (OTHER + radiance)).tolist())  # a list: see Targets
         result = mi.Float(0)
         for one, entry in zip(kinds, entries):
-            width = self.footprint.at(self.footprint.distance(one.p))
+            width = self.footprint.width(one.p)
             added = dr.max(one.flux) / (dr.square(width) * dr.select(one.wide, WIDE, 1))
             seen = dr.gather(mi.Float, weights, entry, one.lies)
             result += dr.select(one.lies, seen * dr.square(added), 0)
@@ -84,7 +84,7 @@ class Importance:
 
     def _level(self, p: mi.Point3f) -> mi.Int32:
         """The grid that the cell of ``p`` is of."""
-        return grid.level_of(self.scale * self.footprint.at(self.footprint.distance(p)))
+        return grid.level_of(self.scale * self.footprint.width(p))
 
 
 def reflectance(si: mi.SurfaceInteraction3f) -> mi.Float:

@@ -34,9 +34,9 @@ class NRookSampler(PureSampler):
        - Seed offset (Default: 0)
 
     Takes the samples of every pixel and dimension in :math:`N` passes of :math:`N` samples. Each pass is an N-rook
-    pattern: one sample in each of :math:`N` rows and columns. From pass to pass the columns turn by one, so that all
-    :math:`N^2` cells are hit exactly once. A sample is a pure function of seed, pixel, dimension and sample index;
-    no state of a random generator is kept.
+    pattern: one sample in each of :math:`N` rows and columns. From pass to pass the columns rotate by one, so that each
+    of the :math:`N^2` cells has exactly one sample. A sample is a pure function of seed, pixel, dimension and sample
+    index; there is no state of a random generator.
 
     .. tabs::
         .. code-tab:: xml

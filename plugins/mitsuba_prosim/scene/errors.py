@@ -52,11 +52,11 @@ def _line(path: Path, line: int, column: int) -> str:
 
 
 def nearest(name: str, kind: str) -> str | None:
-    """The plugin of this kind, in lower case, with the name most similar to ``name``, or None."""
+    """The plugin of this kind, in lower case or "unknown", with the name most similar to ``name``, or None."""
     names = [path.stem for path in Path(mi.__file__).parent.glob("plugins/*") if path.suffix in LIBRARIES]
     near = difflib.get_close_matches(name, {*names, *registry.PLUGINS}, n=9)
     kind_of = mi.PluginManager.instance().plugin_type
-    return next((one for one in near if kind_of(one).name.lower() == TAGS.get(kind, kind)), None)
+    return next((one for one in near if kind == "unknown" or kind_of(one).name.lower() == TAGS.get(kind, kind)), None)
 
 
 def with_nearest(words: str) -> str:

@@ -35,9 +35,9 @@ class Window(mi.Sensor):
        - |float|
        - Depths between which objects are seen. (Default: 0.01, 10000)
 
-    The pinhole camera of the thesis's scene language (VIEW in appendix A): the film's pixels divide the window evenly,
-    whatever its place and proportions. Where pixels are square, Mitsuba's ``perspective`` with a principal point offset
-    shoots the same rays; this sensor is for the others. It cannot be sampled from the scene, as particle tracers do.
+    The pinhole camera of the thesis's scene language (VIEW in appendix A): the film's pixels evenly divide a window of
+    any place and proportions. For square pixels, Mitsuba's ``perspective`` with a principal point offset shoots the
+    same rays. Particle tracers cannot sample this sensor.
 
     .. tabs::
         .. code-tab:: xml

@@ -24,7 +24,7 @@ class Fractal(Mixture):
 
      * - color0, color1
        - |spectrum| or |texture|
-       - The two colours between which the noise wanders. (Default: 0.4 and 0.2)
+       - The two colours that the noise mixes. (Default: 0.4 and 0.2)
        - |exposed|, |differentiable|
 
      * - scale
@@ -48,7 +48,7 @@ class Fractal(Mixture):
 
      * - seed
        - |integer|
-       - Another number, another noise. (Default: 0)
+       - Seed of the noise. (Default: 0)
 
      * - solid
        - |bool|

@@ -33,7 +33,7 @@ class Stripes(Mixture):
 
      * - duty
        - |float|
-       - Share of the width that has ``color0``, in [0, 1]. (Default: 0.5)
+       - Fraction of the width that has ``color0``, in [0, 1]. (Default: 0.5)
        - |exposed|, |differentiable|
 
      * - axis

@@ -25,7 +25,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> mi.Spectru
     other_pdf = None
     if context.photon_mis is not None:
         of_photons = active if gathered is None else but_not(active, gathered)
-        other_pdf = context.photon_mis.light_pdf(vertex.ray, vertex.si, vertex.bsdf, of_photons)
+        other_pdf = context.photon_mis.light_pdf(vertex, of_photons)
 
     def light(lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None) -> mi.Spectrum:
         ds, weight = lamp.sample(receiver, point, active)

@@ -56,7 +56,7 @@ def next_ray(
     if context.both_sides:
         following.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
     if context.photon_mis is not None:
-        following.etendue = context.photon_mis.next(vertex, following, bs, weight, vertex.inseparable)
+        following = context.photon_mis.next(vertex, following, bs, weight)
     if context.absorbs:
         following.medium = beyond(si, ray.medium, dr.detach(d), active)
         following.offset = dr.dot(o - si.p, d)

@@ -30,7 +30,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     if settings.hide_emitters and not lights.only_points:
         si = past_emitters(context.scene, ray3, si, active & (ray.level == 0), context.attached)
     if context.absorbs:
-        ray = absorbed(ray, ray3, si, active)
+        ray = absorbed(context, ray, ray3, si, active)
     inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = mi.Spectrum(0)
     if not lights.only_points:
@@ -47,8 +47,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     L += direct_light(context, vertex, points)
     if context.photons is not None:
         assert not isinstance(points, SamplerPoints)
-        scattered = False if ray.gathered_photons is None else ray.gathered_photons
-        L = context.photons.add_to(L, ray, si, vertex.bsdf, context.glossy, points.t, surface, scattered)
+        L = context.photons.add_to(L, vertex, context.glossy, points.t)
     return ray.throughput * L, vertex
 
 
@@ -76,23 +75,21 @@ def intersect(
     return ray3, context.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
 
-def absorbed(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
+def absorbed(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
     """The ray where it meets ``si``, less what the medium on its way has absorbed (Beer's law)."""
     met = active & si.is_valid()
     medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden source
     left = transmittance(medium, ray3.wavelengths, dr.select(met, t, ENDLESS), active)
     ray = replace(ray, throughput=ray.throughput * left, medium=medium)
-    if ray.etendue is not None:
-        ray.etendue = ray.etendue * dr.max(left)
-    return ray
+    return ray if context.photon_mis is None else context.photon_mis.absorbed(ray, left)
 
 
 def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> mi.Spectrum:
     """The radiance that a ray below the deepest level adds: it can only meet a source."""
     ray3, si = intersect(context, ray, camera, active)
     if context.absorbs:
-        ray = absorbed(ray, ray3, si, active)
+        ray = absorbed(context, ray, ray3, si, active)
     return ray.throughput * emission(context, ray, si, active)
 
 

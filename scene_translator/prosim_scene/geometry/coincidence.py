@@ -19,13 +19,12 @@ compared by their equations, in the space of one of the two primitives, where th
 that can be seen is not.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Collection
-from dataclasses import replace
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
-
-from .primitives import Mesh
 
 SAME = 1e-7  # of a quadric's coefficients in a primitive's own space
 NEAR = 1e-6  # the same of its coefficients in the whole scene's space: what differs more is not compared
@@ -104,8 +103,36 @@ class Planes:
         self, planes: np.ndarray, surface: np.ndarray, of_facet: np.ndarray, side: np.ndarray, step: float
     ) -> None:
         self.planes, self.surface, self.of_facet, self.side, self.step = planes, surface, of_facet, side, step
-        self.turned: set[int] = set()  # original ids of triangles that show their back where manifold3d says front
         self.grain = step * GRAIN / STEP
+
+    @classmethod
+    def of(
+        cls,
+        vertices: np.ndarray,
+        triangles: np.ndarray,
+        facets: np.ndarray,
+        surface: np.ndarray,
+        bearer: np.ndarray,
+        step: float,
+    ) -> Planes:
+        """Those of the ``facets`` (m,) that ``triangles`` (m, 3) of ``vertices`` are parts of.
+
+        For all facets there are their ``surface`` (n,), and a number ``bearer`` (n,) of the face that they are part of.
+        The faces on one surface have the same planes, facet by facet: those of the face with the least number.
+        """
+        some = np.unique(facets)
+        some = some[np.argsort(bearer[some], kind="stable")]
+        begins = np.flatnonzero(np.diff(bearer[some], prepend=-1))  # of faces
+        within = np.arange(len(some)) - np.repeat(begins, np.diff(np.append(begins, len(some))))
+        keys = surface[some] * (within.max(initial=0) + 1) + within
+        _, first, plane = np.unique(keys, return_index=True, return_inverse=True)
+        at = np.empty(len(surface), int)
+        at[some] = np.arange(len(some))
+        own = _planes(vertices[triangles], at[facets])
+        of_facet, side = np.full(len(surface), -1), np.ones(len(surface))
+        of_facet[some] = plane
+        side[some] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
+        return cls(own[first], surface[some[first]], of_facet, side, step)
 
     def perturb(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
         """A solid whose facets on some surfaces are moved by a step, outwards or (-1) inwards."""
@@ -133,24 +160,12 @@ class Planes:
         """A solid with its vertices brought back onto their planes, as far as they lie on some surfaces."""
         return self._moved(solid, surfaces, lambda height, side: np.zeros_like(height))
 
-    def adjusted(self, meshes: list[Mesh], first: np.ndarray) -> list[Mesh]:
-        """The meshes of primitives with their vertices brought onto their planes; the facets of mesh i are numbered
-        from ``first[i]``.
-        """
-        vertices = np.concatenate([np.empty((0, 3)), *(m.vertices for m in meshes)])
-        begin = np.cumsum([0, *(len(m.vertices) for m in meshes)])
-        triangles = [np.empty((0, 3), np.int64), *(m.triangles + a for m, a in zip(meshes, begin))]
-        facets = [np.empty(0, np.int64), *(m.facets + a for m, a in zip(meshes, first))]
-        vertices = self.settled(vertices, np.concatenate(triangles), np.concatenate(facets))
-        return [replace(m, vertices=vertices[a:b]) for m, a, b in zip(meshes, begin, begin[1:])]
-
     def settled(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
         """Vertices (n, 3) brought onto the planes of the ``facets`` (m,) that ``triangles`` (m, 3) of them lie on."""
-        plane = self.of_facet[facets]
-        if not len(pairs := np.unique((triangles * len(self.planes) + plane[:, None])[plane >= 0])):
+        if not len(facets):
             return vertices
-        vertex, on = np.divmod(pairs, len(self.planes))
-        return self.onto(vertices, vertex, on, 0.0)
+        pairs = np.unique(triangles * len(self.planes) + self.of_facet[facets, None])
+        return self.onto(vertices, *np.divmod(pairs, len(self.planes)), 0.0)
 
     def one_sided(self, surface: int, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether all boxes (n, 3), from ``low`` to ``high``, are known to lie on one side of a surface."""
@@ -169,8 +184,7 @@ class Planes:
             return solid
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
-        plane, side = self.of_facet[facets], self.side[facets]
-        side = np.where(self.backs(mesh), -side, side)
+        plane, side = self.of_facet[facets], self.side[facets] * signs(mesh)
         concerned = np.isin(self.surface, list(surfaces))
         chosen = (plane >= 0) & concerned[plane]
         if not chosen.any():
@@ -195,13 +209,6 @@ class Planes:
 
         return solid.warp_batch(warp)
 
-    def backs(self, mesh: Mesh64) -> np.ndarray:
-        """Which triangles are the back sides of primitives, of solids that were taken away."""
-        flags = np.asarray(mesh.run_flags, dtype=np.int64) & 1
-        turned = [int(i) in self.turned for i in mesh.run_original_id]
-        runs = np.asarray(mesh.run_index, dtype=np.int64) // 3
-        return np.repeat((flags == 1) != np.array(turned), runs[1:] - runs[:-1])
-
     def onto(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, shift: np.ndarray | float) -> np.ndarray:
         """Points moved as little as possible: number ``vertex[i]`` to the height ``shift[i]`` over ``plane[i]``."""
         touched, index = np.unique(vertex, return_inverse=True)
@@ -216,3 +223,27 @@ class Planes:
         # The least solution of least squares (Tikhonov): few planes leave directions free, many meet in one point.
         points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
         return points
+
+
+def per_triangle(mesh: Mesh64, values: np.ndarray) -> np.ndarray:
+    """The values (runs,) of the runs of a mesh, for each of their triangles."""
+    ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
+    return np.repeat(values, ends[1:] - ends[:-1])
+
+
+def signs(mesh: Mesh64) -> np.ndarray:
+    """For each triangle 1, or -1 on the back sides of primitives, of solids that were taken away."""
+    return per_triangle(mesh, 1 - 2 * (np.asarray(mesh.run_flags, dtype=np.int64) & 1))
+
+
+def _planes(triangles: np.ndarray, facet: np.ndarray) -> np.ndarray:
+    """The planes (k, 4) of facets, each the mean of its triangles (m, 3, 3): outward unit normals and offsets."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    cross = np.cross(b - a, c - a)
+    weight = np.linalg.norm(cross, axis=1)
+    middles = weight[:, None] * (a + b + c) / 3
+    normal = np.stack([np.bincount(facet, cross[:, i]) for i in range(3)], axis=1)
+    middle = np.stack([np.bincount(facet, middles[:, i]) for i in range(3)], axis=1)
+    unit = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    offset = np.einsum("ij,ij->i", unit, middle / np.maximum(np.bincount(facet, weight), 1e-300)[:, None])
+    return np.append(unit, -offset[:, None], axis=1)

@@ -1,6 +1,7 @@
 """The CSG tree, evaluated by manifold3d, whose meshes are lazy: they are computed when they are looked at.
 
-The tree is evaluated for each group of leaves whose boxes are connected by touching; other leaves change nothing there.
+The tree is evaluated for each group of leaves whose boxes are connected by touching, as other leaves change nothing
+there, and for each medium: what cuts is then all of its operand, and of the rest the leaves of that medium are taken.
 Where two operands have surfaces in common, the first is perturbed before the operation and the result relaxed after it,
 see :mod:`.coincidence`; all other operations are left to manifold3d, which takes many at a time. Long chains of + and -
 are evaluated in halves. Of a sequence that takes X to X - S + P, with solids S and P, two in succession are again one:
@@ -16,6 +17,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial, reduce
 from typing import TypeVar
 
 import numpy as np
@@ -26,25 +28,74 @@ from .coincidence import Planes
 from .grouping import sweep, touching
 
 T = TypeVar("T")
-Nodes = Sequence[Operator | Leaf]
+#: A tree in prefix order: the symbols of its operators, and the numbers of its leaves.
+Tree = Sequence[str | int]
 
 
-def leaves(nodes: Nodes) -> list[Leaf]:
-    """The leaves in the order of the tree; a leaf's *number* is its place in this list."""
-    return [node for node in nodes if isinstance(node, Leaf)]
+def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
+    """A scene's tree; the *number* of a leaf is its place among the leaves."""
+    numbers = iter(range(len(nodes)))
+    return [node.symbol if isinstance(node, Operator) else next(numbers) for node in nodes]
 
 
-def fold(nodes: Nodes, leaf: Callable[[int, Leaf], T], combine: Callable[[str, T, T], T]) -> T:
-    """The value of a tree: ``leaf(number, leaf)`` of a leaf, ``combine(symbol, first, second)`` of an operator."""
+def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]) -> T:
+    """The value of a tree: ``leaf(number)`` of a leaf, ``combine(symbol, first, second)`` of an operator."""
     stack: list[T] = []
-    number = sum(isinstance(node, Leaf) for node in nodes)
-    for node in reversed(nodes):
-        if isinstance(node, Leaf):
-            number -= 1
-            stack.append(leaf(number, node))
-        else:
-            stack.append(combine(node.symbol, stack.pop(), stack.pop()))
+    for node in reversed(tree):
+        stack.append(combine(node, stack.pop(), stack.pop()) if isinstance(node, str) else leaf(node))
     return stack.pop()
+
+
+def cutters(tree: Tree, media_of: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Which leaves cut others, being in the second operand of - or *; and which cut leaves of several media at once."""
+    cut, cut_several = (np.zeros(len(media_of) + 1, int) for _ in range(2))
+
+    def leaf(number: int) -> tuple[set[int], int, int]:
+        return {media_of[number]}, number, number + 1
+
+    def combine(
+        symbol: str, first: tuple[set[int], int, int], second: tuple[set[int], int, int]
+    ) -> tuple[set[int], int, int]:
+        if symbol != "+":
+            for ends in (cut, cut_several)[: len(first[0])]:
+                ends[second[1]] += 1
+                ends[second[2]] -= 1
+        return first[0] | second[0] if symbol == "+" else first[0], first[1], second[2]
+
+    fold(tree, leaf, combine)
+    return cut.cumsum()[:-1] > 0, cut_several.cumsum()[:-1] > 0
+
+
+def split(tree: Tree, groups: Sequence[int]) -> dict[int, Tree]:
+    """The tree of each group of leaves alone, by the number of the group; ``groups`` are those of the leaves."""
+
+    def leaf(number: int) -> dict[int, deque[str | int]]:
+        return {groups[number]: deque([number])}
+
+    def both(symbol: str, left: deque[str | int], right: deque[str | int]) -> deque[str | int]:
+        if len(left) < len(right):
+            right.extendleft(reversed(left))
+            left = right
+        else:
+            left.extend(right)
+        left.appendleft(symbol)
+        return left
+
+    def combine(
+        symbol: str, left: dict[int, deque[str | int]], right: dict[int, deque[str | int]]
+    ) -> dict[int, deque[str | int]]:
+        small, large = sorted((left, right), key=len)
+        common = {group: both(symbol, left[group], right[group]) for group in small if group in large}
+        if symbol == "*":
+            return common
+        result = left
+        if symbol == "+":
+            result = large
+            result.update(small)
+        result.update(common)
+        return result
+
+    return dict(sorted(fold(tree, leaf, combine).items()))
 
 
 DEEP = 16  # alternations of + and -, from which on a chain is evaluated in halves
@@ -76,10 +127,6 @@ class Body:
         return len(touching(other.boxes[:, 0], other.boxes[:, 1], self.box)) > 0
 
 
-#: A solid of several media, by the number of the medium.
-Value = dict[int, Body]
-
-
 def checked(manifold: Manifold) -> Manifold:
     """A mesh that has been computed. Raises ArithmeticError where that fails."""
     status = manifold.status()
@@ -88,34 +135,26 @@ def checked(manifold: Manifold) -> Manifold:
     return manifold
 
 
-def evaluate(nodes: Nodes, groups: Sequence[int], value: Callable[[int], Value]) -> dict[int, Value]:
-    """The value of a tree for each group of leaves alone, by the number of the group.
+def evaluate(tree: Tree, body: Callable[[int], Body | None]) -> Body | None:
+    """The value of a tree; ``body(number)`` is that of a leaf. None is empty."""
 
-    ``groups`` are those of the leaves; ``value(number)`` returns the value of a leaf.
-    """
+    def leaf(number: int) -> _Chain | None:
+        value = body(number)
+        return _Chain(value) if value else None
 
-    def leaf(number: int, _: Leaf) -> dict[int, _Chain]:
-        return {groups[number]: _Chain(value(number))}
+    def combine(symbol: str, left: _Chain | None, right: _Chain | None) -> _Chain | None:
+        if left and right:
+            return left.combined(symbol, right)
+        return {"+": left or right, "-": left, "*": None}[symbol]
 
-    def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
-        small, large = sorted((left, right), key=len)
-        both = [(group, left[group].combined(symbol, right[group])) for group in small if group in large]
-        if symbol == "*":
-            return dict(both)
-        result = left
-        if symbol == "+":
-            result = large
-            result.update(small)
-        result.update(both)
-        return result
-
-    return {group: chain.value() for group, chain in sorted(fold(nodes, leaf, combine).items())}
+    chain = fold(tree, leaf, combine)
+    return chain.value() if chain else None
 
 
 class _Chain:
     """A growing chain of + and -, or of *: operands with their signs, the first of which does not matter."""
 
-    def __init__(self, first: Value) -> None:
+    def __init__(self, first: Body) -> None:
         self.operands = deque([("+", first)])
         self.signs: set[str] = set()
 
@@ -129,116 +168,93 @@ class _Chain:
             right.operands.extendleft(reversed(left.operands))
             right.signs = alike
             return right
-        left.operands.extend((symbol, value) for _, value in right.operands)
+        left.operands.extend((symbol, body) for _, body in right.operands)
         left.signs.add(symbol)
         return left
 
-    def value(self) -> Value:
+    def value(self) -> Body:
         """The chain evaluated from left to right."""
-        (_, result), *rest = self.operands
         if "*" not in self.signs:
-            return _sums(list(self.operands)) if rest else result
-        for _, value in rest:
-            solid = union(value.values())
-            result = {m: combined("*", body, solid) for m, body in result.items()} if solid else {}
-        return result
+            return _sums(list(self.operands))
+        bodies = [body for _, body in self.operands]
+        return reduce(partial(combined, "*"), bodies)
 
 
-def _sums(operands: list[tuple[str, Value]]) -> Value:
+#: What is taken away in a step of a chain, and what is added then.
+Step = tuple[Body | None, Body | None]
+
+
+def _sums(chain: list[tuple[str, Body]]) -> Body:
     """A chain of + and -, the first operand being positive.
 
     Operands that do not touch commute. So each joins the earliest step (which takes away first, and then adds) that
     comes after all earlier operands that it touches, but for those of its own sign.
     """
-    chain = [operand for operand in operands if operand[1]]
     adds = np.array([sign == "+" for sign, _ in chain])
-    boxes = np.array([_around(value.values()) for _, value in chain]).reshape(-1, 2, 3)
+    boxes = np.array([body.box for _, body in chain])
     low, high = np.asfortranarray(boxes[:, 0]), np.asfortranarray(boxes[:, 1])
     step = np.zeros(len(chain), int)
-    for i in range(len(chain)):
+    for i in range(1, len(chain)):
         near = touching(low[:i], high[:i], boxes[i])
         step[i] = (step[near] + (adds[near] & ~adds[i])).max(initial=0)
-    taken: list[list[Body]] = [[] for _ in range(step.max(initial=0) + 1)]
-    added: list[list[Value]] = [[] for _ in taken]
-    for (sign, value), number in zip(chain, step.tolist()):
-        if sign == "+":
-            added[number].append(value)
-        else:
-            taken[number] += value.values()
-    steps = [(union(bodies), _united(values)) for bodies, values in zip(taken, added)]
+    taken: list[list[Body]] = [[] for _ in range(step.max() + 1)]
+    added: list[list[Body]] = [[] for _ in taken]
+    for (sign, body), number in zip(chain, step.tolist()):
+        (added if sign == "+" else taken)[number].append(body)
+    steps = [(union(bodies), union(others)) for bodies, others in zip(taken, added)]
     if len(steps) > DEEP and _associative(chain, adds, low, high):
-        return halves(steps, True)[1]
-    result: Value = {}
-    for solid, value in steps:
-        result = _united([_without(result, solid), value])
+        result = halves(steps)[1]
+    else:
+        result = reduce(lambda before, step: _both((None, before), step)[1], steps, None)
+    assert result
     return result
 
 
-def halves(steps: list[tuple[Body | None, Value]], begins: bool) -> tuple[Body | None, Value]:
-    """S and P of a sequence of such; of one that ``begins`` the chain S does not matter, and is None."""
+def halves(steps: list[Step]) -> Step:
+    """A sequence of steps as one, by halves."""
     if len(steps) == 1:
         return steps[0]
     middle = len(steps) // 2
-    taken, added = halves(steps[:middle], begins)
-    taken_later, added_later = halves(steps[middle:], False)
-    solid = None if begins else union(body for body in (taken, taken_later) if body)
-    return solid, _united([_without(added, taken_later), added_later])
+    return _both(halves(steps[:middle]), halves(steps[middle:]))
 
 
-def _associative(chain: list[tuple[str, Value]], adds: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
+def _both(first: Step, second: Step) -> Step:
+    """Two steps as one."""
+    rest = combined("-", first[1], second[0]) if first[1] and second[0] else first[1]
+    return union([first[0], second[0]]), union([rest, second[1]])
+
+
+def _associative(chain: list[tuple[str, Body]], adds: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     """Whether a chain may be evaluated in halves: every face goes to the operand that it goes to from left to right.
 
     A later operand may cover a face, and one still later that has a face on the same surface lay it bare again. The
     face is the latter's from left to right, but the first one's in halves. It cannot be covered if nothing that is
     added reaches beyond the surface.
     """
-    surfaces = [frozenset().union(*(body.surfaces for body in value.values())) for _, value in chain]
+    bodies = [body for _, body in chain]
     for i in np.flatnonzero(~adds).tolist():
-        if not surfaces[i]:
-            continue
         near = touching(low, high, (low[i], high[i]))
-        before = [surfaces[j] & surfaces[i] for j in near[near < i].tolist()]
+        before = frozenset().union(*(bodies[j].surfaces for j in near[near < i].tolist()))
         added = near[adds[near]]
-        planes = next(iter(chain[i][1].values())).planes
-        if not all(planes.one_sided(s, low[added], high[added]) for s in frozenset().union(*before)):
+        if not all(bodies[i].planes.one_sided(s, low[added], high[added]) for s in before & bodies[i].surfaces):
             return False
     return True
 
 
-def _around(bodies: Iterable[Body]) -> tuple[np.ndarray, np.ndarray]:
-    """A box around bodies."""
-    low, high = zip(*(body.box for body in bodies))
-    return np.min(low, axis=0), np.max(high, axis=0)
-
-
-def _united(values: Iterable[Value]) -> Value:
-    """The union of values, medium by medium."""
-    media: dict[int, list[Body]] = {}
-    for value in values:
-        for medium, body in value.items():
-            media.setdefault(medium, []).append(body)
-    return {medium: whole for medium, bodies in media.items() if (whole := union(bodies))}
-
-
-def _without(value: Value, solid: Body | None) -> Value:
-    """A value less a solid."""
-    return {m: combined("-", body, solid) if solid else body for m, body in value.items()}
-
-
-def union(bodies: Iterable[Body]) -> Body | None:
+def union(bodies: Iterable[Body | None]) -> Body | None:
     """The union of bodies; of a common face that of the first one in their order is left. None where there are none."""
-    solids: dict[int, Body] = {}
-    bodies = [body for body in bodies if body.solid is None or solids.setdefault(body.solid, body) is body]
-    if len(bodies) < 2:
-        return bodies[0] if bodies else None
-    surfaces = frozenset().union(*(body.surfaces for body in bodies))
-    if len(surfaces) < sum(len(body.surfaces) for body in bodies):
-        middle = len(bodies) // 2
-        first, second = union(bodies[:middle]), union(bodies[middle:])
+    solids: dict[int | None, Body] = {}
+    some = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
+    if len(some) < 2:
+        return some[0] if some else None
+    surfaces = frozenset().union(*(body.surfaces for body in some))
+    if len(surfaces) < sum(len(body.surfaces) for body in some):
+        middle = len(some) // 2
+        first, second = union(some[:middle]), union(some[middle:])
         assert first and second
         return combined("+", first, second)
-    result = Manifold.batch_boolean(_refined(bodies), OpType.Add)
-    return Body(result, np.concatenate([body.boxes for body in bodies]), surfaces, bodies[0].planes)
+    result = Manifold.batch_boolean(_refined(some), OpType.Add)
+    return Body(result, np.concatenate([body.boxes for body in some]), surfaces, some[0].planes)
 
 
 def combined(symbol: str, first: Body, second: Body) -> Body:
@@ -247,28 +263,22 @@ def combined(symbol: str, first: Body, second: Body) -> Body:
         return first
     operation = {"+": OpType.Add, "-": OpType.Subtract, "*": OpType.Intersect}[symbol]
     boxes = np.concatenate([first.boxes, second.boxes]) if symbol == "+" else first.boxes
-    return _operation(first, second, lambda a, b: ([a, b], operation), 1 if symbol == "+" else -1, boxes)
+    return _operation(first, second, operation, 1 if symbol == "+" else -1, boxes)
 
 
 def beneath(first: Body, second: Body) -> Body:
     """The second body less the first one; a common face is the first one's."""
-    return _operation(first, second, lambda a, b: ([b, a], OpType.Subtract), 1, second.boxes)
+    return _operation(first, second, None, 1, second.boxes)
 
 
-def _operation(
-    first: Body,
-    second: Body,
-    arranged: Callable[[Manifold, Manifold], tuple[list[Manifold], OpType]],
-    outwards: int,
-    boxes: np.ndarray,
-) -> Body:
-    """The result of an operation on two bodies, the first of which is moved ``outwards`` (1 or -1) on the surfaces that
-    they have in common.
+def _operation(first: Body, second: Body, operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
+    """The result of an operation on two bodies, None for the second one less the first one. The first one is moved
+    ``outwards`` (1 or -1) on the surfaces that they have in common.
     """
     planes = first.planes
     common = first.surfaces & second.surfaces if first.touches(second) else frozenset()
-    mesh = planes.perturb(_crowded(first, second), common, outwards)
-    result = Manifold.batch_boolean(*arranged(mesh, _crowded(second, first)))
+    pair = [planes.perturb(_crowded(first, second), common, outwards), _crowded(second, first)]
+    result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
     if common and not checked(result).is_empty():
         result = planes.relax(result, common)
     return Body(result, boxes, first.surfaces | second.surfaces, planes)

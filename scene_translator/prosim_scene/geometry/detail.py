@@ -21,8 +21,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..language.document import Document
-from ..model import Leaf
-from .csg import Nodes
+from ..model import Leaf, Operator
 from .grouping import alike, sweep
 from .primitives import MAX_SEGMENTS, UNSEEN_SEGMENTS, UNSEEN_TOLERANCE, box_corners
 from .solids import IDENTITY, Solid, corners
@@ -38,7 +37,7 @@ class Ball(NamedTuple):
 EVERYWHERE = Ball((0.0, 0.0, 0.0), math.inf)
 
 
-def active_zones(nodes: Nodes, solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
+def active_zones(nodes: Sequence[Operator | Leaf], solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
     """For each of the solids a ball, outside of which it does not matter to the result; EVERYWHERE, if none is known.
 
     ``of_leaf``: the solid of each leaf. What is taken away matters in what it is taken from, and each of two solids
@@ -149,7 +148,7 @@ def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> 
     pixel = float(camera.footprint(math.dist(left.center, camera.eye.tolist()) - left.radius))
     # Whatever cuts the cap off, even a plane, meets it at its angle at least, or as these two balls do.
     slant = min(_slant(own, bound), math.sqrt(1 - cosine**2))
-    error = tolerance * pixel / solid.widest * slant
+    error = tolerance * pixel / solid.size * slant
     closer = CLOSEST
     while closer >= 2:
         # At the rim of half a ball, which becomes that of the cap, points come half as close as in the middle.
@@ -208,7 +207,7 @@ def shrink_inscribed(solids: list[Solid]) -> None:
         changed = False
         for inner, outer in bounds:
             gap = 1 - outer.inradius * outer.shrink
-            factor = max(1 - gap * outer.widest / inner.narrowest, 0.5)
+            factor = max(1 - gap * outer.size / inner.narrowest, 0.5)
             if factor < inner.shrink:
                 changed = True
                 for s in [inner] if inner.curved_surface < 0 else solids:

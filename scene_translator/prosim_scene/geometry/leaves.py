@@ -1,33 +1,22 @@
-"""All occurrences of primitives in the tree at once: their solids, the planes that they share, normals and uv."""
+"""All occurrences of primitives in the tree: their solids, the surfaces that they share, normals and uv."""
 
 import math
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..camera import Camera
 from ..language.document import Document
-from . import csg
+from ..model import Leaf
 from .coincidence import STEP, Planes, same_surfaces
 from .detail import active_zones, choose_segments, clipped, shrink_inscribed, warn_if_far
 from .grouping import components
-from .primitives import PRIMITIVES, Primitive
-from .solids import Solid, corners, facet_planes, matrices, placed
+from .primitives import PRIMITIVES, Corners, Primitive
+from .solids import Solid, corners
+from .transforms import matrices
 
 FAR = 16  # times its size: a scene that lies farther from the origin than this is computed about its own centre
-
-
-@dataclass
-class Surface:
-    """What the triangles of the result show: ``normals`` (n, 3, 3) of unit length, out of the result, ``uv`` (n, 3, 2),
-    the number of each triangle's ``face`` (n,), and which corners (n, 3) stand ``alone``.
-    """
-
-    normals: np.ndarray
-    uv: np.ndarray
-    face: np.ndarray
-    alone: np.ndarray
 
 
 class Leaves:
@@ -51,22 +40,20 @@ class Leaves:
 
         Raises :class:`SceneError` for a transform that cannot be inverted, and for more than memory can hold.
         """
-        leaves = csg.leaves(document.scene.csg)
-        kinds = {
-            kind: i for i, kind in enumerate(dict.fromkeys((leaf.shape, leaf.file, leaf.index) for leaf in leaves))
-        }
-        self.of_leaf = np.array([kinds[leaf.shape, leaf.file, leaf.index] for leaf in leaves])
-        placing = _checked_matrices(document, list(dict.fromkeys(index for *_, index in kinds)))
+        keys = [(x.shape, x.file, x.index) for x in document.scene.csg if isinstance(x, Leaf)]
+        kinds = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+        self.of_leaf = np.array([kinds[key] for key in keys])
+        places = _checked_matrices(document, [index for *_, index in kinds])
         self.solids = [
-            Solid(meshes[file] if meshes and file is not None else PRIMITIVES[shape], placing[index])
-            for shape, file, index in kinds
+            Solid(meshes[file] if meshes and file is not None else PRIMITIVES[shape], to_world)
+            for (shape, file, _), to_world in zip(kinds, places)
         ]
         boxes = corners(self.solids)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
-        self._step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
+        self.step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
         self._share(cutters)
         bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
         warn_if_far(document, camera, clipped(corners(self.solids), bounds))
@@ -85,40 +72,38 @@ class Leaves:
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):
             return
-        at = np.array([(i, f) for i, count in enumerate(counts) for f in range(count)])
-        surface = same_surfaces(
-            np.concatenate([s.primitive.quadrics for s in self.solids]),
-            np.array([s.to_world for s in self.solids])[at[:, 0]],
-        )
-        surface = self._connected(surface, *at.T)
-        bearers = np.bincount(surface, bearing[at[:, 0]])
+        solid = np.repeat(np.arange(len(self.solids)), counts)
+        places = np.array([s.to_world for s in self.solids])[solid]
+        surface = same_surfaces(np.concatenate([s.primitive.quadrics for s in self.solids]), places)
+        surface = self._split(surface, solid)
+        bearers = np.bincount(surface, bearing[solid])
         shared = np.where(bearers[surface] > 1, surface, -1)
         for s, surfaces in zip(self.solids, np.split(shared, np.cumsum(counts)[:-1])):
             s.surfaces = surfaces if len(surfaces) else s.surfaces
-            if s.curved_surface >= 0 and self.solids[at[s.curved_surface, 0]] is not s:
-                s.frame = np.linalg.solve(s.to_world, self.solids[at[s.curved_surface, 0]].to_world)
+            if s.curved_surface >= 0 and (bearer := self.solids[solid[s.curved_surface]]) is not s:
+                s.frame = np.linalg.solve(s.to_world, bearer.to_world)
         same: dict[Hashable, int] = {}
         first = [i if s.key is None else same.setdefault(s.key, i) for i, s in enumerate(self.solids)]
         kept, renumbered = np.unique(first, return_inverse=True)
         self.solids = [self.solids[i] for i in kept]
         self.of_leaf = renumbered[self.of_leaf]
 
-    def _connected(self, surface: np.ndarray, solid: np.ndarray, face: np.ndarray) -> np.ndarray:
-        """Surfaces (n,) of faces of solids (n,), those of one number split where they do not matter to each other: flat
-        ones of solids whose boxes do not touch. Each is numbered by its largest bearer.
+    def _split(self, surface: np.ndarray, solid: np.ndarray) -> np.ndarray:
+        """Surfaces (n,) of faces of solids (n,), flat ones split where they do not matter to each other: where boxes
+        do not touch. Each is numbered by its largest bearer.
         """
         boxes = corners(self.solids)[solid]
-        low, high = boxes.min(axis=1) - self._step, boxes.max(axis=1) + self._step
-        curved = face == [-1 if (c := self.solids[i].primitive.curved) is None else c for i in solid.tolist()]
+        low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step
+        curved = [face == s.primitive.curved for s in self.solids for face in range(len(s.primitive.quadrics))]
         low[curved], high[curved] = low.min(axis=0), high.max(axis=0)
         # Boxes of different surfaces are moved apart, so that all are looked at together.
-        apart = np.unique(surface, return_inverse=True)[1] * 2 * (high.max(axis=0) - low.min(axis=0))[0]
-        low[:, 0] += apart
-        high[:, 0] += apart
-        group = components(low, high)
-        order = np.lexsort([-np.linalg.norm([s.to_world[:3, :3] for s in self.solids], axis=(1, 2))[solid], group])
-        groups, largest = np.unique(group[order], return_index=True)
-        return order[largest][np.searchsorted(groups, group)]
+        apart = np.unique(surface, return_inverse=True)[1] * 2 * np.ptp([low[:, 0], high[:, 0]])
+        group = components(low + np.outer(apart, [1, 0, 0]), high + np.outer(apart, [1, 0, 0]))
+        order = np.argsort([-np.linalg.norm(self.solids[i].to_world[:3, :3]) for i in solid], kind="stable")
+        _, largest, number = np.unique(group[order], return_index=True, return_inverse=True)
+        result = np.empty_like(order)
+        result[order] = order[largest][number]
+        return result
 
     def content(self) -> Hashable:
         """Equal for tables that are the same."""
@@ -129,74 +114,51 @@ class Leaves:
 
     def make_meshes(self) -> None:
         """Makes the meshes, and brings them onto the planes that they share."""
-        meshes = placed(self.solids)
-        counts = np.array([len(m.faces) for m in meshes])
-        self.first = np.concatenate([[0], np.cumsum(counts)])
+        meshes = [s.mesh() for s in self.solids]
+        self.first = np.cumsum([0, *(len(m.faces) for m in meshes)])
         self.faces = np.concatenate([m.faces for m in meshes])
-        # A surface's planes are those of the facets of the first solid that bears it, which is the largest one.
-        sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
-        sharing.sort(key=lambda i: -np.linalg.norm(self.solids[i].to_world[:3, :3]))
-        facets = np.concatenate([np.arange(0), *(self.first[i] + np.arange(counts[i]) for i in sharing)])
-        own = facet_planes([meshes[i] for i in sharing])
-        surface = np.concatenate([np.arange(0), *(self.solids[i].surfaces[meshes[i].faces] for i in sharing)])
-        face = np.stack([np.repeat(np.arange(len(sharing)), counts[sharing]), self.faces[facets]])
-        facets, own, surface, face = (
-            facets[surface >= 0],
-            own[surface >= 0],
-            surface[surface >= 0],
-            face[:, surface >= 0],
-        )
-        # Face by face, in which a face's facets keep their order.
-        order = np.lexsort(face[::-1])
-        facets, own, surface, face = facets[order], own[order], surface[order], face[:, order]
-        begins = np.flatnonzero(np.append(True, (np.diff(face) != 0).any(axis=0)))[: len(facets)]
-        lengths = np.diff(np.append(begins, len(facets)))
-        numbers, first, bearer = np.unique(surface[begins], return_index=True, return_inverse=True)
-        starts = np.cumsum(lengths[first]) - lengths[first]
-        within = np.arange(len(facets)) - np.repeat(begins, lengths)
-        plane = starts[np.repeat(bearer, lengths)] + within
-        planes = np.empty((lengths[first].sum(), 4))
-        planes[plane[::-1]] = own[::-1]  # the first bearer's remain
-        of_facet, side = np.full(self.first[-1], -1), np.ones(self.first[-1])
-        of_facet[facets] = plane
-        side[facets] = np.sign(np.einsum("ij,ij->i", own[:, :3], planes[plane, :3]))
-        self.planes = Planes(planes, np.repeat(numbers, lengths[first]), of_facet, side, self._step)
-        adjusted = self.planes.adjusted([meshes[i] for i in sharing], self.first[sharing])
-        for i, mesh in zip(sharing, adjusted):
-            meshes[i] = mesh
-        self.meshes = meshes
-        begins = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+        ends = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         vertices = np.concatenate([m.vertices for m in meshes])
-        self.boxes = np.stack([np.minimum.reduceat(vertices, begins), np.maximum.reduceat(vertices, begins)], axis=1)
+        surface = np.full(len(self.faces), -1)  # of facets
+        sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
+        for i in sharing:
+            surface[self.first[i] : self.first[i + 1]] = self.solids[i].surfaces[meshes[i].faces]
+        triangles = np.concatenate([np.empty((0, 3), int), *(meshes[i].triangles + ends[i] for i in sharing)])
+        facets = np.concatenate([np.empty(0, int), *(meshes[i].facets + self.first[i] for i in sharing)])
+        on = surface[facets] >= 0
+        rank = np.argsort(np.argsort([-np.linalg.norm(s.to_world[:3, :3]) for s in self.solids], kind="stable"))
+        bearer = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
+        self.planes = Planes.of(vertices, triangles[on], facets[on], surface, bearer, self.step)
+        vertices = self.planes.settled(vertices, triangles[on], facets[on])
+        for i in sharing:
+            meshes[i] = replace(meshes[i], vertices=vertices[ends[i] : ends[i + 1]])
+        self.meshes = meshes
+        self.boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
 
-    def surface(self, positions: np.ndarray, leaf: np.ndarray, facet: np.ndarray, sign: np.ndarray) -> Surface:
-        """Normals and surface parameters of triangles (n, 3, 3) of the leaves with these numbers; ``sign`` (n,) is -1
-        where the leaf has been taken away.
+    def corners(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> Corners:
+        """Unit normals in the world, out of the leaves, and surface parameters of triangles (n, 3, 3) on the faces
+        (n,) of the leaves (n,).
         """
-        solid, face = self.of_leaf[leaf], self.faces[facet]
+        solid = self.of_leaf[leaf]
         inverse = self.to_local[solid]
         local = positions @ inverse[:, :, :3].transpose(0, 2, 1) + inverse[:, None, :, 3]
-        normals, uv = np.zeros_like(local), np.zeros((*local.shape[:2], 2))
-        alone = np.zeros(local.shape[:2], bool)
+        result = Corners(np.zeros_like(local), np.zeros((*local.shape[:2], 2)), np.zeros(local.shape[:2], bool))
         for number, primitive in enumerate(self.primitives):
             chosen = self.shape[solid] == number
             if chosen.any():
-                c = primitive.corners(local[chosen], face[chosen])
-                normals[chosen], uv[chosen], alone[chosen] = c.normals, c.uv, c.alone
-        return Surface(self.outwards(normals, solid) * sign[:, None, None], uv, face, alone)
-
-    def outwards(self, normals: np.ndarray, solid: np.ndarray) -> np.ndarray:
-        """Normals (..., m, 3) of any length in the spaces of solids (n,) as those in the world (n, m, 3)."""
-        normals = normals @ self.to_local[solid][:, :, :3]  # by the inverse's transpose
+                own = primitive.corners(local[chosen], face[chosen])
+                result.normals[chosen], result.uv[chosen], result.alone[chosen] = own.normals, own.uv, own.alone
+        normals = result.normals @ inverse[:, :, :3]  # by the inverse's transpose
         length = np.linalg.norm(normals, axis=2, keepdims=True)
-        return np.asarray(normals * (1 / np.where(length > 0, length, 1)))
+        return replace(result, normals=normals * (1 / np.where(length > 0, length, 1)))
 
 
-def _checked_matrices(document: Document, indices: list[int]) -> dict[int, np.ndarray]:
+def _checked_matrices(document: Document, indices: Sequence[int]) -> np.ndarray:
+    """The matrices (n, 4, 4) of the TRANSFORMs with these indices. Raises SceneError for a singular one."""
     found = matrices([document.scene.transforms[index] for index in indices])
     finite = np.isfinite(found).all(axis=(1, 2))
     conditions = np.linalg.cond(np.where(finite[:, None, None], found, 0)[:, :3, :3])
     for index, wrong in zip(indices, (~finite | ~(conditions <= 1e12)).tolist()):
         if wrong:
             raise document.error("this transform is singular or beyond double precision", "transforms", index)
-    return dict(zip(indices, found))
+    return found

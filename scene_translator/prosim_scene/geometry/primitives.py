@@ -15,10 +15,13 @@ from manifold3d import Manifold
 
 from ..camera import Camera
 
-MIN_SEGMENTS, MAX_SEGMENTS = 16, 1024  # around a circle
+MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # around a circle
 #: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer
 #: than so many segments.
 UNSEEN_TOLERANCE, UNSEEN_SEGMENTS = 10.0, 128
+#: A ball that is longer than wide by more than this is as fine as if it were not: that is too coarse near its ends
+#: alone, and manifold3d takes minutes for two such balls with many triangles.
+NEEDLE = 16.0
 ON_AXIS = 1e-6  # distance from an axis or an apex within which a corner has no azimuth of its own
 
 
@@ -95,7 +98,7 @@ class Primitive(ABC):
         return box_corners(self.box)
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Under linear maps (..., 3, 3): its curved face's longest semi-axis, centre and radius of a ball around it."""
+        """Under linear maps (..., 3, 3): the size of its curved face, centre and radius of a ball around it."""
         raise NotImplementedError(f"a {self.name} with a curved face says how large that is")
 
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> list[int]:
@@ -239,8 +242,8 @@ class Sphere(Primitive):
         return max(segments, MIN_SEGMENTS) ** 2 // 2
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        size = longest_axis(linear)
-        return size, np.zeros(linear.shape[:-1]), size
+        longest, second = np.moveaxis(np.linalg.svd(linear, compute_uv=False)[..., :2], -1, 0)
+        return np.minimum(longest, NEEDLE * second), np.zeros(linear.shape[:-1]), longest
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         radius = np.linalg.norm(p, axis=2)

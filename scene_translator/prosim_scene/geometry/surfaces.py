@@ -4,7 +4,8 @@ primitives that they come from.
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeVar
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
@@ -12,12 +13,11 @@ from manifold3d import Manifold, Mesh64
 from ..camera import Camera
 from ..collector import paused
 from ..language.document import Document
-from ..model import Leaf, Operator
+from ..model import Leaf
 from . import csg, media
 from .grouping import components
 from .leaves import Leaves
-from .media import heights
-from .primitives import Mesh, Primitive
+from .primitives import Corners, Mesh, Primitive
 
 
 class MeshKey(NamedTuple):
@@ -49,33 +49,14 @@ class Triangles:
         return np.asarray(self.vertices[self.index])
 
 
-@dataclass(eq=False)
-class Submesh:
-    """Triangles of a result, with the codes of the kinds of each, ``kind`` (n,), and of each vertex, ``vertex_kind``
-    (k,). No vertex is of two kinds. Those that are not ``high`` (n,) are seams of no width.
+def corner_keys(of: np.ndarray, face: np.ndarray, corners: Corners, first: int = 0) -> np.ndarray:
+    """Keys (n, 3), equal for equal corners: those ``of`` (n, 3) the same number, ``face`` (n,) and turn of uv. Those
+    that stand alone have keys of their own, which are numbered from ``first``.
     """
-
-    triangles: Triangles
-    kind: np.ndarray
-    vertex_kind: np.ndarray
-    high: np.ndarray
-
-
-def corner_keys(of: np.ndarray, face: np.ndarray, uv: np.ndarray, alone: np.ndarray, first: int = 0) -> np.ndarray:
-    """Keys (n, 3), equal for equal corners: those ``of`` (n, 3) the same number, ``face`` (n,) and turn of ``uv``
-    (n, 3, 2). Those that stand ``alone`` (n, 3) have keys of their own, which are numbered from ``first``.
-    """
-    wrapped = (np.floor(uv[..., 0]) > 0).astype(int)
+    wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
     keys = np.asarray((of * 8 + face[:, None]) * 2 + wrapped)
-    keys[alone] = -1 - np.arange(first, first + alone.sum())
+    keys[corners.alone] = -1 - np.arange(first, first + corners.alone.sum())
     return keys
-
-
-#: No triangles.
-NOTHING = Submesh(
-    Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int)),
-    *(np.empty(0, int), np.empty(0, int), np.empty(0, bool)),
-)
 
 
 @dataclass(eq=False)
@@ -114,27 +95,11 @@ class SurfaceMesh:
         return list(self._chosen.values())
 
 
-def joined(submeshes: Sequence[Submesh], media: int) -> SurfaceMesh:
-    """All submeshes. A kind's code is (leaf m + inside + 1) m + outside + 1, m being ``media``."""
-    begin = np.cumsum([0, *(len(submesh.vertex_kind) for submesh in submeshes)])
-    columns = zip(*((p.triangles.vertices, p.triangles.normals, p.triangles.uv) for p in submeshes))
-    vertices, normals, uv = map(np.concatenate, columns)
-    index = np.concatenate([p.triangles.index + first for p, first in zip(submeshes, begin)])
-    codes, kind = np.unique(np.concatenate([p.kind for p in submeshes]), return_inverse=True)
-    vertex_kind = np.searchsorted(codes, np.concatenate([p.vertex_kind for p in submeshes]))
-    leaf, sides = np.divmod(codes, media**2)
-    kinds = list(zip(leaf.tolist(), (sides // media - 1).tolist(), (sides % media - 1).tolist()))
-    high = np.concatenate([p.high for p in submeshes])
-    seen = np.bincount(kind[high], minlength=len(kinds)) > 0
-    return SurfaceMesh(Triangles(vertices, normals, uv, index), kind, vertex_kind, kinds, seen)
-
-
 def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of what is of some group, group by group, and where each of ``count`` groups begins and ends."""
     return np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups + 1, minlength=count + 2))[: count + 1]
 
 
-Number = TypeVar("Number", int, np.ndarray)
 CHUNK = 1 << 16  # triangles at a time
 
 
@@ -163,17 +128,17 @@ def tessellate(
     names of these. Raises :class:`SceneError` for a
     transform that cannot be inverted and for more triangles than memory is provided for.
     """
-    nodes = document.scene.csg
-    leaves = csg.leaves(nodes)
+    leaves = [node for node in document.scene.csg if isinstance(node, Leaf)]
     if not leaves:
         return {}
+    tree = csg.tree_of(document.scene.csg)
     names = [None, *map(medium, leaves)]
     media_of = _numbered(names)[1:]
-    table = Leaves(document, camera, tolerance, media.cutters(nodes, media_of), meshes)
-    symbols = tuple(node.symbol if isinstance(node, Operator) else "" for node in nodes)
+    cut, cut_several = csg.cutters(tree, media_of)
+    table = Leaves(document, camera, tolerance, cut_several, meshes)
     reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = kept(
-        (symbols, tuple(media_of), reflects, table.content()), lambda: _faces(nodes, table, media_of, reflects)
+        (tuple(tree), tuple(media_of), reflects, table.content()), lambda: _faces(tree, table, media_of, reflects, cut)
     )
     seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     alike: dict[MeshKey, list[int]] = {}
@@ -199,36 +164,38 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _faces(nodes: csg.Nodes, table: Leaves, media_of: list[int], reflects: Sequence[bool]) -> SurfaceMesh:
+def _faces(
+    tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cut: np.ndarray
+) -> SurfaceMesh:
     """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric; ``reflects[i]``:
-    it is opaque, and reflects by Fresnel's equations.
+    it is opaque, and reflects by Fresnel's equations; ``cut[i]``: it is in the second operand of - or *.
     """
     table.make_meshes()
-    base = int(Manifold.reserve_ids(len(media_of)))
-    boxes = table.boxes[table.of_leaf] + table.planes.step * np.array([[-1.0], [1.0]])
-    groups = components(boxes[:, 0], boxes[:, 1])
-    single = np.bincount(groups, minlength=len(groups)) == 1
+    ids = media.Ids(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
+    boxes = table.boxes[table.of_leaf] + table.step * np.array([[-1.0], [1.0]])
+    fresnel = np.flatnonzero(reflects).tolist()
 
-    def value(number: int) -> csg.Value:
-        if single[groups[number]]:
-            return {}
+    def body(number: int, medium: int) -> csg.Body | None:
+        if medium != media_of[number] and not cut[number]:
+            return None
         i = int(table.of_leaf[number])
-        surfaces = table.solids[i].surfaces
-        mesh = manifold(table.meshes[i], table.first[i], base + number)
-        shared = frozenset(surfaces[surfaces >= 0].tolist())
-        return {media_of[number]: csg.Body(mesh, boxes[number : number + 1], shared, table.planes, i)}
+        mesh = manifold(table.meshes[i], table.first[i], ids.of(number, medium))
+        surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
+        return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
 
-    fresnel = {base + number for number, reflecting in enumerate(reflects) if reflecting}
     boundaries: list[media.Boundary] = []
-    for group, result in csg.evaluate(nodes, groups.tolist(), value).items():
-        if single[group]:
-            i = table.of_leaf[group]
-            boundaries.append(media.whole(table.meshes[i], base + group, table.first[i], media_of[group]))
-        else:
-            boundaries += media.boundaries(result, fresnel)
-    count = max(media_of) + 2
-    submeshes = [_submesh(table, boundary, boundary.ids - base, count) for boundary in media.batches(boundaries, CHUNK)]
-    return joined([NOTHING, *submeshes], count)
+    for part in csg.split(tree, components(boxes[:, 0], boxes[:, 1]).tolist()).values():
+        some = [number for number in part if not isinstance(number, str)]
+        if len(some) == 1:
+            i = table.of_leaf[some[0]]
+            boundaries.append(media.whole(table.meshes[i], some[0], table.first[i], media_of[some[0]]))
+            continue
+        values = {m: csg.evaluate(part, partial(body, medium=m)) for m in {media_of[n] for n in some if not cut[n]}}
+        boundaries += media.boundaries({m: value for m, value in values.items() if value}, ids, fresnel)
+    if not boundaries:
+        nothing = Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int))
+        return SurfaceMesh(nothing, np.empty(0, int), np.empty(0, int), [], np.empty(0, bool))
+    return _surface_mesh(table, media.joined(boundaries), max(media_of) + 2)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
@@ -243,34 +210,30 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
     return csg.checked(Manifold(bearing))
 
 
-def _submesh(table: Leaves, boundary: media.Boundary, leaf: np.ndarray, count: int) -> Submesh:
-    """A boundary with the normals and surface parameters of the leaves (n,) that its triangles come from."""
-    kind = _kind(leaf, boundary.inside, boundary.outside, count)
-    codes, number = np.unique(kind, return_inverse=True)
-    corner = boundary.triangles
+def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> SurfaceMesh:
+    """A boundary with the normals and surface parameters of its leaves. ``count`` are the media, with air."""
+    codes = (boundary.leaf * count + boundary.inside + 1) * count + boundary.outside + 1
+    codes, kind = np.unique(codes, return_inverse=True)
     columns = []
     alone = 0  # so far
-    for start in range(0, len(corner), CHUNK):
-        part = slice(start, start + CHUNK)
-        positions = boundary.vertices[corner[part]]
-        found = table.surface(positions, leaf[part], boundary.facets[part], boundary.sign[part])
-        of = corner[part] * len(codes) + number[part, None]
-        keys = corner_keys(of, found.face, found.uv, found.alone, alone)
+    for start in range(0, len(kind), CHUNK):
+        some = boundary.chosen(slice(start, start + CHUNK))
+        positions = some.vertices[some.triangles]
+        face = table.faces[some.facet]
+        found = table.corners(positions, some.leaf, face)
+        keys = corner_keys(some.triangles * len(codes) + kind[start : start + CHUNK, None], face, found, alone)
         alone += int(found.alone.sum())
-        columns.append(
-            [keys, positions + table.origin, found.normals, found.uv, heights(boundary.vertices, corner[part])]
-        )
-    keys, positions, normals, uv, height = map(np.concatenate, zip(*columns))
+        normals = found.normals * some.sign[:, None, None]
+        columns.append([keys, positions + table.origin, normals, found.uv])
+    keys, positions, normals, uv = map(np.concatenate, zip(*columns))
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
     triangles = Triangles(positions[triangle, at], normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
-    return Submesh(triangles, kind, kind[triangle], height > 2 * table.planes.step)
-
-
-def _kind(leaf: Number, inside: Number, outside: Number, count: int) -> Number:
-    """The code of a kind of triangles, see :func:`joined`."""
-    result: Number = (leaf * count + inside + 1) * count + outside + 1
-    return result
+    high = media.heights(boundary.vertices, boundary.triangles) > 2 * table.step
+    seen = np.bincount(kind[high], minlength=len(codes)) > 0
+    leaf, sides = np.divmod(codes, count**2)
+    kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))
+    return SurfaceMesh(triangles, kind, kind[triangle], kinds, seen)
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry.mesh_files import mesh_file
 from ..geometry.primitives import Primitive
-from ..geometry.solids import matrices
+from ..geometry.transforms import matrices
 from ..language.diagnostics import quote
 from ..language.document import Document
 from ..language.document import Path as Way

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.solids import matrix
+from ..geometry.transforms import matrix
 from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb_clipped
 from .context import Context

@@ -1,0 +1,50 @@
+"""TRANSFORM -> matrices."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from .. import model
+from .grouping import alike
+
+AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # that one turns towards the other
+
+
+def matrix(transform: model.Transform) -> np.ndarray:
+    """The 4x4 matrix of a TRANSFORM."""
+    (result,) = matrices([transform])
+    return np.asarray(result)
+
+
+def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
+    """The matrices (n, 4, 4) of TRANSFORMs: their steps in the order in which they are applied.
+
+    Those with the same kinds of steps are computed together.
+    """
+    result = np.tile(np.eye(4), (len(transforms), 1, 1))
+    for kinds, numbers in alike(tuple(step.kind for step in transform.steps) for transform in transforms).items():
+        some = result[numbers]
+        for i, kind in enumerate(kinds):
+            some = _matrices(kind, np.array([transforms[n].steps[i].values for n in numbers])) @ some
+        result[numbers] = some
+    return result
+
+
+def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
+    """Those (n, 4, 4) of steps of one kind, with the ``values`` (n, 3), or (n, 1) degrees."""
+    result = np.tile(np.eye(4), (len(values), 1, 1))
+    if kind == "scale":
+        result[:, [0, 1, 2], [0, 1, 2]] = values
+    elif kind == "translate":
+        result[:, :3, 3] = values
+    else:
+        quarters, rest = np.divmod(values[:, 0], 90)  # a right angle is exact
+        angles = np.radians(rest).tolist()
+        sine, cosine = np.array([(math.sin(a), math.cos(a)) for a in angles]).T
+        quarter = (quarters % 4).astype(int)
+        i, j = AXES[kind]
+        result[:, i, i] = result[:, j, j] = np.choose(quarter, [cosine, -sine, -cosine, sine])
+        result[:, j, i] = np.choose(quarter, [sine, cosine, -sine, -cosine])
+        result[:, i, j] = -result[:, j, i]
+    return result

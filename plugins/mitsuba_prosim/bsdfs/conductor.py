@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, fresnel, torrance_sparrow
+from ..optics import fresnel, torrance_sparrow
 from ..optics.half_vectors import GRAZING
 from ..optics.material import Material
 from ..optics.reading import ambient, index, metal, reflectance, roughness
@@ -135,13 +135,13 @@ class Conductor(Material):
         m = torrance_sparrow.sample(si.wi, sample2, self.distribution, width)
         i_m = dr.dot(si.wi, m)
         bs.wo = mi.reflect(si.wi, m)
-        g1 = attenuation.g1(si.wi.z, m.z, i_m)
+        g1 = torrance_sparrow.g1(si.wi.z, m.z, i_m)
         pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
         active = active & (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         if active is False:
             return bs, mi.Spectrum(0)
-        weight = attenuation.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
+        weight = torrance_sparrow.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
         return bs, mi.depolarizer(self.reflected(si, i_m, active) * weight) & active
 
     def eval_pdf(

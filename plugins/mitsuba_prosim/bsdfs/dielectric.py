@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, dispersion, fresnel, half_vectors, visible
+from ..optics import dispersion, fresnel, half_vectors, torrance_sparrow, visible
 from ..optics.half_vectors import GRAZING
 from ..optics.material import Material
 from ..optics.reading import ambient, reflectance, roughness
@@ -285,7 +285,7 @@ class Dielectric(Material):
         spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, eta)), 1e-7)
         jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * spread) * b)
         density = self.distribution.D(m, width) * jacobian
-        lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * attenuation.g1(cos_o, m.z, b))
+        lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * torrance_sparrow.g1(cos_o, m.z, b))
         return density * lit, density * seen
 
     def eval_pdf(

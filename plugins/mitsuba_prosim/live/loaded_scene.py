@@ -54,7 +54,7 @@ class LoadedScene:
         sensor: Any = self.sensor
         window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
         across: tuple[float, float]
-        if sensor.class_name() == "PerspectiveCamera":
+        if sensor.class_name() == compat.PERSPECTIVE:
             width = 2 * tan(radians(float(self._params["x_fov"][0])) / 2)
             across = (width, width * self.size[1] / self.size[0])
             self._near, self._far = float(self._params["near_clip"]), float(self._params["far_clip"])

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import INSTANCE
 from ..light.table import Lights
 from . import lobes
 from .media import absorbs_any
@@ -188,5 +189,5 @@ def scene_flags(scene: mi.Scene) -> int:
     flags = 0
     for shape in scene.shapes():
         bsdf = shape.bsdf()
-        flags |= 0xFFFFFFFF if shape.class_name() == "Instance" else 0 if bsdf is None else int(bsdf.m_flags)
+        flags |= 0xFFFFFFFF if shape.class_name() == INSTANCE else 0 if bsdf is None else int(bsdf.m_flags)
     return flags

@@ -1,7 +1,8 @@
-"""What this package relies on in Mitsuba and Dr.Jit although they do not promise it.
+"""Properties of Mitsuba and Dr.Jit that this package relies on although they are not documented.
 
-One function or constant for each. The comment above says why, which version it was seen in, and where upstream speaks
-of it.
+One function or constant for each. The comment above gives the reason, the version, and the upstream issue if there is
+one. Workarounds that are modules of their own: ``alone`` (one thread at a time), ``registry`` (variants), ``llvm``,
+``transport.workarounds`` (BSDFs that ignore the lobes they are asked for), ``stock_command``.
 """
 
 from __future__ import annotations

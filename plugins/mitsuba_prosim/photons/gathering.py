@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import BLEND, DIFFUSE, INSTANCE, MASK, TWO_SIDED
 from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.context import scene_flags
@@ -13,10 +14,10 @@ from ..transport.scattering import Scattering
 from .footprint import Footprint
 from .grid import WIDE, Photons, within_reach
 
-#: Class names of BSDFs whose diffuse lobe is Lambert's, and of those around others that change nothing in it. (Mitsuba
-#: knows no class of ours.)
-LAMBERTIAN = ("Lambertian", "Phong", "Composite", "SmoothDiffuse")
-AROUND = ("TwoSidedBRDF", "MaskBSDF", "BlendBSDF")
+#: Class names of BSDFs whose diffuse lobe is Lambert's, ours and Mitsuba's, and of those around others that change
+#: nothing in it.
+LAMBERTIAN = ("Lambertian", "Phong", "Composite", *DIFFUSE)
+AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Gathering:
@@ -30,7 +31,7 @@ class Gathering:
         self.glossy = bool(lobes.has_any(scene_flags(scene), *lobes.GLOSSY))
         #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
-            not any(s.class_name() == "Instance" for s in scene.shapes())
+            not any(s.class_name() == INSTANCE for s in scene.shapes())
             and not self.scattering.any_inseparable
             and all(map(is_lambertian, bsdfs))
         )

@@ -9,8 +9,10 @@ from typing import Any, Protocol
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import INSTANCE
 from ..light.table import Lights
 from . import lobes
+from .layers import Layers, layers_of
 from .media import absorbs_any
 from .ray import Ray
 from .scattering import Scattering
@@ -39,6 +41,7 @@ class Settings:
     rr_depth: int
     rr_throughput: float
     hide_emitters: bool
+    layers: str
 
     @property
     def follows_tree(self) -> bool:
@@ -96,6 +99,8 @@ class Context:
     around: mi.Medium | None
     photons: PhotonMaps | None
     lights: Lights
+    #: To which layer light belongs.
+    layers: Layers
     #: How its BSDFs are sampled and evaluated.
     scattering: Scattering
     #: Union of the ``mi.BSDFFlags`` of all surfaces.
@@ -127,7 +132,17 @@ class Context:
         else:
             glossy = {"specular": lobes.specular()} if lobes.has_any(flags, *lobes.GLOSSY) else {}
         return cls(
-            scene, settings, attached, around, photons, lights, scattering, flags, absorbs, tuple(glossy.values())
+            scene,
+            settings,
+            attached,
+            around,
+            photons,
+            lights,
+            layers_of(settings.layers, settings, lights, photons is not None),
+            scattering,
+            flags,
+            absorbs,
+            tuple(glossy.values()),
         )
 
     @functools.cached_property
@@ -176,6 +191,8 @@ class Context:
             ray.gathered_photons = mi.Bool(False)
         if self.lights.sampler is not None:
             ray.importance = mi.Float(0)
+        if self.layers.follows_branch:
+            ray.branch = mi.UInt32(0)
         return ray if self.photon_mis is None else self.photon_mis.first(ray)
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
@@ -188,5 +205,5 @@ def scene_flags(scene: mi.Scene) -> int:
     flags = 0
     for shape in scene.shapes():
         bsdf = shape.bsdf()
-        flags |= 0xFFFFFFFF if shape.class_name() == "Instance" else 0 if bsdf is None else int(bsdf.m_flags)
+        flags |= 0xFFFFFFFF if shape.class_name() == INSTANCE else 0 if bsdf is None else int(bsdf.m_flags)
     return flags

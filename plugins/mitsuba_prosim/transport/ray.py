@@ -45,6 +45,8 @@ class Ray:
     #: Where light sampling chooses among lamps: their total importance at the ray's origin, see
     #: :mod:`..light.light_sampler`.
     importance: mi.Float | None = None
+    #: Where layers depend on it: the layer of all light that comes by the lobe that left the first vertex.
+    branch: mi.UInt32 | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:

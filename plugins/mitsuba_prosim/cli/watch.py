@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from prosim_scene import Document, Kept
+from prosim_scene import Kept
 
 from .. import atomic
 from ..scene import images, scene_file, session
@@ -63,8 +63,8 @@ def watch(job: Job, port: int, browser: bool) -> None:
     with atomic.scratch() as folder:
         kept, confined = Kept(), not job.language.get("allow_outside")
 
-        def opened(document: Document | None = None) -> tuple[scene_file.SceneFile, Any, Any]:
-            file = job.file(folder, kept=kept, confined=confined, document=document)
+        def opened() -> tuple[scene_file.SceneFile, Any, Any]:
+            file = job.file(folder, kept=kept, confined=confined)
             scene = file.load()
             return file, scene, scene_file.pick_sensor(scene, job.sensor)
 
@@ -82,7 +82,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             with (
                 log(job.verbose),
                 session.threads(job.threads),
-                shown.files.watched(shown.requests.saved),
+                shown.files.watched(shown.requests.save),
                 interruptible(shown.requests.close),
             ):
                 shown.run()

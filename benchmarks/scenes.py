@@ -18,8 +18,10 @@ import prosim_scene
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
-#: Well-known scenes in Mitsuba 3's format, by Benedikt Bitterli (https://benedikt-bitterli.me/resources/).
-EXTERNAL = ("staircase2", "living-room-2", "veach-mis", "veach-ajar")
+#: Well-known scenes in Mitsuba 3's format. staircase2 and veach-mis are by Benedikt Bitterli
+#: (https://benedikt-bitterli.me/resources/); torus is in github.com/takkasila/practical_path_guiding_lab, which has
+#: veach-mis, too; staircase2 is also in github.com/niklassanden/ReSTIR_GI_DR.
+EXTERNAL = ("staircase2", "veach-mis", "torus")
 
 
 def rgb(*values: float) -> dict[str, Any]:
@@ -155,18 +157,22 @@ class Subject:
         if self.folder is None:
             raise SystemExit(f"{self.name} is a scene by others: name the folder that has it with --folder.")
         config = mi.parser.ParserConfig(mi.variant())
-        state = mi.parser.parse_file(config, str(self.folder / self.name / "scene.xml"))
+        path = self.folder / self.name / "scene.xml"
+        mi.file_resolver().prepend(str(path.parent.resolve()))
+        state = mi.parser.parse_file(config, str(path))
         for node in state.nodes:
             props = node.props
             if node.type == mi.ObjectType.Film:
                 height = round(self.size * props["height"] / props["width"])
                 props["width"], props["height"] = self.size, height
+            elif node.type == mi.ObjectType.Integrator:
+                node.props = mi.Properties("path")  # the file may name one that is not installed
             elif node.type == mi.ObjectType.Sampler:
                 props.set_plugin_name(sampler)
             elif node.type == mi.ObjectType.ReconstructionFilter:
                 props.set_plugin_name("box")
         mi.parser.transform_all(config, state)
-        return mi.parser.instantiate(config, state)[0]
+        return mi.parser.instantiate(config, state)
 
 
 def with_film(scene: dict[str, Any], film: dict[str, Any]) -> dict[str, Any]:

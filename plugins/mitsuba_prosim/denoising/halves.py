@@ -1,4 +1,4 @@
-"""From a scene to two images by different samples, and the features of the view."""
+"""Two images of a scene from different samples, and the features of its view."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ from ..scene import rendering
 from ..transport.features import NAMES
 from .denoised import Denoised, denoise
 
-#: N: the features of a pixel have N² samples.
+#: The features of a pixel have N² samples.
 FEATURE_SAMPLES = 4
+
+#: Goals of a render that are errors.
+ERRORS = ("noise", "noise_99", "noise_999")
 
 
 @dataclass(frozen=True)
 class Halves:
-    """The two images with all of their channels, shape (height, width, channels), and the features, shape
-    (height, width, 3). ``second`` is None where the rendering was stopped; then there are no features either.
+    """Two images with all of their channels, shape (height, width, channels), and features, shape (height, width, 3).
+    ``second`` and the features are None where the render was stopped.
     """
 
     #: Of the channels, the film's own first.
@@ -36,17 +39,17 @@ class Halves:
 
     @property
     def colours(self) -> int:
-        """How many channels are colours."""
+        """The number of channels that are colours."""
         return 1 if self.names[0] == "Y" else 3
 
     def denoised(self, fast: bool = False) -> Denoised:
-        """What :func:`.denoise` makes of them."""
+        """The result of :func:`.denoise`."""
         assert self.second is not None
         first, second = (half[..., : self.colours] for half in (self.first, self.second))
         return denoise(first, second, self.albedo, self.normal, fast)
 
     def others(self) -> dict[str, np.ndarray]:
-        """Alpha and the integrator's own channels, of both halves together, by name."""
+        """Alpha and the integrator's own channels of the whole image, by name."""
         assert self.second is not None
         result = {}
         for k, name in enumerate(self.names[self.colours :], self.colours):
@@ -65,8 +68,8 @@ def render(
 ) -> Denoised:
     """Renders ``scene`` by its integrator, or another, and denoises the image.
 
-    The samples, those that the integrator says or ``spp``, are parted in two halves of other seeds. The sensor's film
-    is used for that, and does not hold the result. ``fast``: see :func:`.denoise`.
+    Each of two halves with different seeds takes half of the samples, of ``spp`` or of the integrator's own number. The
+    sensor's film is used, and does not hold the result. ``fast``: see :func:`.denoise`.
 
     Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` where the package mitsuba-oidn is
     not installed.
@@ -77,7 +80,7 @@ def render(
 
 
 def halves(scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator, seed: int = 0, spp: int = 0) -> Halves:
-    """Renders each half by itself."""
+    """Renders the two halves, one after the other."""
     both = Rendering(scene, sensor, integrator, seed, spp)
     for _ in both:
         pass
@@ -85,14 +88,15 @@ def halves(scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator, seed: 
 
 
 class Rendering:
-    """Two halves in progress, as :class:`~mitsuba_prosim.engine.render.Render` is one image. :meth:`close` leaves the
-    first half, or what there is of it.
+    """A progressive render of two halves, with the interface of :class:`~mitsuba_prosim.engine.render.Render`.
+
+    :meth:`close` leaves the first half, as far as it is done.
     """
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator, seed: int, spp: int) -> None:
         check(sensor.film())
         self.scene, self.sensor, self.integrator, self.seed, self.spp = scene, sensor, integrator, seed, spp
-        #: How far they came; None where the integrator does not say.
+        #: Samples, noise and time so far; None where the integrator does not report them.
         self.reached: Any = None
         self._images: list[np.ndarray] = []
         self._names: list[str] = []
@@ -107,39 +111,40 @@ class Rendering:
         return next(self._steps)
 
     def put(self) -> None:
-        """Makes the half so far what the film holds."""
+        """Puts the half in progress into the film."""
         self._render.put()
 
     def close(self) -> None:
-        """Ends it with what there is."""
+        """Ends the render."""
         self._steps.close()
         if not self._images and self._render is not None:
             self._render.close()
-            self._keep()
+            self._store()
 
     @property
     def halves(self) -> Halves:
-        """What was rendered."""
-        whole = self._features[0] is not None
-        return Halves(self._names, self._images[0], self._images[1] if whole else None, *self._features)
+        """The result."""
+        second = None if self._features[0] is None else self._images[1]
+        return Halves(self._names, self._images[0], second, *self._features)
 
     def _run(self) -> Generator[Step, None, None]:
         how = half(self.integrator, self.sensor, self.spp)
-        # No neighbouring seed, which may be that of another image.
+        # Another image may have the next seed.
         for k, seed in enumerate((self.seed, combine(hash32(self.seed), 1))):
             self._render = rendering.progressive(self.scene, self.sensor, seed, integrator=self.integrator, **how)
             for step in self._render:
                 yield Step(0.48 * (k + step.done), False)
-            if not getattr(self._render, "finished", True) and k:
-                return
-            self._keep()
-            if not getattr(self._render, "finished", True):
+            is_finished = getattr(self._render, "finished", True)
+            if is_finished or k == 0:
+                self._store()
+            if not is_finished:
                 return
         hide_emitters = getattr(self.integrator, "hide_emitters", False)
         self._features = features(self.scene, self.sensor, self.seed, hide_emitters)
         yield Step(1.0, True)
 
-    def _keep(self) -> None:
+    def _store(self) -> None:
+        """Stores the image of the film."""
         self._names = [field.name for field in self.sensor.film().bitmap().struct_()]
         self._images.append(np.array(self.sensor.film().develop()))
         reached = self._render.reached
@@ -149,9 +154,9 @@ class Rendering:
 def features(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``(albedo, normal)`` of the view, as :ref:`integrator-prosim_features` says, filtered as the film filters.
+    """``(albedo, normal)`` of the view by :ref:`integrator-prosim_features`, with the film's filter.
 
-    Not by the samples of an image with that ``seed``: they would tell the other half what it must not know.
+    The samples are not those of an image with that ``seed``, as the two halves must stay independent.
     """
     nested = create("prosim_features", hide_emitters=hide_emitters)
     integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")
@@ -163,49 +168,32 @@ def features(
 def check(film: mi.Film) -> None:
     """Raises ValueError for a film that stores no colours."""
     if mi.has_flag(film.flags(), mi.FilmFlags.Special):
-        raise ValueError(
-            f"{film.class_name()}: its channels are not the colours that a denoiser knows; take an hdrfilm to denoise"
-        )
+        raise ValueError(f"{film.class_name()}: the denoiser needs colours; use an hdrfilm")
 
 
 def half(integrator: Any, sensor: mi.Sensor, spp: int) -> dict[str, Any]:
-    """Arguments of :func:`.rendering.progressive` for half of the samples: those of ``spp``, or of the integrator if
-    that is 0.
+    """Arguments of :func:`.rendering.progressive` for half of the samples: of ``spp``, or 0 for the integrator's own.
 
-    Our own integrators get patterns of about N²/2, with twice the variance where noise or a threshold is asked for,
-    and half of the time.
+    Our integrators get N-rook patterns of N²/2 samples, goals with twice the variance, and half of the time.
     """
     if not rendering.keeps(integrator):
         return {"spp": ((spp or sensor.sampler().sample_count()) + 1) // 2}
     if spp:
         return {"spp": size_of_half(spp**0.5) ** 2}
-    asked = integrator.sampling
-    sampling = dataclasses.replace(
-        asked,
-        samples=size_of_half(asked.samples),
-        max_samples=(asked.max_samples + 1) // 2,
-        threshold=asked.threshold * 2**0.5,
-        noise=asked.noise * 2**0.5,
-        noise_99=asked.noise_99 * 2**0.5,
-        noise_999=asked.noise_999 * 2**0.5,
-        time=asked.time / 2,
-    )
-    return {"sampling": sampling}
+    sampling = integrator.sampling
+    goals = {name: getattr(sampling, name) * 2**0.5 for name in ("threshold", *ERRORS)}
+    samples, most = size_of_half(sampling.samples), (sampling.max_samples + 1) // 2
+    goals |= {"samples": samples, "max_samples": most, "time": sampling.time / 2}
+    return {"sampling": dataclasses.replace(sampling, **goals)}
 
 
 def size_of_half(n: float) -> int:
-    """N of the patterns of which two have about ``n``² samples."""
+    """N of an N-rook pattern of about ``n``² / 2 samples."""
     return max(1, round(n / 2**0.5))
 
 
 def together(first: Any, second: Any) -> Any:
-    """How far two halves came, as :class:`~mitsuba_prosim.engine.render.Reached`."""
-    return dataclasses.replace(
-        first,
-        samples=first.samples + second.samples,
-        least=first.least + second.least,
-        noise=float(np.hypot(first.noise, second.noise)) / 2,
-        noise_99=float(np.hypot(first.noise_99, second.noise_99)) / 2,
-        noise_999=float(np.hypot(first.noise_999, second.noise_999)) / 2,
-        seconds=first.seconds + second.seconds,
-    )
+    """The :class:`~mitsuba_prosim.engine.render.Reached` of two halves."""
+    sums = {name: getattr(first, name) + getattr(second, name) for name in ("samples", "least", "seconds")}
+    errors = {name: float(np.hypot(getattr(first, name), getattr(second, name))) / 2 for name in ERRORS}
+    return dataclasses.replace(first, **sums, **errors)

@@ -1,5 +1,6 @@
 """``prosim render --cluster`` and ``--workers``: the same bytes, whoever takes the samples, and whoever is lost."""
 
+import asyncio
 import os
 import re
 import signal
@@ -175,7 +176,7 @@ def test_a_worker_in_the_process_of_its_client_leaves_it_its_threads(variant_rgb
     threads = dr.thread_count()
     here = SimpleNamespace(address=address, state=SimpleNamespace(nthreads=threads + 2))
     with session.threads(None):
-        assert worker.check(variant_rgb, here) == origin.here()
+        assert asyncio.run(worker.check(variant_rgb, here)) == origin.here()
         assert dr.thread_count() == threads + more
 
 

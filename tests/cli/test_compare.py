@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from mitsuba_prosim.cli import compare, progress
 from mitsuba_prosim.cli.options import InputError
-from mitsuba_prosim.compare import facts, measures, runs
+from mitsuba_prosim.compare import measures, runs
 from mitsuba_prosim.compare.scenes import Scene, Spec, typed
 from mitsuba_prosim.scene.scene_file import SceneFile
 from prosim_start.group import prosim
@@ -183,18 +183,6 @@ def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
         assert 0.6 < reference.disagreement < 1.5
 
 
-@pytest.mark.slow
-def test_caustics_that_a_scene_asks_for_are_not_left_out(tmp_path, variant_rgb):
-    path = tmp_path / "little.xml"
-    path.write_text(
-        SCENE.replace('<integer name="samples"', '<boolean name="caustics" value="true"/><integer name="samples"')
-    )
-    scene = Scene(SceneFile(path, tmp_path))
-    image = np.ones((12, 16, 3))
-    difference, _ = facts.difference(scene, Spec("prosim,caustic_photons=64"), image, image, 1.0)
-    assert difference["effects"]["caustics"] is False and difference["effects"]["interreflection"] is True
-
-
 def test_references_are_kept_and_continued(tmp_path, variant_rgb):
     class Noise:
         calls = 0
@@ -258,19 +246,13 @@ def test_page_holds_what_it_must(report):
         assert 0 < halves[0] <= 8 and halves[1] == pytest.approx(same["rows"][1]["samples"], abs=4)  # samplers round
         assert "equal samples, denoised" in page
     assert same["rows"][1]["samples"] == pytest.approx(same["rows"][0]["samples"], abs=2)
-    headings = "RMSE,relMSE,SSIM,ꟻLIP,Error against samples and time,equal samples,equal time,Caustics,slope"
+    headings = "RMSE,relMSE,SSIM,ꟻLIP,Error against samples and time,equal samples,equal time,caustics,slope"
     assert all(heading in page for heading in headings.split(","))
     assert (
         page.count("<figure")
         == page.count("data:image/png")
         == (1 + 3 * 4 * (1 + DENOISES)) + (1 + 4 * (1 + DENOISES)) + 5
     )
-    assert facts["difference"]["effects"] == {
-        "interreflection": True,
-        "caustics": True,
-        "light of the background": True,
-        "ambient": True,
-    }
     assert facts["difference"]["ambient_mean"] > 0
 
 

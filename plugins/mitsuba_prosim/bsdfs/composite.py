@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import fresnel, torrance_sparrow
 from ..optics.pigmented import Pigmented
 from ..optics.reading import ambient, conserve, index, reflectance, roughness
-from ..parameters import describe, expose
 from ..registry import plugin
 
 
@@ -104,16 +105,6 @@ class Composite(Pigmented):
         self.distribution, self.roughness = roughness(props)
         self.set_components(glossy=self.roughness is not None)
 
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(
-            callback,
-            diffuse_reflectance=self.diffuse_reflectance,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            eta=self.eta,
-            **{self.distribution.parameter: self.roughness},
-        )
-
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times ks, which is at most 1 - kd at every point and wavelength."""
         if self.specular_reflectance is None:
@@ -138,13 +129,14 @@ class Composite(Pigmented):
         i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
         return self.reflected(si, i_m, active) * value, pdf
 
-    def to_string(self) -> str:
-        return describe(
-            self,
-            diffuse_reflectance=self.diffuse_reflectance,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            eta=self.eta,
-            distribution=self.distribution.name,
-            **{self.distribution.parameter: self.roughness},
-        )
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "diffuse_reflectance": self.diffuse_reflectance,
+            "specular_reflectance": self.specular_reflectance,
+            "ambient": self.ambient,
+            "eta": self.eta,
+            self.distribution.parameter: self.roughness,
+        }
+
+    def settings(self) -> dict[str, Any]:
+        return {"distribution": self.distribution.name}

@@ -42,9 +42,7 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.globals.update(
-        number=number, picture=picture, described=described, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS
-    )
+    environment.globals.update(number=number, described=described, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS)
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
     return template.render(
         facts=facts, pictures=encode(facts, images), charts=[chart(section) for section in facts["sections"]]
@@ -68,15 +66,6 @@ def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
     if "e" in text:
         text = np.format_float_positional(float(text), trim="-")
     return markupsafe.Markup('<data value="{}">{}</data>{}').format(repr(value), text, unit)
-
-
-def picture(source: str, caption: str, classes: str = "") -> str:
-    """An image that a click enlarges."""
-    import markupsafe
-
-    return markupsafe.Markup('<figure class="{}"><img src="{}" alt="{}"><figcaption>{}</figcaption></figure>').format(
-        classes, source, caption, caption
-    )
 
 
 def data_uri(content: bytes, kind: str) -> str:

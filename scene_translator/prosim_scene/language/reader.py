@@ -51,6 +51,9 @@ COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
 SHARE = re.compile(rf"({NUMBER})%")
 PRIMITIVE = re.compile(rf"(?:{'|'.join(words.spellings('PRIMITIVE'))})\s+\d+", re.IGNORECASE)
 PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are comments"
+#: Tokens that may have been meant as numbers, or as arithmetic.
+LIKE_NUMBERS = ("WORD", *words.OPERATORS.values())
+LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
 #: Codes of syntax errors, which depend on no value.
 SYNTAX = ("no-end", "tree", "infix")
 OPERATOR = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
@@ -507,7 +510,7 @@ class Reader:
             return self.source.error(self.scanner.last.span, reason, "unexpected-end")
         if mark := of_mark(self.source.text, token.start):
             reason, code = mark, "foreign"
-        elif "NUMBER" in self.expected and (ARITHMETIC.search(text) or text[0] in "0123456789.+-"):
+        elif "NUMBER" in self.expected and token.role in LIKE_NUMBERS and LIKE_NUMBER.search(text):
             found, code = f"{quote(text)} is not a number", "not-a-number"
             reason = f"; expected {names[0]}" if self.takes and "NUMBER" in roles else ""
             reason += f"; {BRACES}" if ARITHMETIC.search(text) else ""

@@ -180,13 +180,6 @@ def test_coincident_caps():
     assert front[2] == pytest.approx(36 - math.pi / 4 - math.pi + lens, rel=1e-3)
 
 
-def test_touching_boxes_become_one_closed_shell():
-    meshes = list(solids(scene("+ CUBE 0 CUBE 1", ["", "TRANSLATE (1 0 0)"])).values())
-    assert_closed(meshes)
-    assert volume(meshes) == pytest.approx(2)
-    assert sum(map(area, meshes)) == pytest.approx(10)  # the common face is gone
-
-
 def inside(text, points):
     """Membership of points in the tree, straight from the definition."""
     parsed = prosim_scene.parse(text)

@@ -306,3 +306,13 @@ def test_what_lines_glass_is_told(tree, surfaces, words, recwarn):
     skins(scene(tree, ["", "", "TRANSLATE (5 5 5)"][: 2 + ("2" in tree)], surfaces), 0.2)
     said = [str(w.message) for w in recwarn]
     assert len(said) == bool(words) and all(re.search(words, message) for message in said)
+
+
+def test_a_glass_that_is_cut_away_wholly_is_nothing():
+    text = scene(
+        "- + CUBE 0 SPHERE 1 CUBE 2",
+        ["TRANSLATE (5 0 0)", "", "SCALE (3 3 3) TRANSLATE (-1.5 -1.5 -1.5)"],
+        [WATER, GLASS, GLASS],
+    )
+    with pytest.warns(prosim_scene.SceneWarning, match="nothing is seen of SPHERE 1"):
+        assert solids(text.replace("TRANSLATE (5 0 0)", "TRANSLATE (1.2 0 0)"), 0.2).keys() == {0, 1}

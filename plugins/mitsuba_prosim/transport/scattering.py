@@ -39,8 +39,9 @@ class Scattering:
     @classmethod
     def of(cls, scene: mi.Scene, separate: bool = True) -> Scattering:
         """The BSDFs of ``scene``. ``separate``: whether lobes are evaluated separately at all."""
-        inseparable = separate and workarounds.any_inseparable(scene)
-        return cls(disperses(scene), workarounds.any_mixed(scene), inseparable)
+        bsdfs = [shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None]
+        inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
+        return cls(disperses(scene), any(map(workarounds.is_mixed, bsdfs)), inseparable)
 
     def inseparable(self, bsdf: AnyBSDF, active: mi.Bool) -> mi.Bool:
         """The active lanes whose BSDF has no separable lobes."""

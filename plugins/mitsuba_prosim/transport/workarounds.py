@@ -35,10 +35,9 @@ from ..optics.nested import all_shapes, all_within, parts
 from . import lobes
 
 
-def any_mixed(scene: mi.Scene) -> bool:
-    """Whether any surface of ``scene``, those of instances included, is a ``mask`` or a ``blendbsdf``, or holds one."""
-    bsdfs = (shape.bsdf() for shape in all_shapes(scene))
-    return any(any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND)) for bsdf in bsdfs if bsdf is not None)
+def is_mixed(bsdf: mi.BSDF) -> bool:
+    """Whether ``bsdf`` is a ``mask`` or a ``blendbsdf``, or holds one."""
+    return any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND))
 
 
 def warn_of_dim_lobes(scene: mi.Scene) -> None:
@@ -126,11 +125,6 @@ def is_inseparable(bsdf: mi.BSDF) -> bool:
         one.class_name() in EVALUATED_TOGETHER or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
         for one in all_within(bsdf)
     )
-
-
-def any_inseparable(scene: mi.Scene) -> bool:
-    """Whether any BSDF of ``scene``, those of instances included, has inseparable lobes."""
-    return any(is_inseparable(shape.bsdf()) for shape in all_shapes(scene) if shape.bsdf() is not None)
 
 
 def _lobes_of(flags: int) -> int:

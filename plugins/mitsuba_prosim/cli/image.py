@@ -164,7 +164,9 @@ class Result:
 def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     """The render of a job: an iterator of :class:`.Step`. ``how``: see :func:`.rendering.progressive`."""
     if job.denoise:
-        return halves.Rendering(scene, sensor, scene.integrator(), job.seed, job.spp)
+        if not rendering.keeps(scene.integrator()):
+            how = {}
+        return halves.DenoisedRender(scene, sensor, scene.integrator(), job.seed, job.spp, **how)
     return rendering.progressive(scene, sensor, job.seed, job.spp, **how)
 
 
@@ -297,14 +299,14 @@ def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> N
         raise InputError(f"--denoise: {error}") from None
 
 
-def denoised(steps: halves.Rendering, film: mi.Film) -> tuple[mi.Bitmap, dict[str, str], str]:
+def denoised(steps: halves.DenoisedRender, film: mi.Film) -> tuple[mi.Bitmap, dict[str, str], str]:
     """The denoised image, its metadata, and what is said of it; of a render that was stopped the first half, or what
     there is of it, as it is.
     """
     both = steps.halves
     if both.second is None:
         return layers.undenoised(both), {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
-    result = both.denoised()
+    result = steps.denoised()
     raw, final = result.noise(result.raw_error), result.noise(result.final_error)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, as far as two halves of the samples "

@@ -99,8 +99,8 @@ class ProsimDenoised(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
-        both = halves.halves(scene, sensor, self.nested, seed, spp)
-        layers.put(both, both.denoised(self.fast), sensor.film(), self.aov_names())
+        render = halves.DenoisedRender(scene, sensor, self.nested, seed, spp, self.fast).run()
+        layers.put(render.halves, render.denoised(), sensor.film(), self.aov_names())
         return sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:

@@ -12,7 +12,7 @@ import textwrap
 from pathlib import Path
 
 import mitsuba as mi
-from prosim_scene.language.words import WORDS, Numbers
+from prosim_scene.language.words import GLASS_NAMES, METAL_NAMES, WORDS, Numbers
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "api.rst"
@@ -122,7 +122,10 @@ def words_section():
         bounds = word.takes.bounds() if isinstance(word.takes, Numbers) else ""
         rows.append([first, ", ".join(others), takes, bounds])
     title = "Words of the scene language"
-    return f"{title}\n{'-' * len(title)}\n\n{table(['word', 'other spellings', 'takes', 'range'], rows)}\n"
+    words = table(["word", "other spellings", "takes", "range"], rows)
+    named = [[names.replace(" ", ", "), f"``{name}``"] for name, names in (METAL_NAMES | GLASS_NAMES).items()]
+    materials = table(["metal or glass", "table of Mitsuba, or material of prosim_dielectric"], named)
+    return f"{title}\n{'-' * len(title)}\n\n{words}\n\n{materials}\n"
 
 
 def page():

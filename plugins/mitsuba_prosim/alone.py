@@ -1,4 +1,4 @@
-"""What one thread of a process does at a time: load a scene, trace and launch kernels."""
+"""A lock for what only one thread of a process may do at a time: load a scene, trace and launch kernels."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ _depth, _thresholds = 0, gc.get_threshold()
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Waits until no other thread is within, keeps them out, and pauses Python's garbage collector. Not to be held
-    while control is with the user, nor across a ``yield``.
+    """Locks, and pauses Python's garbage collector. Do not hold it while control is with the user, nor across a
+    ``yield``.
 
-    Mitsuba 3.9 has one search path for the process, exchanged while a scene is loaded, and one number of threads. Its
-    objects are known to all kernels as soon as they are made: a kernel that another thread traces meanwhile calls
-    functions of objects that are not complete.
+    Mitsuba 3.9 has one search path per process, which loading a scene replaces, and one number of threads. All kernels
+    know its objects as soon as they are created: a kernel that another thread traces at that moment calls functions of
+    incomplete objects.
 
-    The collector frees scenes that reference cycles keep alive. If one goes while a kernel is traced, the virtual
-    function calls before and after differ in the number of instances; Dr.Jit 1.5 then writes a function twice, and LLVM
-    ends the process. The pause is by the collector's threshold, as :mod:`prosim_scene` in another thread may enable it.
+    The collector frees scenes in reference cycles. If it does so while a kernel is traced, the virtual function calls
+    before and after differ in the number of instances; Dr.Jit 1.5 then writes a function twice, and LLVM aborts the
+    process. The pause uses the collector's threshold, as :mod:`prosim_scene` may enable it in another thread.
     """
     global _depth, _thresholds
     with _lock:

@@ -1,7 +1,8 @@
-"""What this package relies on in Mitsuba and Dr.Jit although they do not promise it.
+"""Properties of Mitsuba and Dr.Jit that this package relies on although they are not documented.
 
-One function or constant for each. The comment above says why, which version it was seen in, and where upstream speaks
-of it.
+One function or constant for each. The comment above gives the reason, the version, and the upstream issue if there is
+one. Workarounds that are modules of their own: ``alone`` (one thread at a time), ``registry`` (variants), ``llvm``,
+``transport.workarounds`` (BSDFs that ignore the lobes they are asked for), ``stock_command``.
 """
 
 from __future__ import annotations
@@ -185,6 +186,20 @@ def _number(pointer: mi.ShapePtr) -> int:
     return int(dr.reinterpret_array(mi.UInt32, pointer)[0])
 
 
+# ---------------------------------------------------------------- class names
+# Mitsuba 3.9 tells these kinds of objects apart by their class names only. A test compares the names with the classes.
+
+#: Shapes, sensors and emitters.
+INSTANCE, SPHERE, PERSPECTIVE = "Instance", "Sphere", "PerspectiveCamera"
+CONSTANT, DIRECTIONAL, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "DirectionalEmitter", "DirectionalArea"
+
+#: BSDFs that contain others, and those of them that change the normal by a texture.
+MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
+
+#: BSDFs that name their components, but evaluate all of them together; BSDFs whose diffuse lobe is Lambert's.
+EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse",)
+
+
 # ---------------------------------------------------------------- emitters
 # A virtual function call is compiled for all kinds of emitters that there are. Mitsuba's "directionalarea" has no
 # `eval_direction`, but raises, which ended the call for all others too (3.9).
@@ -198,7 +213,7 @@ def eval_direction(
         return emitter.eval_direction(it, ds, active)
 
     def value(one: mi.Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Spectrum:
-        return mi.Spectrum(0) if one.class_name() == "DirectionalArea" else one.eval_direction(it, ds, active)
+        return mi.Spectrum(0) if one.class_name() == DIRECTIONAL_AREA else one.eval_direction(it, ds, active)
 
     return dr.dispatch(emitter, value, it, ds, active)
 

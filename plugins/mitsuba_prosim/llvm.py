@@ -1,10 +1,9 @@
-"""Which LLVM Dr.Jit has found, and whether it is fit for Mitsuba.
+"""The LLVM that Dr.Jit has loaded, and whether it works with Mitsuba.
 
-Dr.Jit chooses its LLVM when it is imported: the file that ``DRJIT_LIBLLVM_PATH`` names, else the newest one in the
-system's library folders. So that a good one is found whatever a program imports first, the installation adds the
-start-up file ``mitsuba_prosim_llvm.pth``, which sets that variable if it is unset and the library that came with this
-package is there. Which version comes with it is said in ``pyproject.toml``; the start-up file, which is read before any
-package can be, names it as well, and a test holds the two together.
+When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, else the newest one in the system's
+library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``, which sets that variable to the
+library that this package requires, if it is unset. ``pyproject.toml`` and the start-up file name the same version; a
+test compares them.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ OLDEST_ON_X86 = 17
 
 
 def packaged() -> str:
-    """File name of the library in the LLVM that this package installs on x86-64 Linux."""
+    """File name of the library that this package requires on x86-64 Linux."""
     return f"libLLVM-{requirement().partition('==')[2].partition('.')[0]}.so"
 
 
@@ -29,7 +28,7 @@ def version() -> tuple[int, ...] | None:
 
 
 def library() -> str | None:
-    """Path of the LLVM that Dr.Jit has loaded, as far as it can be told (on Linux, or from the variable), or None."""
+    """Path of the LLVM that Dr.Jit has loaded, if it is known (on Linux, or from the variable), or None."""
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
             return next((line.split(maxsplit=5)[5].strip() for line in maps if "/libLLVM" in line), None)
@@ -38,7 +37,7 @@ def library() -> str | None:
 
 
 def requirement() -> str:
-    """What this package asks pip for to have an LLVM, as ``pyproject.toml`` states it: a name and a version."""
+    """The requirement of LLVM in ``pyproject.toml``: a name and a version."""
     from importlib.metadata import PackageNotFoundError, requires  # slow to import, and seldom needed
 
     try:
@@ -50,7 +49,7 @@ def requirement() -> str:
 
 
 def problem() -> str | None:
-    """Says what is wrong if the LLVM variants would abort the process or can't be had; None if all is well."""
+    """The reason why LLVM variants would abort the process or are missing, and what to do; None if they work."""
     found = version()
     if found is not None and (found[0] >= OLDEST_ON_X86 or platform.machine() not in ("x86_64", "AMD64")):
         return None

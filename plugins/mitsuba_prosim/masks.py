@@ -15,7 +15,7 @@ def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
 
 
 def idle(active: mi.Bool) -> bool:
-    """Whether no lane is active, as far as that is known: scalar variants have no shape, BSDF or emitter then."""
+    """Whether it is known that no lane is active: scalar variants then have no shape, BSDF or emitter."""
     return not dr.is_jit_v(active) and not active
 
 

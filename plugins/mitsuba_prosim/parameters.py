@@ -1,4 +1,4 @@
-"""How plugins read their parameters, show them to ``mi.traverse`` and ``str``, and what they say of a wrong one."""
+"""Reads the parameters of plugins, rejects wrong ones, and shows them to ``mi.traverse`` and ``str``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mitsuba as mi
 
 
 class _Missing:
-    """Stands for a parameter that must be given and is not, in the message of `reject`."""
+    """Represents a missing parameter in the message of `reject`."""
 
     def __repr__(self) -> str:
         return "missing"
@@ -22,8 +22,8 @@ MISSING = _Missing()
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
     """Returns the error for a parameter outside what is allowed; the caller raises it.
 
-    ``props`` are the plugin's ``mi.Properties``, ``name`` the parameter, ``value`` what was found (`MISSING` if nothing
-    was), ``allowed`` a phrase such as ``"a number >= 0"``.
+    ``name``: of the parameter; ``value``: the one that was given, or `MISSING`; ``allowed``: a phrase such as ``"a
+    number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
     return ValueError(f'{where}: parameter "{name}" is {value!r}; allowed: {allowed}.')
@@ -34,7 +34,7 @@ def number(
 ) -> float:
     """A finite number from ``low`` to ``high``, without ``low`` itself if ``open_below``.
 
-    Without a ``default`` (None) the parameter must be given. Raises ValueError for anything else.
+    Without a ``default`` (None) the parameter is required. Raises ValueError.
     """
     value = props.get(name, default)
     if not _is_number(value) or not low <= value <= high or not isfinite(value) or (open_below and value == low):
@@ -43,9 +43,9 @@ def number(
 
 
 def whole(props: mi.Properties, name: str, default: int | None, low: int, high: int | None = None) -> int:
-    """A whole number from ``low`` to ``high``, be it written as an integer or as a float such as 10.0.
+    """A whole number from ``low`` to ``high``, an integer or a float such as 10.0.
 
-    Without a ``default`` (None) the parameter must be given. Raises ValueError for anything else, 2.7 for instance.
+    Without a ``default`` (None) the parameter is required. Raises ValueError.
     """
     value = props.get(name, default)
     top = inf if high is None else high
@@ -55,7 +55,7 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
 
 
 def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str | None = None) -> str:
-    """One of the words ``allowed``; the first is the ``default``, if no other is named. Else raises ValueError."""
+    """One of the words ``allowed``, by default the first. Raises ValueError."""
     value = props.get(name, allowed[0] if default is None else default)
     if value not in allowed:
         raise reject(props, name, value, "one of " + ", ".join(allowed) if len(allowed) > 2 else " or ".join(allowed))
@@ -74,7 +74,7 @@ def _bounds(low: float, high: float, open_below: bool) -> str:
 def constant(props: mi.Properties, name: str) -> list[float]:
     """The numbers of a parameter that is a number, a colour or a spectrum; empty for a texture or nothing.
 
-    To be asked before the parameter is turned into a texture.
+    Call it before the parameter is converted to a texture.
     """
     value = props.get(name)
     if value is None or isinstance(value, mi.Object):
@@ -85,16 +85,16 @@ def constant(props: mi.Properties, name: str) -> list[float]:
 
 
 def shown(values: list[float]) -> float | list[float]:
-    """The numbers of `constant` as an error shows them: one as such, several as a list."""
+    """The numbers of `constant` in the form of messages: one number or a list."""
     values = [round(v, 6) for v in values]
     return values[0] if len(set(values)) == 1 else values
 
 
 def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /, **parameters: Any) -> None:
-    """Shows textures and Dr.Jit values to ``mi.traverse`` under their names, as differentiable or with other ``flags``.
+    """Shows textures and Dr.Jit values to ``mi.traverse`` by name, as differentiable or with other ``flags``.
 
-    Passes over those that are None, and over the plain numbers of scalar variants, which cannot be changed in place. A
-    texture of a BSDF that is shown as ``ambient`` thereby is the BSDF's attribute of that name.
+    Ignores None, and the plain numbers of scalar variants, which cannot be changed in place. A texture of a BSDF with
+    the name ``ambient`` becomes the BSDF's attribute of that name.
     """
     flags = mi.ParamFlags.Differentiable if flags is None else flags
     for name, parameter in parameters.items():
@@ -103,6 +103,6 @@ def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /
 
 
 def describe(plugin: mi.Object, **values: Any) -> str:
-    """The text of ``to_string``: the class and a line for each value that is not None."""
+    """The text of ``to_string``: the class, and one line per value that is not None."""
     lines = [f"  {name} = {value}".replace("\n", "\n  ") for name, value in values.items() if value is not None]
     return f"{type(plugin).__name__}[\n" + ",\n".join(lines) + "\n]"

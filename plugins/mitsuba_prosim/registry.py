@@ -1,8 +1,8 @@
-"""Registration of the plugins into Mitsuba, for whatever variant is active.
+"""Registers the plugins with Mitsuba, for the active variant.
 
-A Mitsuba plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, say), so a module that
-defines one has to run again when the variant changes: Mitsuba does the same with its own Python integrators. Modules
-that hold pure functions look ``mi`` up when they are called and need no second run.
+A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). So a module that
+defines one runs again when the variant changes, as do Mitsuba's own Python integrators. Modules of pure functions look
+up ``mi`` at each call and run once.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import mitsuba as mi
 
 from . import llvm
 
-#: Modules of base classes that several plugins share; they depend on the variant as well, and run first.
-BASES = ("optics.pigmented", "procedural.mixture", "sampling.sampler", "engine.integrator")
+#: Modules of base classes. They depend on the variant as well, and run first.
+BASES = ("optics.material", "optics.pigmented", "procedural.mixture", "sampling.sampler", "engine.integrator")
 
-#: The folders of plugins, one a module. In the order of the thesis: 5.1 materials, 5.2 sources, textures, views, 5.3
-#: sampling, 5.4 rendering.
+#: The folders of plugins, in the order of the thesis: 5.1 materials, 5.2 sources, textures, views, 5.3 sampling, 5.4
+#: rendering.
 FOLDERS = ("bsdfs", "emitters", "textures", "sensors", "samplers", "integrators")
 
 #: Plugin name -> class, filled by the decorator below for the active variant.
@@ -34,9 +34,9 @@ _registered_for: str | None = None
 def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
-    Mitsuba 3.9 asks for the type of a plugin under ``scalar_rgb``, whatever variant is active (``load_dict`` would
-    merge two equal emitters, and writing XML would fail, if the name were unknown there); so the name is made known
-    to that variant too. Only its type is asked for: the real class takes over when ``scalar_rgb`` becomes active.
+    Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. (If the name were unknown
+    there, ``load_dict`` would merge equal emitters, and writing XML would fail.) So the class is registered for that
+    variant too, until the plugins of ``scalar_rgb`` replace it.
     """
 
     def register(cls: type) -> type:
@@ -49,11 +49,10 @@ def plugin(kind: str, name: str) -> Callable[[type], type]:
 
 
 def create(name: str, **properties: Any) -> Any:
-    """An object of the plugin ``name``, with ``properties`` as ``mi.Properties`` takes them.
+    """Creates an object of the plugin ``name`` with ``properties``.
 
-    For plugins that need another one. ``mi.load_dict`` won't do there: while it works it puts another file resolver in
-    the place of the process's own (Mitsuba 3.9), which must not happen while Mitsuba makes the other objects of the
-    scene in its threads; those that look for a file at that moment read memory that has been freed.
+    Plugins use it to create others. ``mi.load_dict`` replaces the search path of the process for a moment (Mitsuba
+    3.9); objects of the scene that are created in other threads would then read freed memory.
     """
     props = mi.Properties(name)
     for key, value in properties.items():
@@ -62,7 +61,7 @@ def create(name: str, **properties: Any) -> Any:
 
 
 def modules() -> Iterator[str]:
-    """Full names of the modules that run anew for every variant, base classes first."""
+    """Full names of the modules that run again for every variant, base classes first."""
     yield from (f"{__package__}.{module}" for module in BASES)
     for folder in FOLDERS:
         path = Path(__file__).with_name(folder)
@@ -70,10 +69,10 @@ def modules() -> Iterator[str]:
 
 
 def register_plugins(*_: object) -> None:
-    """Registers all plugins for the active variant; does nothing while none is set, or when that is done already.
+    """Registers all plugins for the active variant; does nothing if there is none, or if that is done already.
 
-    Serves as Mitsuba's variant callback, hence the ignored arguments (old variant, new variant). Raises RuntimeError
-    where the variant runs on an LLVM that would abort the process (see ``llvm.problem``).
+    It is Mitsuba's variant callback and ignores its arguments (old variant, new variant). Raises RuntimeError where
+    LLVM would abort the process (see ``llvm.problem``).
     """
     global _registered_for
     variant = mi.variant()

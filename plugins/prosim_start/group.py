@@ -4,6 +4,7 @@ import importlib
 import os
 import sys
 import warnings
+from typing import Any
 
 import click
 
@@ -60,15 +61,13 @@ def prosim() -> None:
     Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else, among them a render that Ctrl-C
     ended, whose image so far is kept; 130 Ctrl-C before there was anything to keep.
     """
-    said = set()
+    shown = set()
 
-    def show(text: str) -> None:
-        if text not in said:
-            said.add(text)
-            if "tqdm" in sys.modules:  # out of a progress bar's way
-                sys.modules["tqdm"].tqdm.write(text, file=sys.stderr)
-            else:
-                click.echo(text, err=True)
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        from tqdm import tqdm  # only where something is wrong
 
-    # Python itself forgets what it has said whenever its filters change.
-    warnings.showwarning = lambda message, *_: show(f"warning: {message}")
+        if str(message) not in shown:  # Python itself forgets what it has shown when its filters change
+            shown.add(str(message))
+            tqdm.write(f"warning: {message}", file=sys.stderr)
+
+    warnings.showwarning = show

@@ -1,6 +1,6 @@
 """The meanings of words, for an editor."""
 
-from .language.words import INDICES, Flags, Numbers, Word
+from .language.words import INDICES, Flags, Word
 
 #: (role, name of the model) -> the meaning; see docs/language.md.
 MEANINGS = {
@@ -102,19 +102,13 @@ OPERATORS = {
 
 def takes(word: Word) -> str:
     """The values after a word: ``x y z``, or nothing."""
-    return (
-        " ".join(["TRUE"] * word.takes.count)
-        if isinstance(word.takes, Flags)
-        else word.takes.what
-        if word.takes
-        else ""
-    )
+    return " ".join(["TRUE"] * word.takes.count) if isinstance(word.takes, Flags) else word.takes.what
 
 
 def of_word(word: Word) -> str:
     """A word's meaning, its values with their units and range, and its other spellings, as Markdown."""
     lines = [f"**{word.canonical}** {takes(word)}".rstrip(), MEANINGS[word.role, word.name]]
-    if isinstance(word.takes, Numbers):
+    if word.takes.count and not isinstance(word.takes, Flags):
         each = "each " if word.takes.count > 1 else ""
         lines.append(f"{word.takes.what}: {each}{word.takes.bounds()}")
     if word.of:

@@ -14,7 +14,7 @@ from .language.diagnostics import USE
 from .language.expressions import CONSTANTS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
 from .language.tokens import Token
-from .language.words import NAMED, ROLES, STATEMENTS, Numbers, row
+from .language.words import NAMED, NOTHING, ROLES, STATEMENTS, Flags, row
 
 #: The keywords that an index follows.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
@@ -165,7 +165,8 @@ class Symbols:
             return []
         if last.role in INDEXED:
             return [*self._indices(last.role, start), *self._variables(start)]
-        if last.role in ROLES and isinstance(row(last.role, last.text).takes, Numbers):
+        takes = row(last.role, last.text).takes if last.role in ROLES else NOTHING
+        if takes.count and not isinstance(takes, Flags):
             return self._variables(start)
         result = [one for role in words.ORDER if role in ROLES and role in expected for one in _words(role, start)]
         values = NAMED[last.role][1] if last.role in NAMED else self._textures if "TEXTURE_NAME" in expected else {}

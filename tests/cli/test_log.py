@@ -1,4 +1,4 @@
-"""Mitsuba's log while a command runs."""
+"""Mitsuba's log, and the progress of a command."""
 
 import re
 import subprocess
@@ -7,10 +7,9 @@ from functools import partialmethod
 
 import mitsuba as mi
 import pytest
-from mitsuba_prosim.cli import progress
 from mitsuba_prosim.cli.log import log
-from mitsuba_prosim.cli.progress import Lines
-from tqdm.auto import tqdm
+from mitsuba_prosim.cli.progress import FilmProgress, Progress
+from tqdm import tqdm
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
 #: main thread keeps the interpreter to itself for a second; prints how many lines were logged until its end.
@@ -41,64 +40,77 @@ print(lines)
 
 def test_logging_needs_no_interpreter():
     """Else a thread that logs and one that makes a plugin in Python can wait for each other for ever."""
-    done = subprocess.run(
-        [sys.executable, "-c", HOLD_THE_INTERPRETER], check=True, capture_output=True, text=True, timeout=60
-    )
+    code = [sys.executable, "-c", HOLD_THE_INTERPRETER]
+    done = subprocess.run(code, check=True, capture_output=True, text=True, timeout=60)
     assert int(done.stdout) >= 9
     assert 'Loading plugin "plugins/principled' in done.stderr
 
 
-@pytest.mark.parametrize("verbose, expected", [(0, ["warning"]), (1, ["information", "warning"])])
+@pytest.mark.parametrize("verbose, expected", [(0, ["warning", "lines"]), (1, ["information", "warning", "lines"])])
 def test_log_goes_to_standard_error(variant_rgb, capfd, verbose, expected):
     with log(verbose):
         mi.Log(mi.LogLevel.Debug, "debugging")
         mi.Log(mi.LogLevel.Info, "information")
         for _ in range(2):
-            mi.Log(mi.LogLevel.Warn, "warning")
+            mi.Log(mi.LogLevel.Warn, "warning\nof two lines")
     print("afterwards")
     printed = capfd.readouterr()
     assert [line.split()[-1] for line in printed.err.splitlines()] == expected
     assert printed.out == "afterwards\n" and "\x1b" not in printed.err
 
 
-def test_a_log_says_now_and_then_how_far_it_is(capsys):
-    """Seldom where it takes long: an hour is some twenty lines."""
-    now = [0.0]
-    lines = Lines(lambda: now[0])
-    for second in range(3601):
-        now[0] = float(second)
-        lines("reference" if second < 1800 else "rendering by turns", second % 1800 / 1800)
-    said = capsys.readouterr().err.splitlines()
-    assert said[:2] == ["reference: 1 %, 00:10 passed", "reference: 1 %, 00:20 passed, 29:40 left"]
-    assert 20 < len(said) < 30 and re.fullmatch(r"rendering by turns: \d\d %, 5\d:\d\d passed, 0\d:\d\d left", said[-1])
+@pytest.fixture
+def clock(monkeypatch):
+    """Sets the time of progress bars, in seconds."""
+    now = [1000.0]
+    monkeypatch.setattr("tqdm.std.time", lambda: now[0])
+
+    def set_clock(second):
+        now[0] = 1000.0 + second
+
+    return set_clock
 
 
-def test_what_a_log_says_is_done_is_never_less(capsys):
-    """Of an estimate that has become worse the time left alone tells."""
-    now = [0.0]
-    lines = Lines(lambda: now[0])
-    for now[0], done in [(0, 0), (20, 0.5), (40, 0.25), (60, 0.75)]:
-        lines("rendering", done)
-    said = [line.partition(" passed")[0] for line in capsys.readouterr().err.splitlines()]
-    assert said == [f"rendering: {part} %, {time}" for part, time in [(50, "00:20"), (50, "00:40"), (75, "01:00")]]
+def test_a_log_has_few_lines(capsys, clock):
+    """An hour is some forty lines; the part that is done never becomes less."""
+    with Progress("comparing") as steps:
+        for second in range(3601):
+            clock(second)
+            steps.show(second % 1800 / 1800, "reference" if second < 1800 else "rounds")
+        said = capsys.readouterr().err.splitlines()
+        assert said[:2] == ["reference: 1 %, 00:10 passed, 29:50 left", "reference: 1 %, 00:20 passed, 29:40 left"]
+        assert 30 < len(said) < 45 and re.fullmatch(r"rounds: \d\d %, 2\d:\d\d passed, 0\d:\d\d left", said[-1])
+        tqdm.write("warning: between", file=sys.stderr)
+        assert capsys.readouterr().err == "warning: between\n"
+    assert capsys.readouterr().err == ""
 
 
-def test_the_bar_of_a_step_that_had_begun_before(monkeypatch):
-    """A reference, half of which was kept: the time left is by what is made of it now, and the bar never goes back."""
-    now = 1000.0
-    monkeypatch.setattr("tqdm.std.time", lambda: now)
+def test_the_bar_of_a_continued_step(monkeypatch, clock):
+    """A reference, half of which was stored: the time left is by its new part, and the bar never goes back."""
     monkeypatch.setattr(tqdm, "__init__", partialmethod(tqdm.__init__, ncols=80))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with progress.Progress("comparing", clock=lambda: now) as steps:
+    with Progress("comparing") as steps:
 
-        def told(second, doing, done):
-            nonlocal now
-            now = 1000.0 + second
+        def shown(second, doing, done):
+            clock(second)
             steps.show(done, doing)
-            return str(steps.bar)
+            return str(steps)
 
-        assert "reference:  50%" in told(0, "reference", 0.5) and "left" not in str(steps.bar)
-        assert "reference:  62%" in told(10, "reference", 0.625) and "| 00:10, 00:30 left" in str(steps.bar)
-        assert "reference:  62%" in told(20, "reference", 0.5625) and "| 00:20, 02:20 left" in str(steps.bar)
-        assert "turns:   0%" in told(20, "turns", 0.0) and "| 00:00" in str(steps.bar)
-        assert "turns:  25%" in told(50, "turns", 0.25) and "| 00:30, 01:30 left" in str(steps.bar)
+        assert "reference:  50%" in shown(0, "reference", 0.5) and "? left" in str(steps)
+        assert "reference:  62%" in shown(10, "reference", 0.625) and "| 00:10, 00:30 left" in str(steps)
+        assert "reference:  62%" in shown(20, "reference", 0.5625) and "| 00:20, 01:00 left" in str(steps)
+        assert "turns:   0%" in shown(20, "turns", 0.0) and "| 00:00" in str(steps)
+        assert "turns:  25%" in shown(50, "turns", 0.25) and "| 00:30, 01:30 left" in str(steps)
+
+
+def test_the_progress_of_a_film(capsys, clock):
+    with FilmProgress(4) as bar:
+        bar.begin(3)
+        bar.leave_out()
+        bar.begin(5)
+        bar.show(0.5)
+        bar.finish()
+        clock(30)
+        bar.begin(7)
+        bar.show(0.5)
+    assert capsys.readouterr().err == "frame 7: 33 %, 00:30 passed, 01:00 left\n"

@@ -156,21 +156,14 @@ def test_wrong_parameter(tmp_path, mitsuba):
 
 
 @compiled
-def test_stock_scenes_do_not_start_python(tmp_path, mitsuba):
-    scene = write(tmp_path, "scene.xml", "independent", "diffuse")
-    assert mitsuba(tmp_path, scene, MITSUBA_PYTHON="/nowhere").returncode == 0
-
-
-@compiled
-def test_missing_interpreter_is_said(tmp_path, mitsuba):
-    done = mitsuba(tmp_path, write(tmp_path, "scene.xml"), MITSUBA_PYTHON="/nowhere")
+def test_python_starts_for_our_plugins_only(tmp_path, mitsuba):
+    """From the interpreter that has them, and without modules that lie beside the scene."""
+    stock, ours = write(tmp_path, "stock.xml", "independent", "diffuse"), write(tmp_path, "ours.xml")
+    assert mitsuba(tmp_path, stock, MITSUBA_PYTHON="/nowhere").returncode == 0
+    done = mitsuba(tmp_path, ours, MITSUBA_PYTHON="/nowhere")
     assert done.returncode == 255 and "MITSUBA_PYTHON" in done.stderr
-
-
-@compiled
-def test_modules_beside_the_scene_are_not_imported(tmp_path, mitsuba):
     (tmp_path / "numpy.py").write_text("raise SystemExit(7)")
-    assert mitsuba(tmp_path, write(tmp_path, "scene.xml")).returncode == 0
+    assert mitsuba(tmp_path, ours).returncode == 0
 
 
 @compiled
@@ -186,24 +179,57 @@ def test_stand_ins_do_nothing_in_python(tmp_path, plugins):
     assert "could not be found" in done.stdout
 
 
-@pytest.mark.slow
-@compiled
-def test_plugins_of_another_package(tmp_path, plugins, mitsuba):
-    """Any package with an entry point in the group ``mitsuba`` is hosted by the same stand-in, here in ./plugins."""
+#: A package with an entry point in the group ``mitsuba``; its plugin renders for a while.
+OTHER = """if True:
+    import os, time
+    import mitsuba as mi
+
+    def plugin(props):
+        print("process", os.getpid(), flush=True)
+        time.sleep(float(os.environ.get("SLEEP", 0)))
+        return mi.load_dict({"type": "diffuse"})
+
+    mi.register_bsdf("other_bsdf", plugin)
+    """
+
+
+@pytest.fixture
+def other(tmp_path, plugins):
+    """The environment with that package, whose plugin has a stand-in in ./plugins."""
     site = tmp_path / "site"
     (site / "other-1.dist-info").mkdir(parents=True)
     (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
     (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
-    (site / "other.py").write_text(
-        "import mitsuba as mi\nmi.register_bsdf('other_bsdf', lambda props: mi.load_dict({'type': 'diffuse'}))\n"
-    )
+    (site / "other.py").write_text(OTHER)
     (tmp_path / "plugins").mkdir()
     shutil.copy(plugins / "nrook.so", tmp_path / "plugins" / "other_bsdf.so")
+    return {"PYTHONPATH": f"{site}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+
+
+@pytest.mark.slow
+@compiled
+def test_plugins_of_another_package(tmp_path, other, mitsuba):
     scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
     assert mitsuba(tmp_path, scene).returncode == 255
-    done = mitsuba(tmp_path, scene, PYTHONPATH=str(site))
+    done = mitsuba(tmp_path, scene, **other)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "scene.exr").exists()
+
+
+@pytest.mark.slow
+@compiled
+def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, other):
+    """A signal for the process that was started reaches the one that renders, its grandchild."""
+    scene = write(tmp_path, "scene.xml", "independent", "other_bsdf")
+    command, env = [COMMAND, "-m", "scalar_rgb", scene.name], os.environ | other | {"SLEEP": "40"}
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=env) as launcher:
+        renderer = next(int(line.split()[1]) for line in launcher.stdout if line.startswith("process"))
+        assert renderer != launcher.pid
+        launcher.terminate()
+        begun = time.monotonic()
+        launcher.stdout.read()  # ends when both have
+        assert time.monotonic() - begun < 20
+        assert launcher.wait() == -signal.SIGTERM
 
 
 @compiled
@@ -221,43 +247,6 @@ def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == -signal.SIGINT
     assert not (tmp_path / "scene.exr").exists()
-
-
-@pytest.fixture
-def own_stand_in(tmp_path):
-    """A stand-in of this source, which begins to render only with the plugin that the scene names."""
-    (tmp_path / "plugins").mkdir()
-    stand_ins.compile_stand_in(tmp_path / "plugins" / "stood_in_for.so")
-    site = tmp_path / "site"
-    (site / "other-1.dist-info").mkdir(parents=True)
-    (site / "other-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1\n")
-    (site / "other-1.dist-info" / "entry_points.txt").write_text("[mitsuba]\nother = other\n")
-    (site / "other.py").write_text("""if True:
-        import os, time
-        import mitsuba as mi
-        def plugin(props):
-            print("process", os.getpid(), flush=True)
-            time.sleep(40)  # renders on
-        mi.register_bsdf("stood_in_for", plugin)
-        """)
-    return os.environ | {"PYTHONPATH": f"{site}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
-
-
-@pytest.mark.slow
-@compiled
-def test_the_end_of_the_launcher_ends_the_renderer(tmp_path, own_stand_in):
-    """A signal for the process that was started reaches the one that renders, its grandchild."""
-    scene = write(tmp_path, "scene.xml", "independent", "stood_in_for")
-    with subprocess.Popen(
-        [COMMAND, "-m", "scalar_rgb", scene.name], cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=own_stand_in
-    ) as launcher:
-        renderer = next(int(line.split()[1]) for line in launcher.stdout if line.startswith("process"))
-        assert renderer != launcher.pid
-        launcher.terminate()
-        begun = time.monotonic()
-        launcher.stdout.read()  # ends when both have
-        assert time.monotonic() - begun < 20
-        assert launcher.wait() == -signal.SIGTERM
 
 
 def test_arguments():

@@ -57,9 +57,6 @@ def test_a_wide_filter_is_spoken_of(scene):
 
 
 def test_what_does_not_go_together(scene):
-    for option in (["--keep"], ["--part", "1/2"]):
-        done = prosim("render", scene, "--denoise", *option)
-        assert done.exit_code == 2 and "--denoise renders two images" in done.stderr
     within = '<integrator type="prosim_denoised"><integrator type="path"/></integrator>'
     scene.write_text(XML.replace('<integrator type="path"/>', within))
     done = prosim("render", scene, "--denoise")

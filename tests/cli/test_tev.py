@@ -60,7 +60,7 @@ def test_a_tev_that_is_not_there_or_goes_away(scene, tmp_path, monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
     done = prosim("render", scene, "--view", f"tev=127.0.0.1:{port}")
-    assert done.exit_code == 1 and f"there is no tev at 127.0.0.1:{port}" in done.stderr
+    assert done.exit_code == 1 and f"no tev at 127.0.0.1:{port}" in done.stderr
     assert not scene.with_suffix(".exr").exists()
     viewer = Tev(end=1)
     done = prosim("render", scene, "--view", viewer.place, "--resolution", "640x480", "--spp", 1)

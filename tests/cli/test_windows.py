@@ -25,7 +25,7 @@ WINDOWS = f"""if True:
     import builtins, contextlib, importlib, os, pkgutil, signal, sys
     import click, drjit, manifold3d, mitsuba, numpy, OpenEXR, tqdm.auto
     for name in (
-        "asyncssh ctypes.util distributed flip_evaluator ipywidgets jinja2 matplotlib mitsuba_oidn pygls.lsp.server "
+        "ctypes.util distributed flip_evaluator ipywidgets jinja2 matplotlib mitsuba_oidn pygls.lsp.server "
         "skimage starlette.applications tevclient uvicorn.main"
     ).split():
         with contextlib.suppress(ImportError):

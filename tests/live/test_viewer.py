@@ -3,7 +3,6 @@
 import itertools
 import threading
 import time
-import weakref
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,11 +31,9 @@ LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
 class Seen(Publisher):
     """A publisher that keeps what was published, and that somebody reads."""
 
-    followed = True
-
     def __init__(self, state):
         super().__init__(state)
-        self.said = []
+        self.readers, self.said = 1, []
 
     def publish(self, pictures=None, **changes):
         super().publish(pictures, **changes)
@@ -48,8 +45,8 @@ def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
     """``opened`` is called when the scene has been read, and nobody knows it yet."""
     monkeypatch.setattr("mitsuba_prosim.live.viewer.Publisher", Seen)
 
-    def opener(document):
-        file = SceneFile(path, tmp_path / "scratch", document=document)
+    def opener():
+        file = SceneFile(path, tmp_path / "scratch")
         scene = file.load()
         opened()
         return file, scene, pick_sensor(scene, 0)
@@ -95,7 +92,7 @@ def is_done(viewer):
 def save(viewer, path, text):
     """Saves, and waits until it is opened."""
     path.write_text(text)
-    viewer.requests.saved()
+    viewer.requests.save()
     saves = viewer.publisher.state.saves
     until(lambda: viewer.publisher.state.saves != saves)
 
@@ -113,10 +110,10 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path, monkeypatch, tmp_path) as viewer:
-        viewer.publisher.followed = False  # for whom should it be drawn within a wave?
+        viewer.publisher.readers = 0  # nothing is drawn within a pass
         until(is_done(viewer))
         assert [len(layers) for layers in seen(viewer).values()] == [1, 3, 3]
-        viewer.publisher.followed = True
+        viewer.publisher.readers = 1
         before = viewer.publisher.pictures["own"]
         viewer.requests.call(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
         save(viewer, path, path.read_text())
@@ -179,7 +176,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         save(viewer, path, RED.replace("10000 NULL", '10000 "../secret.png"'))
         until(lambda: "'../secret.png' lies outside the scene's folder" in (viewer.publisher.state.error or ""))
         path.unlink()
-        viewer.requests.saved()
+        viewer.requests.save()
         until(lambda: viewer.publisher.state.doing == "missing")
         assert viewer.publisher.state.error is None and final(viewer) is red
         dark = RED.replace("600000 600000 600000", "0 0 0").replace("20000 20000 20000", "0 0 0")
@@ -191,7 +188,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         until(lambda: viewer.publisher.state.doing == "rendering" and viewer.publisher.state.layers != ("final",))
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
-            viewer.requests.saved()
+            viewer.requests.save()
         until(lambda: viewer.publisher.state.saves == 56 and is_done(viewer)())
         assert viewer.publisher.state.error is None and viewer.publisher.state.black is None
         assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
@@ -202,7 +199,7 @@ def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypa
     path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
     wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
     mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
-    with running(path, monkeypatch, tmp_path) as viewer, viewer.files.watched(viewer.requests.saved):
+    with running(path, monkeypatch, tmp_path) as viewer, viewer.files.watched(viewer.requests.save):
         until(lambda: "'pictures/wood.png' does not exist" in (viewer.publisher.state.error or ""))
         wood.parent.mkdir()
         wood.write_bytes(stream.raw_buffer()[:40])
@@ -247,7 +244,7 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
     def opened():
         if viewers[0].publisher.state.saves == 0:
             path.write_text(BLUE)
-            viewers[0].requests.saved()
+            viewers[0].requests.save()
 
     def wait_for_viewer():
         until(lambda: viewers)
@@ -266,73 +263,17 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
         assert viewer.publisher.state.view == view
 
 
-def test_another_view_is_seen_before_the_scene_is_opened_anew(variant_rgb, path, tmp_path, monkeypatch):
-    """Where VIEW alone is another: the scene of before is gone by then, and the image is that of the text all the same.
-    What can't be opened leaves the last picture.
-    """
-    wood, there, gone, full = tmp_path / "wood.png", [], [], []
-    mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.5), write_async=False)
-
-    def opened():
-        there.append(started and started[0].publisher.pictures["own"])
-        assert all(subject() is None for subject in gone)
-        if full:
-            raise OSError("the disk is full")
-
-    def turned(text):
-        """What is seen when the scene is open, and nobody knows it yet; None where it is the picture of before."""
-        before = viewer.publisher.pictures["own"]
-        gone[:] = [viewer.requests.call(weakref.ref).result(20)]
-        save(viewer, path, text)
-        until(lambda: viewer.publisher.state.doing in ("done", "failed"))
-        return there[-1] if there[-1] is not before else None
-
-    started = []
-    path.write_text(home := RED.replace("SPHERE 0", 'SPHERE 0 "wood.png" NULL'))
-    right = home.replace("OBS 0 3 12", "OBS 1 3 12")
-    with running(path, monkeypatch, tmp_path, opened) as viewer:
-        until(is_done(viewer))
-        started.append(viewer)
-        for text, size in ((f"# moved\n{right}", (64, 48)), (right.replace("64 48", "48 48"), (48, 48))):
-            picture = turned(text)
-            coarse = next(p["own"] for _, p in viewer.publisher.said if p and p["own"].number > picture.number)
-            assert picture.size == size and set(picture.layers) == {"final"} == set(coarse.layers)
-            image, first = coarse.layers["final"], picture.layers["final"]
-            assert np.abs(first - image).mean() < 0.02 * image.mean()
-            fresh = SceneFile(path, tmp_path / "again").load()
-            assert np.array_equal(np.array(mi.render(fresh)), final(viewer))
-        # Anything else is not seen before.
-        assert turned(right) and not turned(f"{right}\n") and not turned(home.replace("kd = 0.6", "kd = 0.5"))
-        assert not turned(right) and turned(home)
-        mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.9), write_async=False)
-        assert not turned(right)
-        # The camera was moved, and stays where it is.
-        viewer.requests.move(lambda camera: camera.orbited(40, 10))
-        until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
-        assert not turned(right.replace("64 48", "32 24")) and "RESOLUTION 32 24" in viewer.publisher.state.view
-        assert turned(home) and viewer.publisher.state.view is None
-        with monkeypatch.context() as patch:  # what fails of it alone is no failure of the scene
-            patch.setattr("mitsuba_prosim.live.viewer.preview", lambda *_: mi.load_dict({"type": "unforeseen"}))
-            assert not turned(right) and viewer.publisher.state.doing == "done"
-        assert turned(home)
-        full.append(True)
-        before, state = viewer.publisher.pictures["own"], viewer.publisher.state
-        assert turned(right.replace("64 48", "32 24")).size == (32, 24)
-        assert viewer.publisher.pictures["own"] is before and viewer.publisher.state.size == state.size
-        assert viewer.publisher.state.layers == state.layers and "the disk is full" in viewer.publisher.state.error
-
-
 def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):
     path.write_text(LONG)
     with running(path, monkeypatch, tmp_path) as viewer:
         until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))
-        viewer.requests.stop()
+        viewer.requests.change(stopped=True)
         until(lambda: viewer.publisher.state.doing == "stopped")
         number = viewer.publisher.pictures["own"].number
         words = viewer.requests.call(lambda scene: (scene.seen(30, 20), scene.seen(1, 1))).result(20)
         assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
         assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.doing == "stopped"
-        viewer.requests.stop(False)
+        viewer.requests.change(stopped=False)
         until(lambda: viewer.publisher.state.doing == "rendering")
         save(viewer, path, RED)
         until(is_done(viewer))
@@ -348,7 +289,7 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert np.mean(np.abs(final(viewer) - moved)) < 0.02
         save(viewer, path, RED)
         until(lambda: is_done(viewer)() and np.array_equal(final(viewer), home))
-        viewer.requests.compare(True)
+        viewer.requests.change(compared=True)
         until(lambda: "path" in viewer.publisher.pictures and is_done(viewer)())
         path_image = final(viewer, "path")
         assert viewer.requests.call(lambda scene: scene.seen(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
@@ -368,7 +309,7 @@ def test_compared_within_a_wave(variant_rgb, path, tmp_path, monkeypatch, all_po
         complete, name = step(image), images.name(image.integrator)
         order.append(name)
         if asked and name == asked[0][0] and not image.done:
-            viewer.requests.compare(asked.pop(0)[1])
+            viewer.requests.change(compared=asked.pop(0)[1])
         return complete
 
     monkeypatch.setattr(ProgressiveImage, "step", stepped)
@@ -416,7 +357,7 @@ def test_the_part_that_is_done_never_falls(
     monkeypatch.setattr("mitsuba_prosim.live.viewer.REPORT", 0)
     requested = threading.Event()
     with running(path, monkeypatch, tmp_path, requested.wait) as viewer:
-        viewer.requests.compare(compared)
+        viewer.requests.change(compared=compared)
         requested.set()
         until(is_done(viewer))
         parts = [state.part for state, _ in viewer.publisher.said]

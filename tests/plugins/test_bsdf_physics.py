@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing import curves
-from mitsuba_prosim.optics import attenuation, fresnel
+from mitsuba_prosim.optics import fresnel, torrance_sparrow
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 LOBES = [
@@ -372,7 +372,7 @@ def test_beckmann_equals_mitsubas_but_for_g(variant_rgb, alpha):
         m = dr.normalize(wi + wo * dr.select(wo.z > 0, 1.0, eta))
         m = dr.mulsign(m, m.z)
         i_m, o_m = dr.dot(wi, m), dr.dot(wo, m)
-        gi, go = attenuation.g1(wi.z, m.z, dr.abs(i_m)), attenuation.g1(dr.abs(wo.z), m.z, dr.abs(o_m))
+        gi, go = torrance_sparrow.g1(wi.z, m.z, dr.abs(i_m)), torrance_sparrow.g1(dr.abs(wo.z), m.z, dr.abs(o_m))
         g = dr.select(wo.z > 0, dr.minimum(gi, go), gi * go)
         ours = mi.load_dict({"type": kind, "alpha": alpha}).eval(mi.BSDFContext(), si, wo)
         theirs = mi.load_dict({"type": mitsubas, "alpha": alpha}).eval(mi.BSDFContext(), si, wo)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.cli.job import job_of
+from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
@@ -17,7 +17,7 @@ from mitsuba_prosim.photons.emission import Sources, Start, located, start_point
 from mitsuba_prosim.photons.footprint import Footprint
 from mitsuba_prosim.photons.gathering import Gathering
 from mitsuba_prosim.photons.grid import WIDE, Landed, Photons
-from mitsuba_prosim.photons.mis import expected, passed_on, ray_weight
+from mitsuba_prosim.photons.mis import Hit, etendue_of, expected, passed_on, ray_weight
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
@@ -119,7 +119,8 @@ def test_all_photons_within_a_pixels_reach_are_found(variant_rgb):
     si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0, 0, 1)
     white = mi.load_dict({"type": "diffuse", "reflectance": 1.0})
     world = mi.load_dict({"type": "scene", "floor": floor(1.0), "ball": ball(ROUGH)})
-    L = Gathering(world, footprint)(photons, mi.UInt32(number), si, white, mi.Bool(True))
+    vertex = Vertex(None, si, white, mi.Bool(True), mi.Bool(True), mi.Bool(False), None)
+    L = Gathering(world, footprint)(photons, mi.UInt32(number), vertex)
     reach = (0.05 + 0.05 * np.linalg.norm(points - (0.4, 3, 0.1), axis=1))[:, None] * np.where(wide, WIDE, 1)
     off = p - points[:, None]
     d2 = np.sum(off**2, axis=2) / reach**2
@@ -240,9 +241,9 @@ def test_no_photons_are_sent_out_for_a_few_pixels():
 
 
 def test_the_command_asks_for_them_in_a_word():
-    assert job_of({"caustics": True}).integrator == {"caustics": True}
-    assert job_of({"caustics": False}).integrator == {"caustics": False}
-    assert job_of({"caustics": None}).integrator == {}
+    assert Job(caustics=True).integrator == {"caustics": True}
+    assert Job(caustics=False).integrator == {"caustics": False}
+    assert Job(caustics=None).integrator == {}
 
 
 def test_emitters_without_eval_direction_shine_beside_others(variant_rgb):
@@ -399,13 +400,12 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     glass = ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}, (0, 1.2, 0), 0.8)
     world = scene(128, floor=floor(1.0) | {"bsdf": ROUGH}, ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
     caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
-    gathering, density_beyond = caustics.mis, caustics.walk.density_beyond
-    gathering.use(None, 1000 + 500 * dr.arange(mi.Float, caustics.sources.pairs))
+    shared = caustics.mis
+    shared.use(None, 1000 + 500 * dr.arange(mi.Float, caustics.sources.pairs))
     n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
-    ray, met, chain = Ray.first(camera), mi.Bool(True), []
-    ray.etendue = gathering.first()
+    ray, met, chain = shared.first(Ray.first(camera)), mi.Bool(True), []
     for k in range(3):
         si = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met)
         lobe = lobes.specular() if not tree else lobes.refracted() if k else lobes.reflected()
@@ -415,26 +415,26 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         d = si.to_world(bs.wo)
         following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, uses_mis=mi.Bool(True), n=viewer_side(si))
         vertex = Vertex(ray, si, si.bsdf(), met, met, mi.Bool(False), Receiver(si, following.n))
-        following.etendue = gathering.next(vertex, following, bs, weight, mi.Bool(False))
-        f, pdf = si.bsdf().eval_pdf(lobe, si, bs.wo, met)
-        chain.append((ray, si, bs.wo, f, pdf))
-        ray = following
-    end, last = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
-    ds = mi.DirectionSample3f(world, end, last[1])
+        chain.append((vertex, bs.wo, *si.bsdf().eval_pdf(lobe, si, bs.wo, met)))
+        ray = shared.next(vertex, following, bs, weight)
+    end, (last, _, f, pdf) = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
+    ds = mi.DirectionSample3f(world, end, last.si)
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
-    density, of_lamp = gathering.density(last[1], ds, met), lights.pdf(Receiver(last[1], ray.n, mi.Bool(True)), ds, met)
-    other = gathering.light_pdf(last[0], last[1], last[1].bsdf(), met)(ds, last[3], last[4], met)
-    of_ray = gathering.emission_weight(ray, last[1], ds, of_lamp, met, mis(ray.pdf, of_lamp), met)
+    density, of_lamp = shared.density(last.si, ds, met), lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
+    other = shared.light_pdf(last, met)(ds, f, pdf, met)
+    of_ray = shared.emission_weight(ray, last.si, ds, of_lamp, met, mis(ray.pdf, of_lamp), met)
     shares = [of_ray, mis(of_lamp, other)]
     start = Start(mi.Ray3f(), mi.Spectrum(1), density, mi.PositionSample3f(end), ds.emitter)
-    for level, (ray, si, wo, f, pdf) in enumerate(reversed(chain)):
-        bsdf, area = si.bsdf(), gathering.area(si, si.bsdf()) * dr.abs(dr.dot(si.n, si.to_world(wo)))
+    for level, (vertex, wo, f, pdf) in enumerate(reversed(chain)):
+        si, bsdf = vertex.si, vertex.bsdf
+        area = shared.area(si, bsdf) * dr.abs(dr.dot(si.n, si.to_world(wo)))
         if level:
-            etendue = dr.select(gathering.near_specular(bsdf, met), ray.etendue.total, 0)
+            etendue = dr.select(shared.near_specular(bsdf, met), etendue_of(vertex.ray), 0)
             shares.append(1 - ray_weight(expected(area, f, pdf, density, etendue)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
-        density = density_beyond(density, start, mi.UInt32(level), back, bsdf, si.wi, met)
+        hit = Hit(back, bsdf, -si.to_world(wo), mi.UInt32(level), met, mi.Bool(False), None, None, None, None)
+        density = shared.density_beyond(density, start, hit, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]
     assert shares.shape[1] > 100 and np.all(shares.max(axis=1) > 0.05)

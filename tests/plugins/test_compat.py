@@ -119,3 +119,30 @@ def test_a_sensor_is_moved(next_mitsuba, kind):
     assert np.array_equal(compat.world_matrix(sensor), matrix)
     ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
     assert np.ravel(ray.o)[:2] == pytest.approx([1, 2])
+
+
+def test_class_names_are_those_of_mitsubas_plugins(variant_rgb):
+    """Of this Mitsuba: a kind whose name changes would lose its special treatment silently."""
+    bsdf, group = {"type": "diffuse"}, {"type": "shapegroup", "shape": {"type": "cube"}}
+    texture = {"type": "bitmap", "bitmap": mi.Bitmap(np.ones((2, 2, 3), np.float32)), "raw": True}
+    classes = {
+        compat.SPHERE: {"type": "sphere"},
+        compat.PERSPECTIVE: {"type": "perspective"},
+        compat.CONSTANT: {"type": "constant"},
+        compat.DIRECTIONAL: {"type": "directional"},
+        compat.MASK: {"type": "mask", "bsdf": bsdf},
+        compat.BLEND: {"type": "blendbsdf", "a": bsdf, "b": {"type": "plastic"}, "weight": 0.5},
+        compat.TWO_SIDED: {"type": "twosided", "bsdf": bsdf},
+        compat.MAPS[0]: {"type": "bumpmap", "texture": texture, "bsdf": bsdf},
+        compat.MAPS[1]: {"type": "normalmap", "normalmap": texture, "bsdf": bsdf},
+        compat.EVALUATED_TOGETHER[0]: {"type": "principled"},
+        compat.EVALUATED_TOGETHER[1]: {"type": "principledthin"},
+        compat.DIFFUSE[0]: bsdf,
+    }
+    assert {name: mi.load_dict(plugin).class_name() for name, plugin in classes.items()} == {n: n for n in classes}
+    lamp = mi.load_dict({"type": "rectangle", "emitter": {"type": "directionalarea"}}).emitter()
+    instance = mi.load_dict(
+        {"type": "scene", "group": group, "i": {"type": "instance", "g": {"type": "ref", "id": "group"}}}
+    )
+    assert lamp.class_name() == compat.DIRECTIONAL_AREA
+    assert [shape.class_name() for shape in instance.shapes()] == [compat.INSTANCE]

@@ -334,7 +334,7 @@ def test_render_in_every_variant(variant):
 
 def test_films_without_colours_are_refused(variant_spectral):
     film = mi.load_dict({"type": "specfilm", "width": 4, "height": 4, "band": {"type": "d65"}})
-    with pytest.raises(ValueError, match="take an hdrfilm"):
+    with pytest.raises(ValueError, match="use an hdrfilm"):
         halves.check(film)
 
 

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing import curves
-from mitsuba_prosim.optics import attenuation, fresnel, visible
+from mitsuba_prosim.optics import fresnel, torrance_sparrow, visible
 from mitsuba_prosim.optics.facets import DISTRIBUTIONS
 
 WIDTHS = (0.02, 0.1, 0.3, 0.6, 1.0)
@@ -93,7 +93,7 @@ def test_visible_facets_fill_the_projected_area(variant_rgb, name, alpha, angle)
     m, area = curves.facets(alpha, 512)
     w = curves.direction(angle)
     w_m = dr.dot(w, m)
-    seen = dr.select(w_m > 0, attenuation.g1(w.z, m.z, w_m) * w_m * d.D(m, mi.Float(roughness(d, alpha))), 0)
+    seen = dr.select(w_m > 0, torrance_sparrow.g1(w.z, m.z, w_m) * w_m * d.D(m, mi.Float(roughness(d, alpha))), 0)
     assert dr.sum(seen * area)[0] == pytest.approx(math.cos(math.radians(angle)), rel=2e-3)
 
 
@@ -104,7 +104,7 @@ def test_attenuation_is_torrance_and_sparrows(variant_rgb):
     h /= np.linalg.norm(h, axis=1, keepdims=True)
     vh = (v * h).sum(1)
     expected = np.minimum(1, np.minimum(2 * h[:, 2] * v[:, 2] / vh, 2 * h[:, 2] * w[:, 2] / vh))
-    g = attenuation.g(*(mi.Float(x) for x in (v[:, 2], w[:, 2], h[:, 2], vh)))
+    g = torrance_sparrow.g(*(mi.Float(x) for x in (v[:, 2], w[:, 2], h[:, 2], vh)))
     np.testing.assert_allclose(g, expected, rtol=1e-5)
 
 

@@ -2,8 +2,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.procedural.noise import gradient_noise
-from mitsuba_prosim.procedural.waves import square_wave
+from mitsuba_prosim.procedural.patterns import gradient_noise, square_wave
 from scipy import integrate
 
 PLUGINS = ("prosim_brick", "prosim_stripes", "prosim_fractal")

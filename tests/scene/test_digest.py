@@ -57,7 +57,7 @@ def test_a_mesh_of_the_language_is_a_source_but_does_not_travel(variant_rgb, tmp
         file = scene_file.SceneFile(path, tmp_path / "made")
         names = [path for _, path in file.named_files()]
         assert mesh not in names and file.sources() == [*names, mesh]
-        scene = LoadedScene(path, lambda _, file=file: (file, loaded := file.load(), loaded.sensors()[0]))
+        scene = LoadedScene(lambda file=file: (file, loaded := file.load(), loaded.sensors()[0]))
         assert scene.files == [mesh] and scene.scene.bbox().max.z == top
         digests.add(file.digest())
     assert len(digests) == 2

@@ -60,8 +60,8 @@ def test_an_error_is_the_one_of_the_translator(text):
 
 
 def test_every_wrong_statement_is_reported():
-    text = "VIEW OBS 1 2\nSURFACE 0 kd 1 2\nNSAMPLES 3 3\nNAMEX: y\nAMBIENT {$b} 1 1\nCSG (\nDEFAULT $a 2\n"
-    assert codes(text) == ["count", "count", "unknown-word", "undefined", "unclosed", "no-end"]
+    text = "VIEW OBS 1 2\nSURFACE 0 kd 1 2\nAMBIENT {$b} 1 1\nNAMEX: y\nCSG (\nDEFAULT $a 2\n"
+    assert codes(text) == ["count", "count", "undefined", "unknown-word", "unclosed", "no-end"]
     assert codes("CSG-TREE CUBE 9\n" + "".join(f"SURFACE {i} kd 2\n" for i in range(200))) == ["range"] * (MOST + 1)
 
 

@@ -1,6 +1,5 @@
 """Wrong input: each message names the place, what was found and what was expected; nothing is written."""
 
-import time
 import warnings
 
 import prosim_scene
@@ -34,65 +33,47 @@ def test_the_minimal_scene_is_right():
 WRONG = [
     # given twice
     (1, "NAME: x NAME: y", 9, "twice", "line 1"),
-    (3, "VIEW OBS 0 0 9 OBS 0 0 8", 16, "twice", "OBS"),
     (5, "SURFACE 0 kd = 1 1 1 SURFACE 0 kd = 1 1 1", 22, "twice", "SURFACE 0"),
     (5, "SURFACE 0 ks = .1 .1 .1 n = 5 m = .3", 31, "twice", "the roughness"),
     (2, "LIGHTS POINT position 0 5 5 CONE SPOT", 34, "twice", "the distribution"),
     # an index without a SURFACE or TRANSFORM
-    (4, "CSG-TREE CUBE 1", 10, "no-index", "expected statements SURFACE 1 and TRANSFORM 1; there are 0"),
-    (4, "CSG-TREE + CUBE 0 CUBE 3", 19, "no-index", "CUBE 3"),
-    (4, "CSG-TREE CUBE 2\nSURFACE 2", 10, "no-index", "expected a statement TRANSFORM 2; there are 0"),
+    (4, "CSG-TREE CUBE 1", 10, "no-index", "no SURFACE 1 and no TRANSFORM 1; expected one; there are SURFACE 0 and"),
+    (4, "CSG-TREE CUBE 2\nSURFACE 2", 10, "no-index", "no TRANSFORM 2; expected"),
     # unknown words
     (1, "NOMEE: x", 1, "unknown-word", "'NOME'"),
     (4, "CSG-TREE CUBO 0 SFERE 1", 17, "unknown-word", "'SPHERE'"),
     (3, "VIEW OSB 0 0 9", 6, "unknown-word", "'OBS'"),
-    (5, "SURFACE 0 material lambertino kd = 1 1 1", 20, "unknown-word", "'lambertiano'"),
     (5, "SURFACE 0 material condutor ouroo", 29, "unknown-name", "'ouro'"),
     (4, "CSG-TREE CUBE 0 t-tijollo", 17, "unknown-name", "'t-tijolo'"),
-    (2, "LIGHTS POINT positon 0 5 5", 14, "unknown-word", "'position'"),
     # a wrong count of values
     (3, "VIEW OBS 0 9", 10, "count", "found 2 numbers after OBS; expected 3 numbers (x y z)"),
-    (3, "VIEW WINDOW 0 0 1 1 1", 13, "count", "expected 4 numbers"),
     (5, "SURFACE 0 kd = 0.5 0.5", 16, "count", "expected 3 numbers (r g b), or 1"),
     (6, "TRANSFORM 0 ROTATE-X ()", 13, "count", "expected 1 number (degrees)"),
     (1, "SAVE-RGB: TRUE FALSE", 11, "count", "expected 3"),
     (4, "CSG-TREE CUBE", 10, "count", "its index"),
-    (4, "CSG-TREE CUBE 0 0", 15, "count", "its index"),
     (3, "VIEW OBS 0 t-x 9", 12, "count", "expected 3 numbers (x y z)"),
+    (3, 'VIEW OBS ""', 10, "count", "expected 3 numbers"),
     (3, "VIEW OBS 0 = 0 9", 12, "count", "'='"),
     (1, "CAUSTICS", 1, "count", "expected TRUE or FALSE"),
     (1, "BACKGROUND sky.exr", 1, "count", "expected 3 numbers"),
-    (4, "CSG-TREE CUBE tijolo", 15, "count", "its index"),
     (4, "CSG-TREE CUBE 0 NULL NULL NULL", 27, "count", "a third texture"),
     # numbers that are none, or not allowed
     (3, "VIEW OBS 0 nan 9", 12, "unknown-word", "expected 3 numbers"),
     (3, "VIEW OBS 0 1e999 9", 12, "range", "1e+15 at most"),
-    (3, "VIEW OBS 0 -inf 9", 12, "not-a-number", "expected 3 numbers"),
     (1, "NSAMPLES: 5O", 11, "not-a-number", "'5O' is not a number"),
     (1, "NSAMPLES: 2.5", 11, "range", "expected a whole number"),
     (1, "NSAMPLES: TRUE", 11, "count", "expected 1 number"),
-    (1, "NSAMPLES: six", 11, "unknown-word", "expected 1 number"),
     (3, "VIEW RESOLUTION 65536 65536", 6, "range", "268435456 at most"),
-    (1, "MAX-LEVEL: -1", 12, "range", "a whole number, 0 or more"),
-    (1, "AIR-INDEX: 0", 12, "range", "0.001 or more, 1000 at most"),
     (1, "SAVE-RGB: FALSE FALSE FALSE", 1, "range", "TRUE for one"),
     (1, "DO-SHADOW 2", 11, "range", "expected TRUE or FALSE"),
     (5, "SURFACE 0 kd = 153 .2 .2", 16, "range", "153 of 255 is 0.6"),
-    (4, "CSG-TREE CUBE 0.5", 15, "range", "a whole number"),
     (6, "TRANSFORM 0 SCALE (1 0 1)", 22, "range", "1e-15 or more"),
-    (5, "SURFACE 0 material dieletrico n-refr = 1.5 transmitancia = 0", 60, "range", "1e-06 or more"),
-    (5, "SURFACE 0 material dieletrico n-refr = 1.5 abbe = .5", 51, "range", "1 or more"),
-    (2, "LIGHTS AREA position 0 5 5 raio 0", 33, "range", "1e-15 or more"),
     (2, "LIGHTS POINT position 0 5 5 CONE direction 0 0 0", 44, "range", "length 0"),
     (4, "CSG-TREE CUBE ٣", 15, "unknown-word", "expected 1 number"),
     # numbers and blocks as other languages write them
     (2, "LIGHTS AREA position = 1, 2, 3", 24, "foreign", "as in 1 2 3"),
-    (2, "LIGHTS AREA position 1 , 2", 24, "foreign", "as in 1 2 3"),
-    (3, "VIEW OBS 1; 2; 3", 10, "foreign", "as in 1 2 3"),
     (5, "SURFACE 0 kd = 0,5 0,5 0,5", 16, "foreign", "as in 0.5"),
-    (4, "CSG-TREE CUBE 0, t-tijolo", 15, "foreign", "nothing but spaces"),
     (2, "LIGHTS AREA position <1, 2, 3>", 22, "foreign", "no brackets"),
-    (6, "TRANSFORM 0 SCALE < 1,2, 3 >", 19, "foreign", "no brackets"),
     (5, "SURFACE 0 kd [.5 .5 -1e-3]", 14, "foreign", "no brackets"),
     (3, "VIEW RESOLUTION 320x240", 17, "foreign", "as in 320 240"),
     (5, "SURFACE 0 kd = 60% 0 0", 16, "not-a-number", "write 0.6"),
@@ -104,24 +85,14 @@ WRONG = [
     (3, "VIEW {\n OBS 0 0 9\n}", 6, "expression", "blocks have none"),
     (5, "SURFACE 0 kd 1 0 0 }", 20, "foreign", "blocks have none"),
     (6, "TRANSFORM 0 SCALE (3 3 3);", 26, "foreign", "without a mark"),
-    (5, "SURFACE 0 kd 1 0 0; # red", 18, "foreign", "without a mark"),
     *((1, f"{mark} a scene", 1, "foreign", "expected a comment to begin with #") for mark in ("%", "!", "//", "--")),
-    (5, "SURFACE 0 kd 1 0 0//red", 18, "foreign", "comment"),
     (1, '<?xml version="1.0"?>', 1, "foreign", "XML"),
     # words of other languages, and their meaning in a statement
     (1, "CAUSTICS ON", 10, "unknown-word", "expected TRUE or FALSE; write TRUE"),
-    (1, "CAUSTICS TRU", 10, "unknown-word", "'TRUE'"),
-    (3, "CAMERA 0 0 9", 1, "unknown-word", "the camera is VIEW"),
-    (3, "VIEW location 0 16 40", 6, "unknown-word", "OBS x y z"),
-    (3, "VIEW OBS 0 0 9 position 0 0 0", 16, "unexpected", "OBS x y z"),
-    (1, "BACKGROUND: white", 13, "unknown-word", "65535 65535 65535 for white"),
-    (2, "LIGHTS POINT position 0 5 5 color 1 1 1", 29, "unknown-word", "Intensity 65535"),
-    (5, "SURFACE 0 kd .1 .2 blue", 20, "unknown-word", "kd = 1 0 0"),
+    (5, "SURFACE 0 kd .1 .2 blue", 20, "unknown-word", "such as 1 0 0"),
     (5, "SURFACE 0 material glass", 20, "unknown-word", "material dieletrico"),
-    (5, "SURFACE 0 material condutor mirror", 29, "unknown-name", "ouro, prata"),
     (4, "CSG-TREE TORUS 0", 10, "unknown-word", "the solids are CUBE, SPHERE, CYLINDER"),
-    (2, "LIGHTS AREA center 0 5 5", 13, "unknown-word", "position x y z"),
-    (2, "LIGHTS SPOT position 0 5 5", 8, "unexpected", "as AREA or POINT"),
+    (2, "LIGHTS SPOT position 0 5 5", 8, "unexpected", "AREA or POINT"),
     # words in the wrong place
     (3, "RESOLUTION 5 5 OBS 0 0 9", 1, "unexpected", "expected it after VIEW"),
     (5, "SURFACE 0 kd .5 SCALE (1 1 1)", 17, "unexpected", "a word of TRANSFORM"),
@@ -135,17 +106,11 @@ WRONG = [
     (4, "CSG-TREE CUBE 0 t-listra - SPHERE 0 * CUBE 0", 26, "infix", "- CUBE 0 t-listra SPHERE 0"),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, "tree-in-comment", "parentheses are comments"),
     # materials
-    (5, "SURFACE 0 material dieletrico", 1, "optics", "n-refr"),
     (5, "SURFACE 0 material dieletrico quarzo", 31, "unknown-name", "'quartzo'"),
-    (5, "SURFACE 0 material dieletrico n-ref = 1.5", 31, "unknown-name", "'n-refr'"),
-    (5, "SURFACE 0 material dieletrico ior (air) 1.5", 31, "unknown-name", "n-refr = 1.5"),
     (5, "SURFACE 0 material dieletrico ouro", 31, "unknown-name", "'condutor ouro'"),
     (5, "SURFACE 0 metal\nTRANSFORM 0", 1, "unknown-name", "copper, gold, silver"),
-    (5, "SURFACE 0 material lambertiano ouro", 32, "unknown-word", "'condutor ouro'"),
     (5, "SURFACE 0 material BK7", 20, "unknown-word", "'dieletrico BK7'"),
     (5, "SURFACE 0 material dieletrico bk7 n-refr = 1.5", 31, "optics", "one of the two"),
-    (5, "SURFACE 0 material condutor n-refr = 1 1 1", 1, "optics", "k-abs"),
-    (5, "SURFACE 0 material condutor ouro k-abs = 1", 29, "optics", "one of the two"),
     (5, "SURFACE 0 material composto", 1, "optics", "n-refr"),
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, "optics", "kd + ks"),
     # lights and textures
@@ -214,57 +179,37 @@ def test_doubtful_input_is_a_warning(line, number, code, place):
     assert (code, True) in {(one.message.code, str(one.message).startswith(f"s:{place}: ")) for one in warned}
 
 
-@pytest.mark.parametrize(
-    "line, number",
-    [
-        ("CSG-TREE CUBE 0 (CUBE 0: o chao - azul + um cubo)", 4),
+def test_right_input_is_no_warning():
+    for line, number in (
         ("NAME: x (CUBE 1 - SPHERE 2)", 1),
         ("AMBIENT 0 0 0", 1),
         ("BACKGROUND 0 300 0", 1),
         ('BACKGROUND 1 1 1 "sky.exr"', 1),
-    ],
-)
-def test_right_input_is_no_warning(line, number):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        prosim_scene.parse(with_line(number, line))
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            prosim_scene.parse(with_line(number, line))
 
 
 @pytest.mark.parametrize(
-    "number, line",
-    [
-        (3, "BLURB 0 0 9"),
-        (1, "NSAMPLES: six"),
-        (5, "SURFACE 0 material condutor adamantium"),
-        (5, "SURFACE 0 kd = reddish"),
-        (4, "CSG-TREE TORUS 0"),
-    ],
+    "number, line", [(3, "BLURB 0 0 9"), (5, "SURFACE 0 metal adamantium"), (4, "CSG-TREE TORUS 0")]
 )
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_no_guess_that_is_not_near(number, line):
     with pytest.raises(SceneError, match=r"unknown (word|metal)") as error:
         prosim_scene.parse(with_line(number, line))
     assert "did you mean" not in str(error.value)
 
 
-def test_a_missing_file_is_a_scene_error(tmp_path):
-    with pytest.raises(SceneError, match="No such file"):
-        prosim_scene.translate(tmp_path / "none.scn")
-    with pytest.raises(SceneError, match="directory"):
-        prosim_scene.translate(tmp_path)
-
-
-def test_large_files_are_refused(tmp_path):
+def test_a_file_that_cannot_be_read_is_a_scene_error(tmp_path):
     path = tmp_path / "large.scn"
     with path.open("wb") as file:
         file.truncate(100_000_000)
-    start = time.perf_counter()
-    for read in (prosim_scene.read, prosim_scene.translate):
-        with pytest.raises(SceneError, match="larger than 16 MiB"):
-            read(path)
+    for one, words in ((tmp_path / "none.scn", "No such file"), (tmp_path, "directory"), (path, "larger than 16 MiB")):
+        for read in (prosim_scene.read, prosim_scene.translate):
+            with pytest.raises(SceneError, match=words):
+                read(one)
     with pytest.raises(SceneError, match="larger than 16 MiB"):
         prosim_scene.parse("(" * (SIZE_LIMIT + 1))
-    assert time.perf_counter() - start < 20  # it is not read at all
 
 
 @pytest.mark.slow
@@ -272,18 +217,14 @@ def test_large_files_are_refused(tmp_path):
 @pytest.mark.parametrize(
     "text, words",
     [
-        ("NSAMPLES " + "9" * 1_000_000 + " END", "9"),
         ("NSAMPLES " + "9" * 1_000_000 + "x END", "not a number"),
         ("AMBIENT " + "9." + "9" * 1_000_000 + "%%", "not a number"),
         ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "at most"),
-        ("SURFACE " + "1" * 1_000_000 + " END", "at most"),
         ("(" * 1_000_000, "not closed"),
         ("()" * 500_000 + "x", "unknown word"),
         ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
-        ("CSG-TREE " + "+" * 100_000 + " CUBE 0 END", "lacks"),
-        ("x" * 1_000_000, "unknown word"),
-        ("\x00" * 1000, "unknown word"),
-        ("NAME: " + "y" * 1_000_000 + " END", "200 at most"),
+        ("\x00" * 1_000_000, "unknown word"),
+        ("NAME: " + "y" * 1_000_000 + " END", "200 characters at most"),
     ],
 )
 def test_monstrous_input_ends_soon_with_a_short_message(text, words):
@@ -358,51 +299,36 @@ def test_encodings(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "lines, reasons",
+    "lines, codes",
     [
-        # what cannot be read, and what the rest lacks
-        ({5: "SURFACE 0 kkd = 1", 4: "CSG-TREE + CUBE 0 CONE 3"}, ["unknown word 'kkd'"]),
-        (
-            {5: "SURFACE 0 kd = 7", 6: "TRANSFORM 1"},
-            ["CUBE 0 has no TRANSFORM 0; expected a statement TRANS", "found '7'"],
-        ),
-        (
-            {3: "VIEW OBS 1 2", 6: "TRANSFORM 0 SCALE (1 2)"},
-            ["found 2 numbers after OBS", "found 2 numbers after SCALE"],
-        ),
-        ({4: "CSG-TREE + CUBE 1 CUBE 2"}, ["CUBE 1 has no SURFACE 1 and no", "CUBE 2 has no SURFACE 2 and no"]),
-        ({3: "VIEW OBS 1 2", 7: "(the end)"}, ["found 2 numbers after OBS", "the file ends here and END is missing"]),
-        (
-            {6: "SURFACE 0 kd = 7\nTRANSFORM 0 SCALE (1 1 1)"},
-            ["SURFACE 0 is given twice; the first is on line 5", "found '7' after kd"],
-        ),
-        ({1: "AMBIENT $x 0 0", 3: "VIEW OBS 0 0 $y"}, ["$x has no value", "$y has no value"]),
-        (
-            {4: "CSG-TREE CUBE 0 t-x", 5: "SURFACE 0 material composto"},
-            ["unknown texture", "a composto lacks its index"],
-        ),
-        # what only follows from another error
-        ({3: "VIEW OBS 1 2", 7: "ENDE"}, ["found 2 numbers after OBS", "unknown word 'ENDE'"]),
-        ({6: "TRANSFORM 0 (SCALE 1 1 1", 7: "the END"}, ["this comment is not closed"]),
-        ({4: "CSG-TREE + CUBE 0 CONE"}, ["found 0 numbers after CONE"]),
-        ({5: "SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
-        ({5: "SURFACE 7 SURFCE 0 kd = 1"}, ["unknown word 'SURFCE'"]),
-        ({6: "TRANSFORM 0 SCALE (1 2)"}, ["found 2 numbers after SCALE"]),
-        ({6: "TRANSFORM {0 SCALE (1 1 1)"}, ["this '{' is not closed"]),
-        ({1: "AMBIENT $x $x $x NSAMPLES $x"}, ["$x has no value"]),
-        ({1: "DEFAULT $x = (1", 3: "VIEW OBS 0 0 $x"}, ["this comment is not closed"]),
+        ({3: "VIEW OBS 1 2", 6: "TRANSFORM 0 SCALE (1 2)"}, ["count", "count"]),
+        ({5: "SURFACE 0 kd = 7", 6: "TRANSFORM 1"}, ["no-index", "range"]),
+        ({4: "CSG-TREE + CUBE 1 CUBE 2"}, ["no-index", "no-index"]),
+        ({3: "VIEW OBS 1 2", 7: "(the end)"}, ["count", "no-end"]),
+        ({6: "SURFACE 0 kd = 7\nTRANSFORM 0 SCALE (1 1 1)"}, ["twice", "range"]),
+        ({1: "AMBIENT $x 0 0", 3: "VIEW OBS 0 0 $y"}, ["undefined", "undefined"]),
+        ({4: "CSG-TREE CUBE 0 t-x", 5: "SURFACE 0 material composto"}, ["unknown-name", "optics"]),
+        # errors that only follow from another one are not told
+        ({5: "SURFACE 0 kkd = 1", 4: "CSG-TREE + CUBE 0 CONE 3"}, ["unknown-word"]),
+        ({3: "VIEW OBS 1 2", 7: "ENDE"}, ["count", "unknown-word"]),
+        ({6: "TRANSFORM 0 (SCALE 1 1 1", 7: "the END"}, ["unclosed"]),
+        ({4: "CSG-TREE + CUBE 0 CONE"}, ["count"]),
+        ({5: "SURFCE 0 kd = 1"}, ["unknown-word"]),
+        ({6: "TRANSFORM {0 SCALE (1 1 1)"}, ["expression"]),
+        ({1: "AMBIENT $x $x $x NSAMPLES $x"}, ["undefined"]),
+        ({1: "DEFAULT $x = (1", 3: "VIEW OBS 0 0 $x"}, ["unclosed"]),
     ],
 )
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-def test_errors_are_told_together_but_not_what_follows_from_them(lines, reasons):
+def test_errors_are_told_together_but_not_what_follows_from_them(lines, codes):
     text = MINIMAL.splitlines()
     for number, line in lines.items():
         text[number - 1] = line
     with pytest.raises(SceneError) as caught:
         prosim_scene.parse("\n".join(text) + "\n", "s.scn")
     told = [caught.value, *caught.value.others]
+    assert [one.code for one in told] == codes
     assert told == sorted(told, key=lambda one: (one.line, one.column))
-    assert len(told) == len(reasons) and all(one.reason.startswith(begin) for one, begin in zip(told, reasons))
     assert [line for line in str(caught.value).splitlines() if line.startswith("s.scn:")] == [
         f"s.scn:{one.line}:{one.column}: {one.reason}" for one in told
     ]

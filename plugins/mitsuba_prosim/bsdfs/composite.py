@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import fresnel, torrance_sparrow
 from ..optics.pigmented import Pigmented
 from ..optics.reading import ambient, conserve, index, reflectance, roughness
-from ..parameters import describe, expose
 from ..registry import plugin
 
 
@@ -24,7 +25,7 @@ class Composite(Pigmented):
 
      * - diffuse_reflectance
        - |spectrum| or |texture|
-       - Share of the light that the pigment reflects, :math:`k_d`. (Default: 0.5)
+       - Fraction of the light that the pigment reflects, :math:`k_d`. (Default: 0.5)
        - |exposed|, |differentiable|
 
      * - specular_reflectance
@@ -41,7 +42,7 @@ class Composite(Pigmented):
 
      * - eta
        - |float|
-       - Their quotient, inside over outside: not a parameter, but what is exposed of the two.
+       - Relative index ``int_ior / ext_ior``: no parameter, but exposed.
        - |exposed|, |differentiable|
 
      * - distribution
@@ -62,13 +63,14 @@ class Composite(Pigmented):
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: ``diffuse_reflectance``)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default:
+         ``diffuse_reflectance``)
        - |exposed|, |differentiable|
 
     A dielectric over a pigment (thesis, sections 3.1.1 and 5.1): :math:`\rho = k_s \rho_s + k_d / \pi`, a white
     highlight on a coloured body. :math:`\rho_s` is the lobe of :ref:`prosim_conductor <bsdf-prosim_conductor>` with the
-    reflectance of a dielectric. As in the thesis, the pigment is lit by all of the light and not by what the
-    varnish lets through; that :math:`k_s + k_d \le 1` bounds the energy. One-sided. Components: specular, diffuse.
+    reflectance of a dielectric. As in the thesis, the varnish does not dim the light of the pigment;
+    :math:`k_s + k_d \le 1` bounds the energy. One-sided. Components: specular, diffuse.
 
     .. tabs::
         .. code-tab:: xml
@@ -103,16 +105,6 @@ class Composite(Pigmented):
         self.distribution, self.roughness = roughness(props)
         self.set_components(glossy=self.roughness is not None)
 
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(
-            callback,
-            diffuse_reflectance=self.diffuse_reflectance,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            eta=self.eta,
-            **{self.distribution.parameter: self.roughness},
-        )
-
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times ks, which is at most 1 - kd at every point and wavelength."""
         if self.specular_reflectance is None:
@@ -137,13 +129,14 @@ class Composite(Pigmented):
         i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
         return self.reflected(si, i_m, active) * value, pdf
 
-    def to_string(self) -> str:
-        return describe(
-            self,
-            diffuse_reflectance=self.diffuse_reflectance,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            eta=self.eta,
-            distribution=self.distribution.name,
-            **{self.distribution.parameter: self.roughness},
-        )
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "diffuse_reflectance": self.diffuse_reflectance,
+            "specular_reflectance": self.specular_reflectance,
+            "ambient": self.ambient,
+            "eta": self.eta,
+            self.distribution.parameter: self.roughness,
+        }
+
+    def settings(self) -> dict[str, Any]:
+        return {"distribution": self.distribution.name}

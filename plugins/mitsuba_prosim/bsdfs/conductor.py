@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, fresnel, torrance_sparrow
+from ..optics import fresnel, torrance_sparrow
 from ..optics.half_vectors import GRAZING
+from ..optics.material import Material
 from ..optics.reading import ambient, index, metal, reflectance, roughness
-from ..parameters import choice, describe, expose
+from ..parameters import choice
 from ..registry import plugin
 
 #: Values of the parameter ``fresnel``.
@@ -16,7 +19,7 @@ FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
 
 
 @plugin("bsdf", "prosim_conductor")
-class Conductor(mi.BSDF):
+class Conductor(Material):
     r"""
     .. _bsdf-prosim_conductor:
 
@@ -27,7 +30,7 @@ class Conductor(mi.BSDF):
 
      * - material
        - |string|
-       - Name of a measured metal, any that Mitsuba's :ref:`conductor <bsdf-conductor>` knows: ``Cu``, ``Au``,
+       - Name of a measured metal of Mitsuba's :ref:`conductor <bsdf-conductor>`: ``Cu``, ``Au``,
          ``Al``, ``Cu_palik`` (the tables that the thesis cites), ... Not together with ``eta`` or ``k``. (Default:
          none)
 
@@ -62,18 +65,18 @@ class Conductor(mi.BSDF):
 
      * - specular_reflectance
        - |spectrum| or |texture|
-       - Factor on what is reflected, in [0, 1]; physically 1. (Default: none)
+       - Factor on the reflected light, in [0, 1]; physically 1. (Default: none)
        - |exposed|, |differentiable|
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
     The model of Torrance and Sparrow (thesis, section 3.1.1; equation 3.1): facets of a distribution :math:`D`, each a
     mirror that reflects by Fresnel's equations, arranged in V-shaped cavities that shadow and mask one another
     (:math:`G`). Facets are sampled in proportion to their visible area (Heitz and d'Eon 2014), so that no sample
-    weighs more than :math:`F`. Light reflected by two facets in turn is lost: ``docs/optics.md`` has a table.
+    weighs more than :math:`F`. Light that two facets reflect is lost: ``docs/optics.md`` has a table.
     One-sided: black from the back; put it into :ref:`twosided <bsdf-twosided>` otherwise.
 
     .. tabs::
@@ -102,16 +105,6 @@ class Conductor(mi.BSDF):
         self.specular_type = mi.BSDFFlags.GlossyReflection if self.roughness else mi.BSDFFlags.DeltaReflection
         self.m_components = [self.specular_type | mi.BSDFFlags.FrontSide]
         self.m_flags = self.m_components[0]
-
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(
-            callback,
-            eta=self.eta,
-            k=self.k,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            **{self.distribution.parameter: self.roughness},
-        )
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times the user's factor."""
@@ -142,24 +135,14 @@ class Conductor(mi.BSDF):
         m = torrance_sparrow.sample(si.wi, sample2, self.distribution, width)
         i_m = dr.dot(si.wi, m)
         bs.wo = mi.reflect(si.wi, m)
-        g1 = attenuation.g1(si.wi.z, m.z, i_m)
+        g1 = torrance_sparrow.g1(si.wi.z, m.z, i_m)
         pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
         active = active & (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         if active is False:
             return bs, mi.Spectrum(0)
-        weight = attenuation.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
+        weight = torrance_sparrow.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
         return bs, mi.depolarizer(self.reflected(si, i_m, active) * weight) & active
-
-    def eval(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Spectrum:
-        return self.eval_pdf(ctx, si, wo, active)[0]
-
-    def pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Float:
-        return self.eval_pdf(ctx, si, wo, active)[1]
 
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
@@ -171,15 +154,14 @@ class Conductor(mi.BSDF):
         i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
         return mi.depolarizer(self.reflected(si, i_m, active) * value) & active, dr.select(active, pdf, 0)
 
-    def to_string(self) -> str:
-        return describe(
-            self,
-            eta=self.eta,
-            k=self.k,
-            ext_ior=self.ext_ior,
-            fresnel=self.fresnel,
-            distribution=self.distribution.name,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            **{self.distribution.parameter: self.roughness},
-        )
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "eta": self.eta,
+            "k": self.k,
+            "specular_reflectance": self.specular_reflectance,
+            "ambient": self.ambient,
+            self.distribution.parameter: self.roughness,
+        }
+
+    def settings(self) -> dict[str, Any]:
+        return {"ext_ior": self.ext_ior, "fresnel": self.fresnel, "distribution": self.distribution.name}

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import attenuation, dispersion, dispersive, fresnel, half_vectors, visible
+from ..optics import dispersion, fresnel, half_vectors, torrance_sparrow, visible
 from ..optics.half_vectors import GRAZING
+from ..optics.material import Material
 from ..optics.reading import ambient, reflectance, roughness
-from ..parameters import describe, expose, reject
+from ..parameters import reject
 from ..registry import plugin
 
 
 @plugin("bsdf", "prosim_dielectric")
-class Dielectric(mi.BSDF):
+class Dielectric(Material):
     r"""
     .. _bsdf-prosim_dielectric:
 
-    Glass, water and their kind (:monosp:`prosim_dielectric`)
+    Glass and water (:monosp:`prosim_dielectric`)
     ---------------------------------------------------------
 
     .. pluginparameters::
@@ -30,12 +32,12 @@ class Dielectric(mi.BSDF):
 
      * - eta
        - |float|
-       - Their quotient, inside over outside: not a parameter, but what is exposed of the two, if they are numbers.
+       - Relative index ``int_ior / ext_ior``: no parameter, but exposed if both are numbers.
        - |exposed|, |differentiable|
 
      * - int_material, ext_material
        - |string|
-       - In the place of an index, what depends on the wavelength: ``bk7``, ``f2``, ``sf10``, ``sf11``, ``lasf9``,
+       - Instead of an index, a dispersive material: ``bk7``, ``f2``, ``sf10``, ``sf11``, ``lasf9``,
          ``silica``, ``diamond``, ``zirconia`` or ``water``. (Default: none)
 
      * - int_abbe, ext_abbe
@@ -45,17 +47,17 @@ class Dielectric(mi.BSDF):
 
      * - int_cauchy, ext_cauchy
        - |string|
-       - In the place of an index, A and B (and C) of Cauchy's formula :math:`n = A + B/\lambda^2 + C/\lambda^4`,
+       - Instead of an index, A and B (and C) of Cauchy's formula :math:`n = A + B/\lambda^2 + C/\lambda^4`,
          wavelengths in µm. (Default: none)
 
      * - int_sellmeier, ext_sellmeier
        - |string|
-       - In the place of an index, :math:`B_1, C_1, B_2, C_2, ...` of Sellmeier's formula
+       - Instead of an index, :math:`B_1, C_1, B_2, C_2, ...` of Sellmeier's formula
          :math:`n^2 = 1 + \sum_i B_i \lambda^2 / (\lambda^2 - C_i)`, wavelengths in µm. (Default: none)
 
      * - int_A, int_B, ..., int_B1, int_C1, ..., ext_A, ...
        - |float|
-       - The coefficients of what depends on the wavelength, as they are exposed.
+       - Coefficients of dispersive materials, as they are exposed.
        - |exposed|, |differentiable|
 
      * - distribution
@@ -76,12 +78,12 @@ class Dielectric(mi.BSDF):
 
      * - specular_reflectance, specular_transmittance
        - |spectrum| or |texture|
-       - Factors on what is reflected and what is transmitted, in [0, 1]; physically 1. (Default: none)
+       - Factors on the reflected and the transmitted light, in [0, 1]; physically 1. (Default: none)
        - |exposed|, |differentiable|
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
     Reflects and refracts by Fresnel's equations and Snell's law (thesis, sections 2.2.3 and 5.1), total reflection
@@ -90,11 +92,11 @@ class Dielectric(mi.BSDF):
     the V-cavities' :math:`G_1` of both directions. Ideally smooth, it equals Mitsuba's
     :ref:`dielectric <bsdf-dielectric>`. Components: reflected, transmitted.
 
-    Where an index depends on the wavelength, glass disperses (Thomas 1986). What an ideally smooth surface refracts
-    goes on with one of the wavelengths of a ray, or with one of r, g and b in RGB variants, for which 635, 544 and
-    437 nm stand; it weighs as much more. What it reflects keeps all. Rough surfaces evaluate each wavelength for
-    itself. :ref:`prosim <integrator-prosim>` knows which wavelengths a ray has lost, and goes on with the others;
-    Mitsuba's integrators draw anew at each surface, which is right in the mean, and noisier.
+    Where an index depends on the wavelength, glass disperses (Thomas 1986). A smooth surface refracts only one of the
+    wavelengths of a ray (in RGB variants one of r, g and b, which stand for 635, 544 and 437 nm) and increases its
+    weight. It reflects all of them. Rough surfaces evaluate each wavelength. :ref:`prosim <integrator-prosim>` chooses
+    among the wavelengths that the ray still carries; Mitsuba's integrators choose again at each surface, which is
+    unbiased and noisier.
 
     .. tabs::
         .. code-tab:: xml
@@ -132,17 +134,6 @@ class Dielectric(mi.BSDF):
         sides = flags.FrontSide | flags.BackSide
         self.m_components = [self.types[0] | sides, self.types[1] | sides | flags.NonSymmetric]
         self.m_flags = self.m_components[0] | self.m_components[1]
-
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(
-            callback,
-            eta=self.eta,
-            specular_reflectance=self.specular_reflectance,
-            specular_transmittance=self.specular_transmittance,
-            ambient=self.ambient,
-            **{self.distribution.parameter: self.roughness},
-            **self.indices.coefficients(),
-        )
 
     def enabled(self, ctx: mi.BSDFContext) -> tuple[bool, bool]:
         """Whether ``ctx`` asks for the reflected, and for the transmitted component."""
@@ -182,44 +173,7 @@ class Dielectric(mi.BSDF):
         sample2: mi.Point2f,
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        if self.disperses:
-            return dispersive.sample(self, ctx, si, sample1, sample2, active)
-        bs = dr.zeros(mi.BSDFSample3f)
-        reflection, transmission = self.enabled(ctx)
-        active = active & (dr.abs(si.wi.z) > GRAZING)
-        if active is False or not (reflection or transmission):
-            return bs, mi.Spectrum(0)
-        m, width = self.facet(si, sample2, active)
-        i_m = dr.dot(si.wi, m)
-        f, cos_t, eta_it, eta_ti = fresnel.interface(i_m, self.eta)
-        reflected = sample1 <= f if reflection and transmission else mi.Mask(reflection)
-        bs.wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, cos_t, eta_ti))
-        bs.eta = dr.select(reflected, 1, eta_it)
-        bs.sampled_component = dr.select(reflected, mi.UInt32(0), mi.UInt32(1))
-        bs.sampled_type = dr.select(reflected, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[1]))
-        share = dr.detach(self.share(ctx, reflected, f))
-        value = self.energy(ctx, si, reflected, f, eta_it, active)
-        if self.roughness is None:
-            pdf = share
-        else:
-            o_m = dr.select(reflected, i_m, cos_t)
-            lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width, self.eta)
-            pdf = density * share
-            active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
-            value *= lit / dr.select(density > 0, density, 1)
-        active = active & (pdf > 0)
-        bs.pdf = dr.select(active, pdf, 0)
-        return bs, mi.depolarizer(value / dr.select(active, share, 1)) & active
-
-    def facet(
-        self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool
-    ) -> tuple[mi.Normal3f, mi.Float | None]:
-        """``(m, width)``: a facet by the area that is visible from ``wi``, and the roughness, None if there is none."""
-        if self.roughness is None:
-            return mi.Normal3f(0, 0, 1), None
-        width = self.roughness.eval_1(si, active)
-        m = visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width)
-        return mi.Normal3f(m), width
+        return self._sample(ctx, si, sample1, sample2, active)
 
     def sample_carried(
         self,
@@ -230,10 +184,81 @@ class Dielectric(mi.BSDF):
         weights: Sequence[mi.Float] | None,
         active: mi.Bool,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """The same as `sample` where glass disperses, for who knows what a ray carries: probabilities ``weights`` of
-        the wavelengths that a smooth surface chooses from; or None: all go the way of the middle one.
+        """The same as `sample` where glass disperses, for integrators that know what a ray carries: probabilities
+        ``weights`` of the wavelengths that a smooth surface chooses from, with the sum 1. None: all go the way of the
+        middle one, which is wrong, but without noise.
         """
-        return dispersive.sample(self, ctx, si, sample1, sample2, active, weights, together=weights is None)
+        return self._sample(ctx, si, sample1, sample2, active, weights, together=weights is None)
+
+    def _sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool,
+        weights: Sequence[mi.Float] | None = None,
+        together: bool = False,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """`sample` by the wavelength that is chosen with the probabilities ``weights``. None: all are alike, which is
+        right in the mean, as nothing tells which ones a ray has lost. ``together``: all go the way of the middle one.
+        """
+        bs = dr.zeros(mi.BSDFSample3f)
+        reflection, transmission = self.enabled(ctx)
+        active = active & (dr.abs(si.wi.z) > GRAZING)
+        if active is False or not (reflection or transmission):
+            return bs, mi.Spectrum(0)
+        m, width = self.facet(si, sample2, active)
+        i_m = dr.dot(si.wi, m)
+        etas = self.etas(si)
+        faces = [fresnel.interface(i_m, eta) for eta in etas]
+        p = [1 / len(etas)] * len(etas) if weights is None or self.roughness is not None else list(weights)
+        if together:
+            p = [float(k == len(etas) // 2) for k in range(len(etas))]
+        k, rest = dispersion.choose(p, sample1)
+        f, cos_t, eta_it, eta_ti = (dispersion.pick(k, values) for values in zip(*faces, strict=True))
+        reflected = rest <= f if reflection and transmission else mi.Mask(reflection)
+        bs.wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, cos_t, eta_ti))
+        bs.eta = dr.select(reflected, 1, eta_it)
+        bs.sampled_component = dr.select(reflected, mi.UInt32(0), mi.UInt32(1))
+        bs.sampled_type = dr.select(reflected, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[1]))
+        if self.roughness is None:
+            reflectances, ratios = (dispersion.spectrum([face[j] for face in faces]) for j in (0, 2))
+            kept = [dr.select(reflected | together | (k == j), 1.0, 0.0) for j in range(len(faces))]
+            value = self.energy(ctx, si, reflected, reflectances, ratios, active) * mi.UnpolarizedSpectrum(*kept)
+            mean = sum((p[j] * face[0] for j, face in enumerate(faces)), mi.Float(0))
+            chosen = dispersion.pick(k, p)
+            both = reflection and transmission
+            pdf = dr.select(reflected, mean, chosen * (1 - f)) if both else dr.select(reflected, 1, chosen)
+            pdf = divisor = dr.detach(mi.Float(pdf))
+        else:
+            active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
+            if self.disperses:  # where this wavelength is wholly reflected, others may not be
+                value, pdf = self._eval_pdf(ctx, si, bs.wo, active & (reflected | (cos_t != 0)))
+                divisor = dr.detach(pdf)
+            else:
+                divisor = dr.detach(self.share(ctx, reflected, f))
+                o_m = dr.select(reflected, i_m, cos_t)
+                lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width, self.eta)
+                pdf = density * divisor
+                value = self.energy(ctx, si, reflected, f, eta_it, active) * (lit / dr.select(density > 0, density, 1))
+        active = active & (pdf > 0)
+        bs.pdf = dr.select(active, pdf, 0)
+        return bs, mi.depolarizer(value / dr.select(active, divisor, 1)) & active
+
+    def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
+        """The relative index, or one for each wavelength of ``si``."""
+        return self.indices.etas(si) if self.disperses else [self.eta]
+
+    def facet(
+        self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.Normal3f, mi.Float | None]:
+        """``(m, width)``: a facet by the area that is visible from ``wi``, and the roughness, None if there is none."""
+        if self.roughness is None:
+            return mi.Normal3f(0, 0, 1), None
+        width = self.roughness.eval_1(si, active)
+        m = visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width)
+        return mi.Normal3f(m), width
 
     def facets(
         self,
@@ -260,47 +285,49 @@ class Dielectric(mi.BSDF):
         spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, eta)), 1e-7)
         jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * spread) * b)
         density = self.distribution.D(m, width) * jacobian
-        lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * attenuation.g1(cos_o, m.z, b))
+        lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * torrance_sparrow.g1(cos_o, m.z, b))
         return density * lit, density * seen
-
-    def eval(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Spectrum:
-        return self.eval_pdf(ctx, si, wo, active)[0]
-
-    def pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Float:
-        return self.eval_pdf(ctx, si, wo, active)[1]
 
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        if self.disperses:
-            return dispersive.eval_pdf(self, ctx, si, wo, active)
+        value, pdf = self._eval_pdf(ctx, si, wo, active)
+        return mi.depolarizer(value), pdf
+
+    def _eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+        """A value for each wavelength, each by its own facet, and the mean of their densities."""
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)
         active = active & (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
         if active is False or self.roughness is None or not (reflection or transmission):
-            return mi.Spectrum(0), mi.Float(0)
-        m, i_m, o_m = half_vectors.between(si.wi, wo, self.eta)
-        # A facet's front is seen from the front of the surface, its back from the back.
-        active = active & (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
-        if active is False:
-            return mi.Spectrum(0), mi.Float(0)
-        lit, density = self.facets(si, wo, m, i_m, o_m, reflected, self.roughness.eval_1(si, active), self.eta)
-        f, _, eta_it, _ = fresnel.interface(i_m, self.eta)
-        value = self.energy(ctx, si, reflected, f, eta_it, active) * lit
-        return mi.depolarizer(value) & active, dr.select(active, density * self.share(ctx, reflected, f), 0)
+            return mi.UnpolarizedSpectrum(0), mi.Float(0)
+        width, etas = self.roughness.eval_1(si, active), self.etas(si)
+        values, reflectances, ratios, pdf = [], [], [], mi.Float(0)
+        for eta in etas:
+            m, i_m, o_m = half_vectors.between(si.wi, wo, eta)
+            # A facet's front is seen from the front of the surface, its back from the back.
+            facing = active & (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
+            lit, density = self.facets(si, wo, m, i_m, o_m, reflected, width, eta)
+            f, _, eta_it, _ = fresnel.interface(i_m, eta)
+            values.append(dr.select(facing, lit, 0))
+            reflectances.append(f)
+            ratios.append(eta_it)
+            pdf += dr.select(facing, density * self.share(ctx, reflected, f), 0) / len(etas)
+        spectra = dispersion.spectrum(reflectances), dispersion.spectrum(ratios)
+        value = self.energy(ctx, si, reflected, *spectra, active) * dispersion.spectrum(values)
+        return value & active, pdf
 
-    def to_string(self) -> str:
-        return describe(
-            self,
-            eta=self.eta,
-            indices=self.indices.shown(),
-            specular_reflectance=self.specular_reflectance,
-            specular_transmittance=self.specular_transmittance,
-            ambient=self.ambient,
-            distribution=self.distribution.name,
-            **{self.distribution.parameter: self.roughness},
-        )
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "eta": self.eta,
+            "specular_reflectance": self.specular_reflectance,
+            "specular_transmittance": self.specular_transmittance,
+            "ambient": self.ambient,
+            self.distribution.parameter: self.roughness,
+            **self.indices.coefficients(),
+        }
+
+    def settings(self) -> dict[str, Any]:
+        return {"indices": self.indices.shown(), "distribution": self.distribution.name}

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
+from ..optics.material import Material
 from ..optics.reading import ambient, reflectance
-from ..parameters import describe, expose
 from ..registry import plugin
 
 
 @plugin("bsdf", "prosim_lambertian")
-class Lambertian(mi.BSDF):
+class Lambertian(Material):
     r"""
     .. _bsdf-prosim_lambertian:
 
@@ -22,12 +24,13 @@ class Lambertian(mi.BSDF):
 
      * - reflectance
        - |spectrum| or |texture|
-       - Share of the incident light that is reflected, the same in every direction, in [0, 1]. (Default: 0.5)
+       - Fraction of the incident light that the surface reflects, in [0, 1]. (Default: 0.5)
        - |exposed|, |differentiable|
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: ``reflectance``)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default:
+         ``reflectance``)
        - |exposed|, |differentiable|
 
     Reflects all light diffusely, by Lambert's law (thesis, section 5.1; equation :math:`\rho_d = R / \pi` of section
@@ -57,9 +60,6 @@ class Lambertian(mi.BSDF):
         self.m_components = [mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide]
         self.m_flags = self.m_components[0]
 
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(callback, reflectance=self.reflectance, ambient=self.ambient)
-
     def sample(
         self,
         ctx: mi.BSDFContext,
@@ -80,19 +80,6 @@ class Lambertian(mi.BSDF):
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active
 
-    def eval(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Spectrum:
-        return self.eval_pdf(ctx, si, wo, active)[0]
-
-    def pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Float:
-        if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
-            return mi.Float(0)
-        active = active & (si.wi.z > 0) & (wo.z > 0)
-        return dr.select(active, mi.warp.square_to_cosine_hemisphere_pdf(wo), 0)
-
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
@@ -106,5 +93,5 @@ class Lambertian(mi.BSDF):
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.depolarizer(self.reflectance.eval(si, active))
 
-    def to_string(self) -> str:
-        return describe(self, reflectance=self.reflectance, ambient=self.ambient)
+    def parameters(self) -> dict[str, Any]:
+        return {"reflectance": self.reflectance, "ambient": self.ambient}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
 from ..optics.pigmented import Pigmented
 from ..optics.reading import ambient, reflectance, roughness
-from ..parameters import describe, expose
 from ..registry import plugin
 
 
@@ -44,7 +45,7 @@ class Phong(Pigmented):
 
      * - ambient
        - |spectrum| or |texture|
-       - Share of the ambient light that is reflected, for integrators that have one. (Default: black)
+       - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
     The empirical model (thesis, sections 3.1.2 and 4.2.2.2), normalised as Lafortune and Willems (1994) have it:
@@ -81,15 +82,6 @@ class Phong(Pigmented):
         self.exponent = roughness(props, ("phong",))[1]
         self.set_components(glossy=self.exponent is not None)
 
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(
-            callback,
-            diffuse_reflectance=self.diffuse_reflectance,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            exponent=self.exponent,
-        )
-
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.specular_reflectance.eval(si, active)
 
@@ -105,11 +97,10 @@ class Phong(Pigmented):
         lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
         return self.specular_reflectance.eval(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe
 
-    def to_string(self) -> str:
-        return describe(
-            self,
-            diffuse_reflectance=self.diffuse_reflectance,
-            specular_reflectance=self.specular_reflectance,
-            ambient=self.ambient,
-            exponent=self.exponent,
-        )
+    def parameters(self) -> dict[str, Any]:
+        return {
+            "diffuse_reflectance": self.diffuse_reflectance,
+            "specular_reflectance": self.specular_reflectance,
+            "ambient": self.ambient,
+            "exponent": self.exponent,
+        }

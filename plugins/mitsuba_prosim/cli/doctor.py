@@ -1,4 +1,4 @@
-"""``prosim doctor``: what was found on this machine, and what to do about what is missing."""
+"""``prosim doctor``: what this machine has, and what to do about what is missing."""
 
 import os
 import platform
@@ -16,11 +16,11 @@ from ..stock_command import stand_ins
 
 @click.command()
 def doctor() -> None:
-    """Print what was found: versions, variants, LLVM, the `mitsuba` command; and what to do where something is amiss.
+    """Print versions, variants, LLVM, extras, the state of the `mitsuba` command, and what to do about problems.
 
-    Exit code 0 if all is well, else 1.
+    Exit code 1 if there are problems, else 0.
     """
-    troubles = []
+    problems = []
     say("Python", f"{platform.python_version()}, {sys.executable}")
     for name in ("mitsuba-prosim", "mitsuba", "drjit", "numpy", "OpenEXR", "manifold3d"):
         say(name, version(name))
@@ -33,45 +33,31 @@ def doctor() -> None:
             say("", f"not {', '.join(unusable)}, which need {need}")
 
     found = llvm.version()
-    say("LLVM", f"{'.'.join(map(str, found))}, {llvm.library()}, {origin()}" if found else "none")
+    say("LLVM", f"{'.'.join(map(str, found))}, {llvm.library()}" if found else "none")
     if problem := llvm.problem():
-        troubles.append(problem)
+        problems.append(problem)
 
     if sys.platform == "linux":
         installed = stand_ins.installed()
         if not installed:
-            say("mitsuba", "the mitsuba command can't run plugins written in Python; to let it: prosim link")
+            say("mitsuba", "the mitsuba command can't run plugins in Python; to let it: prosim link")
         elif missing := sorted(set(stand_ins.plugin_names()) - set(installed)):
-            troubles.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
+            problems.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
         else:
-            say("mitsuba", f"{len(installed)} stand-ins for plugins written in Python in {stand_ins.plugin_folder()}")
-        compiler = stand_ins.compiler()
-        say("C compiler", " ".join(compiler) if compiler else "none (only prosim link needs one)")
+            say("mitsuba", f"{len(installed)} stand-ins for plugins in Python in {stand_ins.plugin_folder()}")
     else:
-        say("mitsuba", "the mitsuba command runs plugins written in Python on Linux only; use prosim render")
+        say("mitsuba", "the mitsuba command runs plugins in Python on Linux only; use prosim render")
 
     for extra in sorted(extras.EXTRAS):
         say(extra, extras.needs("", extra).strip() if extras.missing(extra) else "ready")
 
-    for trouble in troubles:
-        click.echo(f"\n{trouble}")
-    if not troubles:
+    for problem in problems:
+        click.echo(f"\n{problem}")
+    if not problems:
         click.echo("\nAll is well.")
-    sys.exit(bool(troubles))
+    sys.exit(bool(problems))
 
 
 def say(label: str, text: str) -> None:
     """Prints a line of two columns."""
     click.echo(f"{label:<16}{text}")
-
-
-def origin() -> str:
-    """How Dr.Jit came to its LLVM."""
-    path = os.environ.get("DRJIT_LIBLLVM_PATH")
-    if not path:
-        return "found in the system's folders"
-    return (
-        "chosen by mitsuba_prosim_llvm.pth"
-        if path.endswith(f"/lib/{llvm.packaged()}")
-        else "chosen by DRJIT_LIBLLVM_PATH"
-    )

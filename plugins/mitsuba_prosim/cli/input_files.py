@@ -1,4 +1,4 @@
-"""The files that commands take: scenes, checkpoints of a render, parts of an image."""
+"""The files that commands take: scenes, states of a render, parts of an image."""
 
 from __future__ import annotations
 
@@ -6,123 +6,80 @@ import difflib
 import os
 import re
 import shlex
-from abc import ABC, abstractmethod
+from collections.abc import Collection
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import click
 
-EXR, ARCHIVE = "an EXR image", "an archive"
+from ..engine import checkpoint
 
-#: The first bytes of files that are no scenes, and what these files are.
+TEXT, XML, EXR, ARCHIVE = "a text file", "a Mitsuba scene", "an EXR image", "an archive"
+STATE, PART = "the state of a render", "a part of an image"
+
+#: The first bytes of files that are no text, and their kinds.
 MAGIC = {
     b"v/1\x01": EXR,
     b"\x89PNG": "a PNG image",
     b"\xff\xd8\xff": "a JPEG image",
-    b"GIF8": "a GIF image",
-    b"II*\0": "a TIFF image",
-    b"MM\0*": "a TIFF image",
-    b"ply\n": "a mesh",
-    b"ply\r": "a mesh",
-    b"%PDF": "a PDF",
+    b"ply": "a mesh",
+    b"%PDF": "a PDF file",
     b"PK\x03\x04": ARCHIVE,
-    b"\x1f\x8b": "a compressed file",
 }
 
-#: What follows the name of an image in that of its checkpoint, or of a part.
+#: What to do with a file that is of another kind than a command needs.
+USES = {
+    XML: "To render it: prosim render {}",
+    STATE: "To continue it: prosim resume {}",
+    PART: "To merge all parts: prosim merge {}",
+}
+
+#: What follows the name of an image in that of its state, or of a part.
 SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$|\.exr$")
 
 
-class InputFile(click.Path, ABC):
-    """A file that exists; a subclass says which kind it has to be of."""
+class InputFile(click.Path):
+    """A file that exists, of one of these ``kinds``, all of which messages call ``what``.
 
-    #: Patterns of the names of such files, the likeliest first.
-    patterns: tuple[str, ...] = ()
+    ``patterns``: names of such files, the likeliest first; ``writer``: the command that writes one.
+    """
 
-    def __init__(self) -> None:
-        super().__init__(exists=True, dir_okay=False, readable=True, path_type=Path)
+    def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:
+        super().__init__(exists=True, readable=True, path_type=Path)
+        self.what, self.kinds, self.patterns = what, kinds, patterns
+        self.writes = writer and f" {writer} writes one."
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path of the file."""
+        """Returns the path of the file."""
         path = Path(os.fsdecode(value))
         if path.is_dir():
             self.fail(f"'{path}' is a folder.{self.suggestion(path)}", param, ctx)
         if not os.path.lexists(path):
-            nor = "" if path.parent.is_dir() else f" (nor does the folder '{path.parent}')"
-            self.fail(f"File '{path}' does not exist{nor}.{self.suggestion(path)}", param, ctx)
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if (what := self.wrong(path)) is not None:
-            self.fail(f"'{path}' is {what}", param, ctx)
+            self.fail(f"File '{path}' does not exist.{self.suggestion(path)}", param, ctx)
+        super().convert(value, param, ctx)
+        if (found := kind(path)) not in self.kinds:
+            hint = f" {USES[found].format(parts(path))}" if found in USES else self.suggestion(path)
+            self.fail(f"'{path}' is {found}, not {self.what}.{hint or self.writes}", param, ctx)
         return path
 
-    @abstractmethod
-    def wrong(self, path: Path) -> str | None:
-        """What a file of another kind is, and what to do; None where it may be of the right one."""
-
     def suggestion(self, path: Path) -> str:
-        """The file of this kind in the same folder, or in one below it, that ``path`` may mean, as a question."""
+        """A question for the file of this kind in the same folder, or in one below it, whose name is like ``path``."""
         folder = path if path.is_dir() else path.parent
         found = chain.from_iterable(folder.glob(below + one) for below in ("", "*/") for one in self.patterns)
         files: dict[str, Path] = {}
         for file in filter(lambda file: file != path, found):
             files.setdefault(stem(file).name, file)
-        likely = [*files] if path == folder else difflib.get_close_matches(path.stem, files, n=1)
-        name = path.name
-        while name and path != folder:
-            likely = [name, *likely] if name in files else likely
-            name = name.rpartition(".")[0]
+        begin = path.name.partition(".")[0]
+        likely = [*files] if path == folder else [begin] * (begin in files)
+        likely += difflib.get_close_matches(path.stem, files, n=1)
         return f" Did you mean {parts(files[likely[0]])}?" if likely else ""
 
 
-class SceneFile(InputFile):
-    """A scene, in the thesis's language (any name) or XML."""
-
-    patterns = ("*.scn", "*.xml")
-
-    def wrong(self, path: Path) -> str | None:
-        """What a file is that is no scene, and what to do; None where it may be one."""
-        what = kind(path)
-        state = state_of(path) if what in (EXR, ARCHIVE) else None
-        if state:
-            return f"a part of an image, not a scene. To put all of them together: prosim merge {parts(path)}"
-        if state is not None:
-            return f"the state of a render, not a scene. To go on with it: prosim resume {shlex.quote(str(path))}"
-        return what and f"{what}, not a scene.{self.suggestion(path)}"
-
-
-class LanguageFile(SceneFile):
-    """A scene in the thesis's language."""
-
-    def wrong(self, path: Path) -> str | None:
-        """What a file is that is of another kind, and what to do; None where it may be of this one."""
-        if path.suffix.lower() == ".xml":
-            return f"a scene of Mitsuba's already. To render it: prosim render {shlex.quote(str(path))}"
-        return super().wrong(path)
-
-
-class StateFile(InputFile):
-    """The state of a render, or a part of an image."""
-
-    patterns: tuple[str, ...] = ("*.state.npz", "*.*-of-*.npz")
-    described, writes = "the state of a render", "prosim render --keep"
-
-    def wrong(self, path: Path) -> str | None:
-        """What a file is that is no state, and what to do; None where it may be one."""
-        what = kind(path)
-        if what in (EXR, ARCHIVE) and state_of(path) is not None:
-            return None
-        if what is None and path.suffix.lower() in (".scn", ".xml"):
-            what = "a scene"
-        hint = self.suggestion(path) or f" {self.writes} writes one."
-        return f"{what + ', ' if what else ''}not {self.described}.{hint}"
-
-
-class PartFile(StateFile):
-    """A part of an image."""
-
-    patterns = ("*.*-of-*.npz",)
-    described, writes = "a part of an image", "prosim render --part 1/4"
+SCENE_FILE = InputFile("a scene", (TEXT, XML), ("*.scn", "*.xml"))
+LANGUAGE_FILE = InputFile("a scene in the thesis's language", (TEXT,), ("*.scn",))
+STATE_FILE = InputFile(STATE, (STATE, PART), ("*.state.npz", "*.*-of-*.npz"), "prosim render --keep")
+PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/4")
 
 
 def stem(path: Path) -> Path:
@@ -132,27 +89,24 @@ def stem(path: Path) -> Path:
 
 
 def parts(path: Path) -> str:
-    """What the shell expands to all parts of the image of one: ``night.*-of-4.npz``; another path as it is."""
+    """A pattern for all parts of the image of one: ``night.*-of-4.npz``; another path, in quotes if need be."""
     found = SUFFIXES.search(path.name)
-    return f"{stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else str(path)
+    return f"{stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else shlex.quote(str(path))
 
 
-def kind(path: Path) -> str | None:
-    """What a file is by its first bytes; None where they are of nothing known."""
-    if not path.is_file():  # a pipe could not be read again
-        return None
-    with open(path, "rb") as file:
-        begin = file.read(4)
-    return next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
-
-
-def state_of(path: Path) -> bool | None:
-    """Whether a file is the state of a part of an image alone; None where it is none at all."""
-    from ..engine import checkpoint
-
-    try:
-        return checkpoint.about(path)["facts"]["part"] is not None
-    except checkpoint.NotACheckpointError:
-        return None
-    except (checkpoint.CheckpointError, OSError):
-        return False
+def kind(path: Path) -> str:
+    """The kind of a file, by its first bytes and its suffix."""
+    if path.is_file():  # a pipe could not be read again
+        with open(path, "rb") as file:
+            begin = file.read(4)
+        what = next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
+        if what in (EXR, ARCHIVE):
+            try:
+                return STATE if checkpoint.about(path)["facts"]["part"] is None else PART
+            except checkpoint.NotACheckpointError:
+                return what
+            except (checkpoint.CheckpointError, OSError):  # its command says what is wrong
+                return STATE
+        if what:
+            return what
+    return XML if path.suffix.lower() == ".xml" else TEXT

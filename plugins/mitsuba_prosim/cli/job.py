@@ -1,110 +1,162 @@
-"""What is rendered, how, and where it goes: all that the options say, in one value."""
+"""What the options ask for: a :class:`Job`, whose fields are the options."""
 
 from __future__ import annotations
 
-import functools
 import os
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
+import mitsuba as mi
 import prosim_scene
 
 from ..engine.checkpoint import Checkpoint
+from ..engine.policies import POLICIES
 from ..engine.tiles import Part
-from ..scene import scene_file
-from .options import OPTIONS, choose_variant, refuse_waves
+from ..scene import scene_file, session
+from . import options
+from .options import Integer, Number
 
-#: Options that become parameters of the integrator, and of the translator.
+#: Fields that become parameters of the integrator, and options of the translator.
 INTEGRATOR = ("caustics", "max_level", "threshold", "noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
 LANGUAGE = ("light_units", "tolerance", "allow_outside")
 
-#: Options that say when an image is good enough.
-ENDS = ("noise", "noise_99", "noise_999", "time")
+#: Fields that say when an image is good enough.
+TARGETS = ("noise", "noise_99", "noise_999", "time")
 
-#: Options that exclude each other: some, others, and what to do.
-CONFLICTS = (
-    ("spp", "samples", "--spp and --samples both say how many samples a pixel gets; give one of them."),
-    ("workers", "cluster", "--workers starts a cluster here, and --cluster names one that runs; give one of them."),
-    ("part", "workers cluster", "--part is for processes that know nothing of each other; leave it to the cluster."),
-    (
-        "part",
-        "noise noise_99 noise_999 time",
-        "--noise and --time go by the whole image, of which a part knows nothing. Render the parts without them, "
-        "with --adaptive none, then prosim merge --keep, and continue the image: prosim resume NAME.state.exr "
-        "--noise X --adaptive graded. Where machines can talk to each other, --cluster does it in one step.",
-    ),
-    ("denoise", "keep part", "--denoise renders two images, and --keep and --part keep the state of one; give either."),
-    (
-        "frames",
-        "part",
-        "--part is for single images. To share a film, give each machine some of its --frames: 0:24 here, 24:48 there.",
-    ),
-    ("frames", "view", "--view is for single images. To see one frame: --frames 7 without it, or -D frame=7 with it."),
-)
+#: Fields that do not change the image.
+FILES = ("output", "denoise", "keep", "view", "verbose", "frames", "fps", "overwrite")
+RUNNING = (*FILES, "threads", "workers", "cluster", "part")
+
+POSITIVE = Number(0, min_open=True)
+UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
+SCENES, NOISES = "what the scene says", "with --noise, --time: "
+
+
+def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
+    """A field of a :class:`Job` with its option; ``type_``: None for a flag; ``flags``: beside ``--field``."""
+    settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
+    return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)
+
+
+_quality, _output, _scene = (partial(_option, group) for group in ("Quality", "Output", "Scene"))
+_film, _distribution, _advanced = (partial(_option, group) for group in ("Film", "Distribution", "Advanced"))
 
 
 @dataclass(frozen=True)
 class Job:
-    """A scene file, what is changed in it, which image of it is rendered, how, and where it goes."""
+    """A scene file, what changes in it, which image of it is rendered, how, and where it goes."""
 
     scene: str = ""
-    variant: str = ""
-    definitions: Mapping[str, str] = field(default_factory=dict)
-    sensor: int = 0
-    seed: int = 0
-    #: Samples per pixel, 0 for what the scene says.
-    spp: int = 0
-    resolution: tuple[int, int] | None = None
-    crop: tuple[int, int, int, int] | None = None
-    samples: int | None = None
-    #: Parameters of the integrator; None takes one away.
-    integrator: Mapping[str, Any] = field(default_factory=dict)
-    #: Options of the translator.
-    language: Mapping[str, Any] = field(default_factory=dict)
-    exposure: float | None = None
 
-    # What follows does not change the image.
-    output: str | None = None
-    denoise: bool = False
-    keep: bool = False
-    part: Part | None = None
-    view: tuple[str, int] | None = None
-    frames: range | None = None
-    fps: float | None = None
-    overwrite: bool = False
-    threads: int | None = None
-    verbose: int = 0
-    workers: int | None = None
-    cluster: str | None = None
+    noise: float | None = _quality(
+        POSITIVE, "Stop when the RMS error of the displayed image is below this (white = 1); 0.01 is usual."
+    )
+    time: float | None = _quality(POSITIVE, "Stop after this many seconds, at the latest.")
+    spp: int | None = _quality(Integer(1, 2**24), "Samples per pixel.", show_default=SCENES)
+    denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
+
+    output: str | None = _output(
+        click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="beside the input"
+    )
+    exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
+    keep: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
+    view: tuple[str, int] | None = _output(options.VIEWER, "Show the image in tev while it is rendered.")
+    verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
+
+    definitions: Mapping[str, str] = _scene(
+        options.DEFINITION, "Replace $key in the scene; may be repeated.", "-D", "--define", multiple=True
+    )
+    sensor: int = _scene(Integer(min=0), "Number of the scene's sensor.", "-s", default=0)
+    resolution: tuple[int, int] | None = _scene(options.RESOLUTION, "Size of the image in pixels, such as 640x480.")
+    crop: tuple[int, int, int, int] | None = _scene(options.CROP, "Render only this window of the image, in pixels.")
+    paths: bool = _scene(None, "Path tracing: follow diffuse reflections too, in place of the ambient term.")
+    caustics: bool | None = _scene(
+        None, "Light that glass and mirrors gather.", "--caustics/--no-caustics", default=None, show_default=SCENES
+    )
+    max_level: int | None = _scene(
+        Integer(-1, 2**16), "Maximum depth of rays; -1, with --paths: any.", show_default=SCENES
+    )
+    allow_outside: bool = _scene(None, "Let the scene use files from outside its folder.")
+
+    frames: range | None = _film(options.FRAMES, "Render a film: an image for each $frame, A to B-1, or one.")
+    fps: float | None = _film(POSITIVE, "Frames per second, for $time.", show_default="24")
+    overwrite: bool = _film(None, "Render existing frames again.")
+
+    threads: int | None = _distribution(Integer(1, 1024), "Number of threads.", "-t", show_default="all")
+    workers: int | None = _distribution(Integer(1, 256), "Use this many local processes.")
+    cluster: str | None = _distribution(options.ADDRESS, "Use the workers of the Dask cluster with this scheduler.")
+    part: Part | None = _distribution(options.PART, "Render only part K of M, to NAME.K-of-M.npz; see prosim merge.")  # noqa: RUF009
+
+    variant: str = _advanced(
+        click.Choice(mi.variants()),
+        "Mitsuba variant.",
+        "-m",
+        "--mode",
+        metavar="VARIANT",
+        show_default="the first of cuda, metal, llvm and scalar that works here",
+    )
+    seed: int = _advanced(Integer(0, 2**32 - 1), "Seed of the samples.", default=0)
+    samples: int | None = _advanced(
+        Integer(1, 2**12), "N of the thesis's N-rook sampling: N samples a pass, at most N*N per pixel."
+    )
+    threshold: float | None = _advanced(Number(0), "Standard error of a pixel that needs no more samples (white = 1).")
+    noise_99: float | None = _advanced(POSITIVE, "Also require 99 % of the pixels to be within this error.")
+    noise_999: float | None = _advanced(
+        POSITIVE, "Also require 99.9 % of the pixels, bright specks included, to be within this error.", "--noise-99.9"
+    )
+    max_samples: int | None = _advanced(
+        Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=NOISES + "any"
+    )
+    adaptive: str | None = _advanced(
+        click.Choice(tuple(POLICIES)), "Which pixels get how many samples.", show_default=NOISES + "graded"
+    )
+    light_units: str | None = _advanced(
+        UNITS, "What a light's intensity means in the thesis's language.", show_default="calibrated"
+    )
+    tolerance: float | None = _advanced(
+        POSITIVE, "Maximum tessellation error in pixels, in the thesis's language.", show_default="0.1"
+    )
 
     @property
-    def helpers(self) -> str | None:
-        """The option that asks other processes to take the samples."""
+    def integrator(self) -> dict[str, Any]:
+        """Parameters of the integrator; None takes one away."""
+        given = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
+        if any(name in given for name in TARGETS):
+            given.setdefault("adaptive", "graded")
+        return ({"diffuse_bounces": -1, "max_level": -1, "ambient": None} if self.paths else {}) | given
+
+    @property
+    def language(self) -> dict[str, Any]:
+        """Options of the translator."""
+        return {name: value for name in LANGUAGE if (value := getattr(self, name))}
+
+    @property
+    def distributed(self) -> str | None:
+        """The option that lets other processes take the samples."""
         return "--workers" if self.workers else "--cluster" if self.cluster else None
 
     def image(self) -> dict[str, Any]:
-        """What says which image it is, by name."""
-        return {name: getattr(self, name) for name in IMAGE}
+        """The fields that say which image it is, by name."""
+        return {name: getattr(self, name) for name in FIELDS if name not in RUNNING}
 
     @classmethod
-    def of(cls, record: Checkpoint) -> Job:
-        """The job that a record is of. Raises ValueError where it is of none."""
+    def of(cls, checkpoint: Checkpoint) -> Job:
+        """The job of a checkpoint. Raises ValueError where prosim render did not write it."""
         try:
-            said = dict(record.about["job"])
-            tuples = {name: said[name] and tuple(said[name]) for name in ("resolution", "crop")}
-            return cls(**(said | tuples))
+            return cls(**checkpoint.about["job"])
         except (KeyError, TypeError):
             raise ValueError(
-                "this state was not kept by prosim render, so the command can't know what it is of; continue it where "
-                "it comes from, by integrator.progressive(begin=...)"
+                "prosim render did not write this state; continue it where it comes from, by "
+                "integrator.progressive(begin=...)"
             ) from None
 
     def about(self, file: scene_file.SceneFile) -> dict[str, Any]:
-        """What a record of it has to say, so that another process can continue it: ``job`` and ``digest``."""
+        """What a checkpoint stores so that another process can continue it: ``job`` and ``digest``."""
         return {"job": self.image() | {"scene": os.path.abspath(self.scene)}, "digest": file.digest()}
 
     def file(self, folder: Path, **how: Any) -> scene_file.SceneFile:
@@ -115,73 +167,116 @@ class Job:
         return scene_file.SceneFile(self.scene, folder, **image, **how, **self.language)
 
 
-#: The fields that say which image it is.
-IMAGE = tuple(name for name in Job.__dataclass_fields__)[: list(Job.__dataclass_fields__).index("output")]
+FIELDS = tuple(one.name for one in fields(Job))
+
+#: The fields with an option.
+OPTIONS = tuple(one.name for one in fields(Job) if one.metadata)
 
 
-def takes_job(*names: str) -> Callable[[Callable], Callable]:
-    """Decorator: gives a command these options (all: none named), of which it gets a :class:`Job`, its first argument.
-
-    A parameter ``scene`` of the command becomes the job's, unless the job has no option that goes with it.
-    """
-    chosen = [name for name in OPTIONS if not names or name in names]
+def takes(*names: str) -> Callable[[Callable], Callable]:
+    """Decorator: gives a command the options of these fields."""
 
     def decorate(command: Callable) -> Callable:
-        @functools.wraps(command)
-        def build(**given: Any) -> Any:
-            options = {name: given.pop(name) for name in chosen}
-            if "definitions" in options:
-                options["scene"] = given.pop("scene")
-            return command(job_of(options), **given)
-
-        built: Callable = build
-        for name in reversed(chosen):
-            built = OPTIONS[name](built)
-        return built
+        for name in reversed(names):
+            settings = dict(Job.__dataclass_fields__[name].metadata)
+            flags = settings.pop("flags")
+            if not any(flag.startswith("--") for flag in flags):
+                flags = *flags, f"--{name.replace('_', '-')}"
+            command = options.option(settings.pop("group"), *flags, name, **settings)(command)
+        return command
 
     return decorate
 
 
-def job_of(options: dict[str, Any]) -> Job:
-    """The job that options ask for. Raises UsageError where they contradict each other."""
-    given = {name for name, value in options.items() if value is not None and value is not False}
+#: The groups in the order of the help; the last has the options of no group.
+GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
+
+#: Options of the version before, and their names today.
+OLD = {"--anew": "--overwrite"}
+
+
+class Command(click.Command):
+    """A command that gets its scene and the options of :func:`takes` as one :class:`Job`, its argument ``job``.
+
+    Its help shows the options in groups.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Makes the job when all options are known."""
+        rest = super().parse_args(ctx, [OLD.get(word, word) for word in args])
+        if not ctx.resilient_parsing:
+            ctx.params["job"] = job_of({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
+        return rest
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Writes them."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for param in self.get_params(ctx):
+            if isinstance(param, click.Option) and (record := param.get_help_record(ctx)) is not None:
+                groups.setdefault(getattr(param, "group", GROUPS[-1]), []).append(record)
+        for group, records in sorted(groups.items(), key=lambda item: GROUPS.index(item[0])):
+            with formatter.section(group):
+                formatter.write_dl(records)
+
+
+#: Options that exclude each other: one, others, and what to do.
+CONFLICTS = (
+    ("spp", "samples", "--spp and --samples both set the number of samples; give one of them."),
+    ("workers", "cluster", "--workers starts a cluster here, and --cluster names a running one; give one of them."),
+    ("part", "workers cluster", "--part is for processes without a connection; leave it out with a cluster."),
+    (
+        "part",
+        " ".join(TARGETS),
+        "--noise and --time need the whole image, and a part knows only its own pixels. Render the parts without them, "
+        "with --adaptive none; then prosim merge --keep, and prosim resume NAME.state.npz --noise X --adaptive graded. "
+        "Where the machines are connected, --cluster does all that.",
+    ),
+    ("denoise", "keep part", "--denoise renders two images, and --keep and --part store one; give one of them."),
+    ("frames", "part", "--part is for single images. Let each machine render some of the --frames: 0:24, 24:48."),
+    ("frames", "view", "--view is for single images. To see one frame: -D frame=7 instead of --frames."),
+)
+
+
+def job_of(asked: dict[str, Any]) -> Job:
+    """The job that options ask for, whose variant is set. Raises UsageError where they contradict each other."""
+    given = {name for name, value in asked.items() if value}
     for one, others, message in CONFLICTS:
         if one in given and given & set(others.split()):
             raise click.UsageError(message)
     if "frames" not in given and (film := given & {"fps", "overwrite"}):
-        raise click.UsageError(f"--{min(film)} is for films; say which --frames.")
-    scene = options.pop("scene", None)
-    begins = scene is not None
-    language = {name: value for name in LANGUAGE if (value := options.pop(name, None))}
-    warnings.simplefilter("always", prosim_scene.SceneWarning)
-    integrator = {name: value for name in INTEGRATOR if (value := options.pop(name, None)) is not None}
-    if given & set(ENDS) and begins and integrator.setdefault("adaptive", "graded") == "thesis":
-        raise click.UsageError(
-            "--adaptive thesis ends each pixel by its own samples, N to N*N, and knows neither --noise nor --time; "
-            "leave them out, or take another policy."
-        )
-    if options.pop("paths", False):
-        integrator = {"diffuse_bounces": -1, "max_level": -1, "ambient": None} | integrator
-    options["definitions"] = dict(options.get("definitions", ()))
-    options["spp"] = options.get("spp") or 0
-    if "mode" in options:
-        options["variant"] = variant = choose_variant(options.pop("mode"))
-        waves = (*ENDS, "max_samples", "adaptive", "keep", "part", "workers", "cluster")
-        refuse_waves([f"--{name.replace('_', '-')}" for name in waves if name in given], variant)
-    return Job(scene="" if scene is None else str(scene), integrator=integrator, language=language, **options)
-
-
-def refuse_for_xml(job: Job, *names: str) -> None:
-    """Raises UsageError where a scene in XML gets one of these options for scenes in the thesis's language."""
-    for name in names:
-        if name in job.language and job.scene.lower().endswith(".xml"):
-            free = " It may name any file without that option." if name == "allow_outside" else ""
+        raise click.UsageError(f"--{min(film)} is for films; add --frames.")
+    if asked.get("adaptive") == "thesis" and given & set(TARGETS):
+        raise click.UsageError("--adaptive thesis knows neither --noise nor --time; give another policy, or none.")
+    asked["scene"] = scene = str(asked.get("scene") or "")
+    for name in ("light_units", "tolerance"):
+        if name in given and scene.lower().endswith(".xml"):
             raise click.UsageError(
-                f"--{name.replace('_', '-')} is for scenes in the thesis's language, and {job.scene} is XML.{free}"
+                f"--{name.replace('_', '-')} is for scenes in the thesis's language; {scene} is XML."
             )
+    warnings.simplefilter("always", prosim_scene.SceneWarning)
+    asked["definitions"] = dict(asked.get("definitions", ()))
+    if "variant" in asked:
+        asked["variant"] = choose_variant(asked["variant"])
+        progressive = (*TARGETS, "max_samples", "adaptive", "keep", "part", "workers", "cluster")
+        refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], asked["variant"])
+    return Job(**asked)
 
 
-def continued(job: Job, asked: Job, **changes: Any) -> Job:
-    """``job``, of a record, running as ``asked`` on the command line."""
-    running = {name: getattr(asked, name) for name in Job.__dataclass_fields__ if name not in IMAGE}
-    return replace(job, **running | changes)
+def choose_variant(name: str | None) -> str:
+    """Sets a variant, or the default one, and loads all plugins; returns its name. Raises ImportError."""
+    try:
+        variant = session.set_variant(name)
+    except RuntimeError as error:
+        raise click.ClickException(session.message(error)) from None
+    if variant.startswith("scalar_"):
+        click.echo(f"{variant}: plugins in Python are hundreds of times slower than in an llvm variant", err=True)
+    return variant
+
+
+def refuse_scalar(names: list[str], variant: str) -> None:
+    """Raises InputError where one of these options is given with a scalar variant, which renders pixel by pixel."""
+    if variant.startswith("scalar_") and names:
+        raise options.InputError(
+            f"{', '.join(names)}: {variant} renders one pixel after the other, and knows nothing of the whole image. "
+            "Give another variant, such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
+        )

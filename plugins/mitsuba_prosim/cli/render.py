@@ -2,29 +2,63 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import closing
+from pathlib import Path
+
 import click
 
+from .. import atomic
+from ..engine.checkpoint import Checkpoint
+from ..scene import rendering, session
 from . import film, output
-from .image import SUFFIXES, write_image
-from .input_files import SceneFile
-from .job import Job, refuse_for_xml, takes_job
-from .options import Command
+from .image import SUFFIXES, Task, render_image
+from .input_files import SCENE_FILE
+from .job import OPTIONS, Command, Job, takes
+from .log import log
+from .options import wrong_input
+from .progress import Progress, warn
+from .tev import Viewer
+from .workers import Workers
 
 
 @click.command(cls=Command)
-@click.argument("scene", type=SceneFile())
-@takes_job()
+@click.argument("scene", type=SCENE_FILE)
+@takes(*OPTIONS)
 def render(job: Job) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
 
-    Writes a linear EXR (how it was made is in its metadata) and a tone-mapped PNG. Existing files are replaced when the
+    Writes a linear EXR, whose metadata say how it was made, and a tone-mapped PNG. Existing files are replaced when the
     new ones are complete. Ctrl-C ends the render and keeps the image so far (exit code 1).
 
-    How good? --noise, --time or --spp; without these, what the scene says.
+    Set the quality by --noise, --time or --spp; by default, the scene sets it.
     """
-    refuse_for_xml(job, "light_units", "tolerance", "allow_outside")
-    stem = output.default_stem(job.output, job.scene, SUFFIXES)
+    stem = output.stem(job.output, Path(job.scene).with_suffix(""), SUFFIXES)
     if job.frames is None:
         write_image(job, stem)
     else:
         film.render(job, stem)
+
+
+def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
+    """Renders a job, or its part alone, writes its image, and prints a report. ``stem``: the path without suffix.
+
+    ``begin``: continues from there. Raises InputError, where nothing has been written, and ClickException; ends the
+    process where it was interrupted.
+    """
+    with log(job.verbose), session.threads(job.threads), atomic.scratch() as folder:
+        with wrong_input():
+            task = Task.of(job, job.file(folder), stem, begin)
+        progressive = rendering.keeps(task.integrator)
+        with (
+            Workers(job) as workers,
+            closing(Viewer(job, task.sensor.film())) as shown,
+            # The first step ends when the kernels are compiled and one work item is rendered.
+            Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar,
+        ):
+            result = render_image(task, bar, workers, shown)
+        if result.black:
+            warn(result.black)
+    click.echo(result.report)
+    if result.interruption:
+        sys.exit(1)

@@ -1,9 +1,9 @@
-"""``prosim resume`` and ``prosim merge``: continue a render from its state, and put the parts of an image together."""
+"""``prosim resume`` and ``prosim merge``: continue a render from its state, and merge the parts of an image."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,113 +14,91 @@ from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
 from ..scene import session
 from . import output
-from .image import STATE, SUFFIXES, write_image
-from .input_files import PartFile, SceneFile, StateFile, parts, stem
-from .job import Job, continued, takes_job
-from .options import Command, InputError, choose_variant, option
+from .image import STATE, SUFFIXES
+from .input_files import PART_FILE, SCENE_FILE, STATE_FILE, parts, stem
+from .job import RUNNING, Command, Job, choose_variant, takes
+from .options import InputError, option
+from .render import write_image
 
-#: Policies that decide by the first samples alone: another aim is pursued by ``graded``.
+#: Policies that decide by the first samples alone; ``graded`` takes their place where the target changes.
 BY_FIRST = ("neighbours", "thesis")
 
-#: Options that say what is aimed at.
-AIMS = ("noise", "time", "noise_99", "noise_999", "max_samples", "adaptive")
+#: Options that change the target of a render.
+TARGET = ("noise", "time", "noise_99", "noise_999", "max_samples", "adaptive")
 
 #: Decorator: the option of commands that open a state.
-moved = option(
-    "Scene", "--scene", type=SceneFile(), help="Where the scene is now. [default: where it was, or beside the state]"
+scene_option = option(
+    "Scene",
+    "--scene",
+    "moved",
+    type=SCENE_FILE,
+    help="Path of the scene, if it was moved.",
+    show_default="where it was, or beside the state",
 )
 
 
 @click.command(cls=Command)
-@click.argument("state", type=StateFile())
-@takes_job(
-    "noise",
-    "time",
-    "noise_99",
-    "noise_999",
-    "max_samples",
-    "adaptive",
-    "output",
-    "exposure",
-    "verbose",
-    "threads",
-    "workers",
-    "cluster",
-)
-@moved
-def resume(asked: Job, state: Path, scene: Path | None) -> None:
-    """Continue a render from STATE, which prosim render --keep has written, until it is what was asked for.
+@click.argument("state", type=STATE_FILE)
+@takes(*TARGET, "output", "exposure", "verbose", "threads", "workers", "cluster")
+@scene_option
+def resume(job: Job, state: Path, moved: Path | None) -> None:
+    """Continue a render from STATE, a file that prosim render --keep has written, until its target.
 
-    The image is then the same to the bit as if nothing had been between. Other aims than before are pursued from where
-    it is; --time counts from the beginning. A state that does not belong to the scene, or to this version, is refused.
+    The image is the same to the bit as without the interruption. Another target continues the image from where it is;
+    --time counts from the beginning. A state of another scene or version is refused.
     """
-    record, job = opened(state, scene, asked.exposure)
-    target = output.stem(asked.output, stem(state), SUFFIXES)
-    aim = asked.integrator
-    if record.part and aim:
+    record, before = opened(state, moved)
+    target: dict[str, Any] = {name: value for name in TARGET if (value := getattr(job, name)) is not None}
+    if record.part and (target or job.distributed):
         raise click.UsageError(
-            f"{state} is a part, and all parts of an image are to have one aim: finish it as it is. --noise, "
-            "--noise-99, --time, --max-samples and --adaptive are for the image that prosim merge --keep makes of them."
+            f"{state} is a part, and all parts of an image have one target; finish it without further options. "
+            "prosim merge --keep makes a state of all parts, which can be continued."
         )
-    if record.part and asked.helpers:
-        raise click.UsageError(f"{state} is a part, which one process renders; {asked.helpers} is for whole images.")
-    if aim.get("adaptive") in BY_FIRST:
-        raise click.UsageError(f"--adaptive {aim['adaptive']} decides by the first samples, and these are taken.")
-    before = record.facts["sampling"]["time"]
-    if aim and "time" not in aim and before and record.facts["seconds"] > 0.99 * before:
-        raise click.UsageError(
-            f"the {before:g} s that were asked for before are used up, as --time counts from the beginning: say --time "
-            f"as well, such as --time {2 * before:g}"
-        )
-    changes = {**job.integrator, **changed(record, aim)}
-    job = continued(job, asked, exposure=job.exposure, integrator=changes, keep=True, part=record.part)
-    write_image(job, target, record, sources=[state])
-    if record.finished and not aim:
+    if target.get("adaptive") in BY_FIRST:
+        raise click.UsageError(f"--adaptive {target['adaptive']} decides by the first samples, which exist already.")
+    if target:
+        policy = record.facts["sampling"]["adaptive"]
+        target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
+    job = continued(before, job, keep=True, part=record.part, **target)
+    write_image(job, output.stem(job.output, stem(state), SUFFIXES), record)
+    if record.finished and not target:
         click.echo(
-            f"It was finished before. When all parts are: prosim merge {parts(state)}"
+            f"It was finished before. When all parts are finished: prosim merge {parts(state)}"
             if record.part
-            else f"It was finished before. To take it further, say how far, such as {further(record)}."
+            else "It was finished before. To improve it, add another target, such as --noise or --time."
         )
 
 
 @click.command(cls=Command)
-@click.argument("files", metavar="PART...", type=PartFile(), nargs=-1, required=True)
-@takes_job("output", "exposure", "keep", "verbose", "threads")
-@moved
-def merge(asked: Job, files: tuple[Path, ...], scene: Path | None) -> None:
-    """Make the image of which each PART is one, as prosim render --part has written it: the same to the bit as if it
-    had been rendered at once.
+@click.argument("files", metavar="PART...", type=PART_FILE, nargs=-1, required=True)
+@takes("output", "exposure", "keep", "verbose", "threads")
+@scene_option
+def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
+    """Merge the PARTs of an image, files that prosim render --part has written.
 
-    All parts have to be there, each once, in any order. Nothing is rendered.
+    The image is the same to the bit as one that is rendered at once. Each part has to be there once, in any order.
+    Nothing is rendered.
     """
-    record, job = opened(files[0], scene, asked.exposure, lambda: checkpoint.merge(files))
-    target = output.stem(asked.output, stem(files[0]), SUFFIXES)
-    write_image(continued(job, asked, exposure=job.exposure), target, record, sources=files)
-    number = f"The {len(files)} parts" if len(files) > 1 else "The part"
+    record, before = opened(files[0], moved, lambda: checkpoint.merge(files))
+    target = output.stem(job.output, stem(files[0]), SUFFIXES)
+    write_image(continued(before, job), target, record)
     click.echo(
-        f"{number} can be removed: all that is known of the image is in {target}{STATE} as well."
-        if asked.keep
-        else f"{number} can be removed, unless the image is to be continued: prosim merge --keep makes a state of them."
+        f"The parts can be removed: {target}{STATE} stores all of them."
+        if job.keep
+        else "The parts can be removed, unless the image is to be continued: prosim merge --keep makes a state of them."
     )
 
 
-def further(record: Checkpoint) -> str:
-    """Options that take a finished image further than it is: half its noise, where that is known, or twice its time."""
-    sampling = record.facts["sampling"]
-    noises = [noise for noise in (record.facts["noise"][0], sampling["noise"]) if noise > 0]  # not NaN
-    options = [f"--noise {min(noises) / 2:.2g}"] if noises else []
-    if not noises or sampling["time"]:
-        options.append(f"--time {max(2 * record.facts['seconds'], 1):.3g}")
-    if sampling["max_samples"]:
-        options.append(f"--max-samples {4 * sampling['max_samples']}")
-    return " ".join(options)
+def continued(before: Job, asked: Job, **changes: Any) -> Job:
+    """The job ``before``, of a state, running and shown as ``asked``."""
+    running = {name: getattr(asked, name) for name in RUNNING}
+    exposure = before.exposure if asked.exposure is None else asked.exposure
+    return replace(before, exposure=exposure, **running | changes)
 
 
-def opened(
-    state: Path, scene: Path | None, exposure: float | None, read: Callable[[], Checkpoint] | None = None
-) -> tuple[Checkpoint, Job]:
-    """The record in a file, and the job that it is of, whose variant is set; ``scene``: where that of the job is now;
-    ``exposure``: instead of that of the job; ``read``: what makes the record, if it is not in this file alone.
+def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | None = None) -> tuple[Checkpoint, Job]:
+    """The record in a file and its job, whose variant is set; ``moved``: path of the job's scene, if that was moved;
+    ``read``: makes the record, unless the file alone has it.
 
     Raises InputError.
     """
@@ -130,25 +108,12 @@ def opened(
             warnings.simplefilter("always")
             record = read() if read else checkpoint.load(state)
         job = Job.of(record)
-        job = replace(job, scene=str(scene or found(Path(job.scene), state)))
-        return record, job if exposure is None else replace(job, exposure=exposure)
+        scene = Path(job.scene)
+        for path in filter(None, (moved, scene, state.parent / scene.name)):
+            if path.is_file():
+                return record, replace(job, scene=str(path))
+        raise ValueError(f"{scene} does not exist, nor is it beside {state}; give its path by --scene")
     except OSError as error:
-        raise InputError(f"{state}: {output.said(error)}") from None
-    except ValueError as error:
+        raise InputError(f"{state}: {output.reason(error)}") from None
+    except (ImportError, ValueError) as error:
         raise InputError(session.message(error)) from None
-
-
-def found(scene: Path, state: Path) -> Path:
-    """The scene where it was, or else beside the state. Raises ValueError where it is neither here nor there."""
-    for path in (scene, state.parent / scene.name):
-        if path.is_file():
-            return path
-    raise ValueError(f"{scene} is not there any more, nor beside {state}; say where it is with --scene")
-
-
-def changed(record: Checkpoint, aim: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of the integrator by which another ``aim`` is pursued."""
-    if not aim:
-        return {}
-    adaptive = record.facts["sampling"]["adaptive"]
-    return {**aim, "adaptive": aim.get("adaptive") or ("graded" if adaptive in BY_FIRST else adaptive)}

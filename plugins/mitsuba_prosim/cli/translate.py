@@ -1,6 +1,5 @@
-"""``prosim translate`` and ``prosim format``: the scene language, to Mitsuba's or to its tidy form."""
+"""``prosim translate`` and ``prosim format``: translate and format the scene language."""
 
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,41 +8,29 @@ import click
 import prosim_scene
 
 from ..stock_command import stand_ins
-from .input_files import LanguageFile
-from .job import Job, takes_job
-from .options import Command, InputError, option
-from .output import KNOWN, expanded, refuse_folders
-
-
-class Folder(click.Path):
-    """A folder, to be made in one that is there if need be, whose name is not that of another kind of file."""
-
-    def __init__(self):
-        super().__init__(file_okay=False, path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The folder's path."""
-        path = Path(os.fsdecode(super().convert(str(expanded(os.fsdecode(value))), param, ctx)))
-        if KNOWN.fullmatch(path.suffix.lower()) and not path.exists():
-            self.fail(f"'{path}': name the folder; the file in it is called after the scene.", param, ctx)
-        refuse_folders(path)
-        return path
+from .input_files import LANGUAGE_FILE
+from .job import Command, Job, takes
+from .options import option, wrong_input
+from .output import folder
 
 
 @click.command(cls=Command)
-@click.argument("scene", type=LanguageFile())
-@takes_job("definitions", "resolution", "allow_outside", "samples", "light_units", "tolerance")
-@option("Output", "-o", "--output", type=Folder(), help="Folder to write to. [default: the scene's]")
+@click.argument("scene", type=LANGUAGE_FILE)
+@takes("definitions", "resolution", "allow_outside", "samples", "light_units", "tolerance")
+@option(
+    "Output", "-o", "--output", type=click.Path(file_okay=False), help="Folder to write to.", show_default="the scene's"
+)
 @option(
     "Output",
     "--target",
     type=click.Choice(["prosim", "stock"]),
     default="prosim",
-    help="Plugins that the XML names: this package's, or only those that Mitsuba brings.",
+    help="Plugins of the XML: this package's, or Mitsuba's own only.",
 )
 @option("Output", "--check", is_flag=True, help="Write nothing; only print errors and warnings.")
-def translate(job: Job, output: Path | None, target: str, check: bool) -> None:
+def translate(job: Job, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
+    place = folder(job.output)
     options: dict[str, Any] = {
         "target": target,
         "define": job.definitions,
@@ -51,29 +38,25 @@ def translate(job: Job, output: Path | None, target: str, check: bool) -> None:
         "samples": job.samples,
         **job.language,
     }
-    try:
+    with wrong_input():
         if check:
             prosim_scene.check(job.scene, **options)
             return
-        click.echo(prosim_scene.translate(job.scene, output, **options))
-    except prosim_scene.SceneError as error:
-        raise InputError(str(error)) from None
+        click.echo(prosim_scene.translate(job.scene, place, **options))
     if target == "prosim" and sys.platform == "linux" and not stand_ins.installed():
-        click.echo("prosim render can render this scene; for the mitsuba command, run once: prosim link", err=True)
+        click.echo("Render it by prosim render; for the mitsuba command, run once: prosim link", err=True)
 
 
 @click.command("format")
-@click.argument("scenes", type=LanguageFile(), nargs=-1, required=True)
+@click.argument("scenes", type=LANGUAGE_FILE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
-    """Rewrite SCENES in the thesis's scene language in tidy form; what they mean stays the same."""
+    """Rewrite SCENES, in the thesis's scene language, in tidy form; their meaning stays the same."""
     tidy = {}
     for scene in scenes:
-        try:
+        with wrong_input():
             before = prosim_scene.read(scene)
             after = prosim_scene.format(before, str(scene))
-        except prosim_scene.SceneError as error:
-            raise InputError(str(error)) from None
         if before != after:
             tidy[scene] = after
     for scene, text in tidy.items():

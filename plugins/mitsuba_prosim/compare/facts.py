@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from ..transport import lobes
-from ..transport.context import scene_flags
 from . import measures
 from .runs import Contestant, Runs
 from .scenes import Scene, Spec
@@ -106,7 +102,7 @@ def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 def difference(
     scene: Scene, spec: Spec, paths: np.ndarray, own: np.ndarray, scale: float
-) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+) -> tuple[dict[str, float], dict[str, np.ndarray]]:
     """The light that the thesis's transport leaves out, and its ambient term: ``(facts, images)``.
 
     ``paths``, ``own``: converged images with all paths and in the scene's own light, times ``scale``.
@@ -118,11 +114,6 @@ def difference(
         )
         ambient = (bright - dark) * scale  # of the same samples, almost without noise
     left_out = paths - (own - ambient)
-    flags = scene_flags(scene.scene)
-    is_specular = lobes.has_any(flags, "GlossyReflection", "DeltaReflection", "GlossyTransmission", "DeltaTransmission")
-    is_diffuse = lobes.has_any(flags, "DiffuseReflection", "DiffuseTransmission")
-    has_caustics = (scene.settings | spec.parameters).get("caustics", False)
-    background = scene.background
     numbers = {
         "paths_mean": paths.mean(),
         "own_mean": own.mean(),
@@ -131,14 +122,6 @@ def difference(
         "difference_rms": np.sqrt(np.mean(np.square(paths - own))),
         "left_out_share": left_out.mean() / max(paths.mean(), 1e-30),
     }
-    effects = {
-        "interreflection": bool(is_diffuse),
-        "caustics": bool(is_specular and is_diffuse and not has_caustics),
-        "light of the background": background is not None and bool(dr.any(mi.Float(background.mean()) > 0)),
-        "ambient": scene.ambient is not None,
-    }
     images = {"left_out": left_out, "ambient": ambient, "signed": paths - own}
-    return (
-        {name: float(value) for name, value in numbers.items()} | {"effects": effects},
-        {f"difference/{name}": image for name, image in images.items()},
-    )
+    facts = {name: float(value) for name, value in numbers.items()}
+    return facts, {f"difference/{name}": image for name, image in images.items()}

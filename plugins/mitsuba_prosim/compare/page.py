@@ -31,16 +31,18 @@ TRANSPORTS = {
 }
 
 
+#: Colours of the contestants.
+COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
+
+
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
-    """The page as text. Each number on it stands in ``facts`` too, as ``<data value=...>`` gives it in full."""
+    """The text of the page. ``<data value=...>`` holds each number in the precision of ``facts``."""
     import jinja2
 
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.globals.update(
-        number=number, picture=picture, described=described, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS
-    )
+    environment.globals.update(number=number, described=described, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS)
     template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
     return template.render(
         facts=facts, pictures=encode(facts, images), charts=[chart(section) for section in facts["sections"]]
@@ -48,32 +50,22 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
 
 
 def described(role: str) -> str:
-    """What a row of the table is, beside its name."""
-    kind = {"a": "as the scene has it", "b": "as the scene has it", "b at equal samples": "equal samples"}
-    plain = role.removesuffix(" denoised")
-    return kind.get(plain, "equal time") + (", denoised" if plain != role else "")
+    """The role of a row of the table, in words."""
+    kind = "equal samples" if "samples" in role else "equal time" if "time" in role else "as in the scene"
+    return kind + (", denoised" if role.endswith(" denoised") else "")
 
 
 def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
-    """A number as it stands on the page."""
+    """A number in the format of the page."""
     import markupsafe
 
     if value is None:
         return "–"
-    # No exponents: 0.0000123 reads better beside its like, and 1.2e+02 is no way to write 120.
+    # Without exponents, such as that of 1.2e+02.
     text = f"{value:{form}}"
     if "e" in text:
         text = np.format_float_positional(float(text), trim="-")
     return markupsafe.Markup('<data value="{}">{}</data>{}').format(repr(value), text, unit)
-
-
-def picture(source: str, caption: str, classes: str = "") -> str:
-    """An image that is opened and closed by a click."""
-    import markupsafe
-
-    return markupsafe.Markup('<figure class="{}"><img src="{}" alt="{}"><figcaption>{}</figcaption></figure>').format(
-        classes, source, caption, caption
-    )
 
 
 def data_uri(content: bytes, kind: str) -> str:
@@ -91,7 +83,7 @@ def png(image: np.ndarray) -> str:
 
 
 def coloured(values: np.ndarray, top: float, name: str = "magma") -> np.ndarray:
-    """Numbers as colours, from 0 to ``top``."""
+    """Numbers in 0 to ``top`` as colours."""
     from matplotlib import colormaps
 
     return colormaps[name](np.clip(values / top, 0, 1))[..., :3]
@@ -117,35 +109,23 @@ def chart(section: Facts) -> str:
     """Curves of a section, as an SVG data URI."""
     import matplotlib
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
-    axes = figure.subplots(2, 2, sharey="row")
+    axes = figure.subplots(2, 2, sharex="col", sharey="row")
+    costs = {"samples": "samples per pixel", "cpu": "processor seconds per thread"}
     for row, measure in zip(axes, ("rmse", "flip")):
-        for axis, (cost, label) in zip(
-            row, (("samples", "samples per pixel"), ("cpu", "processor seconds per thread"))
-        ):
-            for curve, colour in zip(section["curves"], ("#c2410c", "#1d4ed8")):
-                axis.loglog(
-                    [p[cost] for p in curve["points"]],
-                    [max(p[measure], 1e-7) for p in curve["points"]],
-                    "o-",
-                    color=colour,
-                    label=curve["name"],
-                )
+        for axis, cost in zip(row, costs):
+            for curve in section["curves"]:
+                points = [(point[cost], max(point[measure], 1e-7)) for point in curve["points"]]
+                axis.loglog(*zip(*points), "o-", color=COLOURS[curve["role"]], label=curve["name"])
             for entry in section["rows"]:
-                colour = "#c2410c" if entry["role"][0] == "a" else "#1d4ed8"
                 x = entry[cost] if cost == "samples" else entry[cost]["median"]
-                axis.loglog(
-                    [x], [max(entry[measure]["median"], 1e-7)], "D", color=colour, markersize=9, markerfacecolor="none"
-                )
-            axis.set_xlabel(label)
+                y = max(entry[measure]["median"], 1e-7)
+                axis.loglog(x, y, "D", color=COLOURS[entry["role"][0]], markersize=9, markerfacecolor="none")
             axis.grid(True, which="both", alpha=0.2)
-            for side in (axis.xaxis, axis.yaxis):
-                side.set_major_locator(LogLocator(subs=(1, 2, 5)))
-                side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.12g}"))
-                side.set_minor_formatter(NullFormatter())
         row[0].set_ylabel(MEASURES[measure][0])
+    for axis, label in zip(axes[1], costs.values()):
+        axis.set_xlabel(label)
     axes[0, 0].legend()
     file = io.BytesIO()
     with matplotlib.rc_context({"svg.fonttype": "path"}):

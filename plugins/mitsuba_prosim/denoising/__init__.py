@@ -1,7 +1,7 @@
-"""The honest denoiser: it says where it is wrong, and gives way to the samples.
+"""A denoiser that estimates its error and mixes its output with the samples.
 
-``oidn``: the denoiser; ``mixing``: how far it is followed;
-``denoised``: both together; ``halves``: from a scene to two images and their features; ``layers``: as a film's image.
+``oidn``: the denoiser; ``mixing``: the mixture, by a ``pyramid`` of scales; ``denoised``: both together; ``halves``:
+two images of a scene and their features; ``layers``: the result as a bitmap or in a film.
 """
 
 from .denoised import Denoised, denoise

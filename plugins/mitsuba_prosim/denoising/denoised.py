@@ -1,4 +1,4 @@
-"""What is known of an image after it was denoised; the function that finds it."""
+"""Denoises an image and estimates its error."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .oidn import Denoiser
 class Denoised:
     """Images of shape (height, width, channels) and maps of shape (height, width), of 32 bits."""
 
-    #: The mean of the two halves; what the denoiser makes of it; and the mixture of both.
+    #: The mean of the two halves; the output of the denoiser; and the mixture of both.
     raw: np.ndarray
     denoised: np.ndarray
     final: np.ndarray
-    #: Estimated standard error of each pixel of these three, a root mean square over the colours and the pixels around.
+    #: Estimated standard error of each pixel of these three: RMS over the colours and the neighbourhood.
     raw_error: np.ndarray
     denoised_error: np.ndarray
     final_error: np.ndarray
 
     def noise(self, error: np.ndarray) -> float:
-        """Root mean square over the pixels of the error of the displayed value, white being 1, by one of the maps.
+        """RMS error of the displayed image (white = 1), by one of the error maps.
 
-        About what :class:`~mitsuba_prosim.engine.error_target.ErrorTarget` means by noise, and more where the
-        errors of a window are those of a few pixels.
+        It is about the noise of :class:`~mitsuba_prosim.engine.error_target.ErrorTarget`, and higher where few pixels
+        of a neighbourhood have all of its error.
         """
         light = displayed(self.final)
         return float(np.sqrt(np.mean((np.sqrt(light + error) - np.sqrt(light)) ** 2, dtype=np.float64)))
@@ -54,16 +54,16 @@ def denoise(
     normal: np.ndarray | None = None,
     fast: bool = False,
 ) -> Denoised:
-    """The image that two halves of its samples give: denoised as far as it gets nearer to the truth by that.
+    """Denoises an image of two halves, as far as that reduces its error.
 
     ``first``, ``second``
-        Linear images of the same scene from different samples (other seeds), as many for each: arrays of shape
-        (height, width, channels), channels being 1 or 3, or two-dimensional. What is not finite in one is taken from
-        the other; what is in neither is black.
+        Linear images of the same scene from equally many different samples (other seeds): shape (height, width,
+        channels) with 1 or 3 channels, or (height, width). A value that is not finite is taken from the other half, and
+        is black if it is finite in neither.
     ``albedo``, ``normal``
-        What :ref:`integrator-prosim_features` renders, from samples of their own: shape (height, width, 3), or None.
+        Images of :ref:`integrator-prosim_features` from independent samples: shape (height, width, 3), or None.
     ``fast``
-        With smaller networks, several times as fast, for a first look.
+        Smaller networks, several times as fast.
 
     Returns a :class:`Denoised`. Raises ValueError where the shapes do not fit, and :class:`.oidn.MissingError` where
     the package mitsuba-oidn is not installed.
@@ -85,7 +85,7 @@ def denoise(
 def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
     """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features."""
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
-    # Squares are taken of them.
+    # Their squares must be finite.
     first, second = (
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )

@@ -1,4 +1,4 @@
-"""A denoised image as a film's: the final one, and beside it in layers what it came from."""
+"""A denoised image with its layers, as a bitmap or in a film."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from .halves import Halves
 
 
 def bitmap(halves: Halves, denoised: Denoised) -> mi.Bitmap:
-    """The final image and the integrator's own channels, under their names; the layers ``raw`` and ``denoised``; and
-    the errors of all three: ``error``, ``error_raw`` and ``error_denoised``, with one channel, ``Y``.
+    """The final image, the integrator's own channels, the layers ``raw`` and ``denoised``, and the errors of the three
+    images: ``error``, ``error_raw`` and ``error_denoised``, with one channel, ``Y``.
     """
     colours = halves.names[: halves.colours]
     planes = dict(zip(colours, np.moveaxis(denoised.final, 2, 0))) | halves.others()
@@ -24,8 +24,8 @@ def bitmap(halves: Halves, denoised: Denoised) -> mi.Bitmap:
 
 
 def put(halves: Halves, denoised: Denoised, film: mi.Film, names: Sequence[str]) -> None:
-    """Makes the final image what ``film`` holds, with the channels ``names`` beside it: the integrator's own, and those
-    layers. Raises ValueError where the film's colours are not R, G, B or one Y.
+    """Puts the final image into ``film``, with the channels ``names``: the integrator's own, and the layers of
+    :func:`bitmap`. Raises ValueError where the film's colours are not R, G, B or Y.
     """
     if halves.names[0] not in ("R", "Y"):
         raise ValueError(
@@ -34,7 +34,7 @@ def put(halves: Halves, denoised: Denoised, film: mi.Film, names: Sequence[str])
         )
     planes = halves.others() | {"W": np.ones(denoised.raw_error.shape)}
     for layer, image in (("", denoised.final), ("raw.", denoised.raw), ("denoised.", denoised.denoised)):
-        # Films store three colours, and make one of them in the end.
+        # Films store three colours, even if they develop one.
         planes |= {f"{layer}{c}": image[..., k % image.shape[2]] for k, c in enumerate("RGB")}
     planes |= errors(denoised)
     alpha = ["A"] * bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
@@ -45,7 +45,7 @@ def put(halves: Halves, denoised: Denoised, film: mi.Film, names: Sequence[str])
 
 
 def errors(denoised: Denoised) -> dict[str, np.ndarray]:
-    """The maps of errors as layers."""
+    """The error maps as layers."""
     return {
         "error.Y": denoised.final_error,
         "error_raw.Y": denoised.raw_error,
@@ -54,7 +54,7 @@ def errors(denoised: Denoised) -> dict[str, np.ndarray]:
 
 
 def undenoised(halves: Halves) -> mi.Bitmap:
-    """The first half alone, where there is no second one."""
+    """The first half of a render that was stopped."""
     return of_channels(dict(zip(halves.names, np.moveaxis(halves.first, 2, 0))))
 
 

@@ -1,20 +1,20 @@
-"""A denoised image and the samples it came from, mixed by what two independent halves say of the errors of both.
+"""Mixes a denoised image with its samples, by the errors of both, which two independent halves estimate.
 
-Let A and B be images of the same scene from different samples, M = (A + B) / 2 the raw image, and d = (A - B) / 2,
-which is noise of the same size as that of M, and independent of it where it is Gaussian. What is denoised are M + d/2
-and M - d/2, each by itself; D is the mean of the two results and e their difference, which says how the denoiser
-follows noise like d. Then, for any window of pixels, these have about the right expected values (Stein 1981; exactly
-where the denoiser is linear in the noise):
+Let A and B be images of the same scene from different samples, M = (A + B) / 2 the raw image, and d = (A - B) / 2. The
+noise d has the variance of that of M, and is independent of it if it is Gaussian. The denoiser gets M + d/2 and M - d/2
+separately; D is the mean of the two results and e their difference, the response of the denoiser to noise like d. Then,
+in any window of pixels, these estimators are about unbiased (Stein 1981; exactly if the denoiser is linear in the
+noise):
 
     d²                      the variance of the raw image M,
-    d e                     what the denoised image D owes to the noise of M,
+    d e                     the covariance of D and M,
     (M - D)² - d² + 2 d e   the squared error of D,
-    (M - D)² - d² + d e     (M - D) times what D lacks: what was taken away and is no noise.
+    (M - D)² - d² + d e     (M - D) times the signal that D lacks.
 
-The image is D and a part of what was taken away, which is greater the more of it is no noise: at each scale by itself,
-as in Wiener's filter. So light that the denoiser has lost in small spots comes back as the wide, faint difference that
-many pixels together are sure of. Each part is itself uncertain; how much so is estimated as well, and where it can't be
-told from that of a wide neighbourhood, that is taken (James and Stein 1961).
+The result is D plus a share of M - D, which depends on the share of signal in it: at each scale separately, as in
+Wiener's filter. So light that the denoiser has lost in small spots returns as a wide, faint difference, which many
+pixels together determine. The variance of each share is estimated too; where the share does not differ significantly
+from that of a wide neighbourhood, the latter is used (James and Stein 1961).
 """
 
 from __future__ import annotations
@@ -25,20 +25,19 @@ import numpy as np
 
 from .pyramid import average, bands, blur, halved, whole
 
-#: Scales, each twice as coarse as the one before; and the least side of an image that has a coarser one.
+#: Number of scales, each twice as coarse as the one before; smallest side of an image with a coarser one.
 SCALES, LEAST_SIDE = 4, 8
 
-#: The windows that products are averaged over, narrow and wide: how often halved and how often averaged then, see
-#: :func:`.pyramid.blur`. About Gaussians of 3 and 26 pixels of the scale.
+#: Windows of the averages of products, arguments of :func:`.pyramid.blur`: about Gaussians of 3 and 26 pixels.
 NARROW, WIDE = (1, 2), (4, 2)
 
-#: How many pixels of equal weight the narrow window is worth.
+#: The effective number of pixels of the narrow window.
 PIXELS = 4 * np.pi * 10
 
-#: A pixel is sure whose variance is much less than this part of the mean.
+#: A pixel is converged if its variance is much less than this part of the mean.
 SURE = 1 / 30
 
-#: The part of the light that is added at most: more is that of single samples, and would be seen everywhere.
+#: Maximum share of light that is added: more would come from single samples and be visible everywhere.
 LIGHT = 0.02
 
 
@@ -49,40 +48,40 @@ class Mixture:
     #: Shape (height, width, channels): the mixture, and the denoised image.
     image: np.ndarray
     denoised: np.ndarray
-    #: Squares of the standard error of ``image``, of the raw and of the denoised one, shape (height, width): means over
-    #: the channels and the window, whose sum is that of the pixels.
+    #: Squared standard errors of ``image``, of the raw and of the denoised image, shape (height, width): means over the
+    #: channels and the window, with the sum of the pixels' own.
     error: np.ndarray
     raw_error: np.ndarray
     denoised_error: np.ndarray
 
 
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is to be denoised of two halves: three quarters of either and a quarter of the other."""
+    """The two images to denoise: three quarters of one half and a quarter of the other."""
     quarter = (first - second) / 4
     return first - quarter, second + quarter
 
 
 def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_second: np.ndarray) -> Mixture:
-    """The image of least expected error between (first + second) / 2 and (near_first + near_second) / 2, the latter
-    being what :func:`inputs` gives, denoised.
+    """The mixture of (first + second) / 2 and (near_first + near_second) / 2 with the least expected error.
 
-    All arrays have the shape (height, width, channels) and finite values; the halves are independent of each other.
+    ``near_first``, ``near_second``: the denoised images of :func:`inputs`. All arrays have the shape (height, width,
+    channels) and finite values; the halves are independent.
     """
     raw, noise = (first + second) / 2, (first - second) / 2
     denoised, followed = (near_first + near_second) / 2, near_first - near_second
     removed = raw - denoised
     light = average(displayed(denoised))
-    # An error counts by how much it changes the displayed value, whose slope is that of a square root.
+    # Errors are weighted by the slope of the displayed value, a square root.
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (removed, noise, noise - followed)]
     slopes = halved(1 / light, len(scales[0]))
     parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, slopes)]
     image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
-    # Beside what is much brighter the scales may not cancel out: no darker than all that there is.
+    # Near much brighter pixels the scales may not cancel out. The result is never darker than all of its inputs.
     image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
     left = followed + whole([share * taken for share, taken in zip(parts, scales[2])])
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
-    # Each is at least the variance, which has one sign.
+    # Both are at least the variance, which is positive.
     squares = noise * left, left * left, own, error, followed * followed
     mean = spread(np.stack([x.mean(2) for x in squares], axis=2), displayed(image))
     error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
@@ -95,10 +94,10 @@ def displayed(image: np.ndarray) -> np.ndarray:
 
 
 def part(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """The part of what was removed from a scale that is to be put back, 0 to 1, shape (height, width)."""
+    """The share of a band of M - D that is added, 0 to 1, shape (height, width)."""
     all_removed = (removed * removed).mean(2) * slope
     kept = all_removed + ((followed - noise) * noise).mean(2) * slope
-    # By how much ``kept`` may be off: the product of what is left and noise that is independent of it.
+    # The standard deviation of ``kept``: a product of independent noise.
     uncertain = (removed * (noise - followed / 2)).mean(2) * slope
     products = np.stack([all_removed, kept, uncertain * uncertain], axis=2)
     all_removed, kept, variance = np.moveaxis(blur(products, *NARROW), 2, 0)
@@ -109,7 +108,7 @@ def part(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np
 
 
 def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Squared errors, shape (height, width, n), distributed among the pixels around by their light; shape
+    """Squared errors, shape (height, width, n), distributed over the neighbourhood in proportion to the light; shape
     (n, height, width).
     """
     among = blur(light, *NARROW)[..., None]
@@ -117,7 +116,7 @@ def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
 
 
 def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """``image`` with the light of ``raw``: what is missing is added to all pixels alike but those that are sure."""
+    """``image`` with the total light of ``raw``: the difference is added to all pixels that are not converged."""
     found = image.sum((0, 1), dtype=np.float64)
     missing = np.clip(raw.sum((0, 1), dtype=np.float64) - found, -LIGHT * abs(found), LIGHT * abs(found))
     share = variance / np.maximum(variance + SURE * variance.mean(), np.float32(1e-30))

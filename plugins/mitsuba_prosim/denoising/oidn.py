@@ -1,4 +1,4 @@
-"""Intel's Open Image Denoise, by way of the package ``mitsuba-oidn``."""
+"""Intel's Open Image Denoise, through the package ``mitsuba-oidn``."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from prosim_scene import extras
 
 
 class MissingError(ImportError):
-    """The package is not there."""
+    """The package is not installed."""
 
 
 def load() -> ModuleType:
-    """The module ``mitsuba_oidn``. Raises :class:`MissingError`, which says what to install."""
+    """The module ``mitsuba_oidn``. Raises :class:`MissingError`, which names the package to install."""
     try:
         import mitsuba_oidn
     except ImportError as error:
@@ -26,16 +26,16 @@ class Denoiser:
     """Open Image Denoise with the features of one view: albedo in [0, 1] and normals in [-1, 1], arrays of shape
     (height, width, 3), or None.
 
-    On the processor, whatever the variant. The same bits for the same number of threads. ``fast``: with smaller
-    networks, and the features as they are.
+    It runs on the processor in all variants. The bits depend on the number of threads. ``fast``: smaller networks, and
+    noisy features.
     """
 
     def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:
         self.oidn = load()
         self.device = self.oidn.Device(self.oidn.DeviceType.CPU)
         quality = self.oidn.Quality
-        # Features that are denoised themselves, and said to be, leave more of a texture than those with their noise.
-        # The best of its networks pays for the albedo, and for the image; for normals the fastest does as well.
+        # Denoised features preserve more of a texture than noisy ones. The best network pays for the albedo and for the
+        # image; for normals the fastest one is as good.
         self.clean = albedo is not None and not fast
         self.albedo = self._feature("albedo", albedo, None if fast else quality.High)
         self.normal = self._feature("normal", normal, None if fast else quality.Fast)
@@ -50,7 +50,7 @@ class Denoiser:
         return np.array(result).mean(2, keepdims=True) if image.shape[2] == 1 else np.array(result)
 
     def _feature(self, kind: str, feature: np.ndarray | None, quality: Any) -> np.ndarray | None:
-        """As it is told: denoised, where a ``quality`` is named."""
+        """A feature, denoised with this ``quality`` if it is not None."""
         if feature is None:
             return None
         feature = np.ascontiguousarray(feature, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Images at several scales: the pyramid of Burt and Adelson (1983), of arrays (height, width) or with more axes."""
+"""The pyramid of Burt and Adelson (1983): images (arrays of shape (height, width, ...)) at several scales."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 
 def average(image: np.ndarray, times: int = 1) -> np.ndarray:
-    """Weighted mean of each pixel and those within two rows and columns, so many times over: about a Gaussian whose
-    standard deviation is the root of ``times``, in pixels. Beyond the border, its pixels go on.
+    """Weighted mean of each pixel and its neighbours within two rows and columns, repeated ``times`` times: about a
+    Gaussian with a standard deviation of ``times``**0.5 pixels. The pixels of the border continue beyond it.
     """
     for _ in range(times):
         image = _across(_along(image))
@@ -20,12 +20,12 @@ def reduce(image: np.ndarray) -> np.ndarray:
 
 
 def expand(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """The smooth image of that size that :func:`reduce` made ``image`` of."""
+    """A smooth image of that size, the opposite of :func:`reduce`."""
     return _doubled(_doubled(image, height).swapaxes(0, 1), width).swapaxes(0, 1)
 
 
 def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
-    """The mean of ``image`` around each pixel, wide and cheap: halved ``levels`` times, averaged ``times``, expanded.
+    """A wide, cheap mean around each pixel: halved ``levels`` times, averaged ``times`` times, expanded.
     About a Gaussian of the variance (2 (4^levels - 1) / 3 + 4^levels times) pixels².
     """
     smaller = halved(image, levels + 1)
@@ -36,7 +36,7 @@ def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
 
 
 def halved(image: np.ndarray, count: int) -> list[np.ndarray]:
-    """``image`` and what :func:`reduce` makes of it again and again, ``count`` images in all."""
+    """``count`` images: ``image``, and repeatedly the result of :func:`reduce`."""
     result = [image]
     while len(result) < count:
         result.append(reduce(result[-1]))
@@ -44,8 +44,8 @@ def halved(image: np.ndarray, count: int) -> list[np.ndarray]:
 
 
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
-    """``image`` as what each scale adds to the next coarser one, finest first; sides below ``least_side`` are not
-    halved. What :func:`whole` makes of them is the image.
+    """The bands of ``image``, finest first: each is the difference to the next coarser scale. Sides below
+    ``least_side`` are not halved. :func:`whole` is the opposite.
     """
     result: list[np.ndarray] = []
     while len(result) < most - 1 and min(image.shape[:2]) >= least_side:
@@ -56,7 +56,7 @@ def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
 
 
 def whole(bands: list[np.ndarray]) -> np.ndarray:
-    """The image of those :func:`bands`."""
+    """The image with these :func:`bands`."""
     *finer, result = bands
     for band in reversed(finer):
         result = band + expand(result, *band.shape[:2])

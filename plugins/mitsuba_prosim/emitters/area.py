@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import SPHERE
 from ..light.beam import read_beam
 from ..light.emission import read_emission, sample_spectrum
 from ..parameters import describe, expose, reject
@@ -176,7 +177,7 @@ class Area(mi.Emitter):
         There 1 - cos of the half-angle cancels; here it is sin² / (1 + cos).
         """
         shape = self.get_shape()
-        if shape.class_name() != "Sphere" or shape.has_flipped_normals():
+        if shape.class_name() != SPHERE or shape.has_flipped_normals():
             return pdf
         r2 = shape.surface_area() / (4 * dr.pi)
         sin2 = r2 / dr.maximum(dr.squared_norm(ds.p - ds.n * dr.sqrt(r2) - it.p), 1e-30)

@@ -66,7 +66,7 @@ class Point(mi.Emitter):
 
      * - radiance
        - |spectrum|
-       - In place of ``intensity``: that of a sphere of this radiance L and of the virtual radius, :math:`\pi r^2 L`.
+       - Instead of ``intensity``: radiance L of a sphere of the virtual radius; the intensity is :math:`\pi r^2 L`.
        - |exposed|, |differentiable|
 
     The point sources of section 5.2 of the thesis. With an intensity alone this is Mitsuba's

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import world_transform
+from ..compat import PERSPECTIVE, world_transform
 
 if TYPE_CHECKING:
     #: From time and a number for the wavelengths, the places on the film and on the lens: the ray and its weight.
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def has_own_rays(sensor: mi.Sensor) -> bool:
     """Whether :func:`ray_sampler` knows the camera's matrices, so that the crop window of the film has no say."""
-    return bool(sensor.class_name() == "PerspectiveCamera")
+    return bool(sensor.class_name() == PERSPECTIVE)
 
 
 def ray_sampler(sensor: mi.Sensor) -> RaySampler:

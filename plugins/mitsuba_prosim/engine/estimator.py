@@ -73,12 +73,16 @@ class Estimator:
         if self.transport.caustics is not None:  # it divides the spectrum as its photons do
             points.division = self.transport.caustics.division(t)
         ray, weight, position = self.camera_ray(x, y, points)
-        L, hit, *others = self.transport(ray, points, True)
+        L, hit, others = self.transport(ray, points, True)
         L *= weight
         # A direction at grazing incidence can overflow; one such sample must not blacken its pixel.
-        L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+        finite = dr.all(dr.isfinite(L))
+        L = dr.select(finite, L, 0)
+        if self.transport.has_layers:
+            layers = [dr.select(finite, layer * weight, 0) for layer in others]
+            others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
         alpha = dr.select(hit, mi.Float(1), 0)
-        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, *others)
+        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, others)
         return values, luminance(L, ray.wavelengths), position
 
     def spread(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
@@ -96,14 +100,25 @@ class Estimator:
         """Continues from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or have converged by
         ``policy`` after a pass. All arrays are evaluated, so that one kernel serves every work item; so is the result.
         """
+        for which, until in self.photon_sets(plan, start.count, end):
+            if which is not None:
+                self.transport.caustics.draw(*which)
+            start = self._take(plan, x, y, start, until, policy)
+            dr.eval(start)
+        return start
+
+    def _take(
+        self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, policy: Policy | None
+    ) -> Accumulators:
         n = plan.n
 
-        def unfinished(sums: Accumulators, until: mi.UInt32) -> mi.Bool:
+        # ``end`` is no variable of the loop: Dr.Jit traces a loop twice in which a variable stays as it is.
+        def unfinished(sums: Accumulators) -> mi.Bool:
             converged = None if policy is None else policy.converged(sums.total, sums.squares, sums.count)
-            active = sums.count < until
+            active = sums.count < end
             return active if converged is None else active & ~((sums.count % n == 0) & converged)
 
-        def step(sums: Accumulators, until: mi.UInt32, active: mi.Bool) -> tuple[Accumulators, mi.UInt32, mi.Bool]:
+        def step(sums: Accumulators, active: mi.Bool) -> tuple[Accumulators, mi.Bool]:
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
             filtered = [s + w * v for s, (w, v) in zip(sums.sums, self.spread(values, position))]
@@ -118,20 +133,11 @@ class Estimator:
                 dr.select(last, 0, in_pass),
                 t + 1,
             )
-            return sums, until, unfinished(sums, until)
+            return sums, unfinished(sums)
 
-        for which, until in self.photon_sets(plan, start.count, end):
-            if which is not None:
-                self.transport.caustics.draw(*which)
-            start, *_ = dr.while_loop(
-                (start, until, unfinished(start, until)),
-                lambda sums, until, active: active,
-                step,
-                labels=("sums", "until", "active"),
-                max_iterations=-1,
-            )
-            dr.eval(start)
-        return start
+        return dr.while_loop(
+            (start, unfinished(start)), lambda sums, active: active, step, labels=("sums", "active"), max_iterations=-1
+        )[0]
 
     def photon_sets(
         self, plan: Plan, count: mi.UInt32, end: mi.UInt32

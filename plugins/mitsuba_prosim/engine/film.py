@@ -57,15 +57,18 @@ class Channels:
             self._own_values(L, ray.wavelengths, hit) + list(nested) + aov_values(self.aovs, scene, sampler, ray, True)
         )
 
-    def _own_values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
-        if self.special:
-            return list(self.film.prepare_sample(L, wavelengths, self.film.base_channels_count() + 1, 1.0, alpha))
+    def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
+        """Red, green and blue of the radiance ``L``; 0 where they are not kept."""
         if mi.is_spectral:
             rgb = mi.spectrum_to_srgb(L, wavelengths)
         else:
             rgb = mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
-        rgb = [v if name in self.letters else mi.Float(0) for name, v in zip("rgb", rgb)]
-        return rgb + [alpha] * self.alpha + [mi.Float(1)]
+        return [v if name in self.letters else mi.Float(0) for name, v in zip("rgb", rgb)]
+
+    def _own_values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
+        if self.special:
+            return list(self.film.prepare_sample(L, wavelengths, self.film.base_channels_count() + 1, 1.0, alpha))
+        return self.rgb(L, wavelengths) + [alpha] * self.alpha + [mi.Float(1)]
 
 
 def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:

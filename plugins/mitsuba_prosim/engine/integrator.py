@@ -181,9 +181,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         # With the first image: what makes images, and NumPy, would take longer to load than all plugins together.
         from .render import Render
 
-        sensor.film().prepare(self.aov_names())
-        plan = Plan.of(sampling, sensor.film(), seed, spp)
-        render = Render(plan, self.estimator(scene, sensor), own_aovs, *how)
+        estimator = self.estimator(scene, sensor)
+        sensor.film().prepare(self.aov_names())  # which may depend on the scene
+        render = Render(Plan.of(sampling, sensor.film(), seed, spp), estimator, own_aovs, *how)
         self._renders.add(render)
         return render
 
@@ -192,7 +192,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         from .estimator import Estimator
 
         transport = self.transport(scene, sensor)
-        channels = Channels(sensor.film(), self.channels, getattr(transport, "aov_names", ()), self.mitsuba_aovs)
+        channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs)
         return Estimator(scene, sensor, transport, channels)
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:

@@ -11,10 +11,11 @@ from ..alone import alone
 from ..engine.film import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..light.emission import read_emission
-from ..parameters import expose, number, reject, whole
+from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
 from ..transport.context import DEEPEST_TREE, Settings
+from ..transport.layers import KINDS, refusal
 from ..transport.transport import Transport
 
 if TYPE_CHECKING:
@@ -122,6 +123,15 @@ class Prosim(ProgressiveIntegrator):
        - Further channels, separated by commas: :monosp:`samples` (number per pixel), :monosp:`error` (standard error
          of the luminance), or :monosp:`name:type` as for the :monosp:`aov` integrator (Default: none)
 
+     * - layers
+       - |string|
+       - Parts of the image in further channels :monosp:`NAME.R`, :monosp:`.G`, :monosp:`.B`, whose sum is the image:
+         :monosp:`lights` (each source by its id, the background, the ambient term), :monosp:`levels` (what the
+         surfaces of each level of the tree add, :monosp:`level0` first), :monosp:`terms` (of the equation at the first
+         surface: :monosp:`emitted`, :monosp:`background`, :monosp:`ambient`, :monosp:`diffuse`, :monosp:`glossy`,
+         :monosp:`caustics`, :monosp:`reflected`, :monosp:`refracted`, :monosp:`indirect`). At most 32; :monosp:`lights`
+         not with :monosp:`caustics`, :monosp:`terms` not with :monosp:`diffuse_bounces` -1 (Default: :monosp:`none`)
+
      * - band
        - |int|
        - Number of pixels that are rendered at a time. It bounds the memory and does not change the image.
@@ -219,6 +229,14 @@ class Prosim(ProgressiveIntegrator):
                 f"false in the variant {mi.variant()}; llvm_ad_rgb, llvm_ad_spectral and the like know photons, "
                 "and prosim render --no-caustics leaves them out",
             )
+        self.layers = choice(props, "layers", KINDS)
+        if self.layers != "none" and not dr.is_jit_v(mi.Float):
+            raise reject(
+                props, "layers", self.layers, f'"none" in the variant {mi.variant()}; llvm_ad_rgb knows layers'
+            )
+        if reason := refusal(self.layers, self._settings(), self.caustics):
+            raise reject(props, "layers", self.layers, reason)
+        self._layer_channels: list[str] = []  # of the last scene
         self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
@@ -226,6 +244,10 @@ class Prosim(ProgressiveIntegrator):
 
     def name(self) -> str:
         return "prosim"
+
+    def aov_names(self) -> list[str]:
+        """Those of layers are known once a scene is rendered."""
+        return self._layer_channels + super().aov_names()
 
     def parameter_names(self) -> list[str]:
         names = [
@@ -240,6 +262,7 @@ class Prosim(ProgressiveIntegrator):
             "rr_throughput",
             "caustics",
             "caustic_photons",
+            "layers",
         ]
         return super().parameter_names() + names
 
@@ -252,13 +275,17 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        if self.layers != "none":
+            raise RuntimeError(
+                "prosim: its own render() alone knows layers; leave them out of a prosim within another integrator."
+            )
         if self.caustics:
             raise RuntimeError(
                 "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of "
                 "a prosim within another integrator."
             )
         transport = self._scalar or Transport(self._settings(), scene, around=medium)
-        L, hit = transport(ray, SamplerPoints(sampler), active, sampler)
+        L, hit, _ = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
 
@@ -273,13 +300,18 @@ class Prosim(ProgressiveIntegrator):
             self.rr_depth,
             self.rr_throughput,
             self.hide_emitters,
+            self.layers,
         )
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
         caustics = self._caustics(scene, sensor) if self.caustics else None
-        return Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
+        transport = Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
+        self._layer_channels = transport.aov_names
+        return transport
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
+        if self.layers != "none":
+            raise RuntimeError("prosim: layers have no derivatives; leave layers out where derivatives are wanted.")
         if self.caustics:
             raise RuntimeError(
                 "prosim: where photons lie has no derivatives here; leave caustics out where derivatives are wanted."

@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import emitter_pointers
+from ..compat import DIRECTIONAL, emitter_pointers
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from .strategy import Index, Receiver
@@ -162,7 +162,7 @@ def models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
 def is_near(emitter: mi.Emitter) -> bool:
     """Whether the light of ``emitter`` falls with the square of the distance."""
     flags, kinds = emitter.flags(), mi.EmitterFlags
-    endless = mi.has_flag(flags, kinds.Infinite) or emitter.class_name() == "DirectionalEmitter"
+    endless = mi.has_flag(flags, kinds.Infinite) or emitter.class_name() == DIRECTIONAL
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
     return bounded and not endless and not getattr(emitter, "unattenuated", False)
 

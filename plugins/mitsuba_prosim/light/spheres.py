@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import shape_transform
+from ..compat import SPHERE, shape_transform
 from .reparameterisation import with_sphere
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
 from .strategy import Emitter, Index, OtherLights, Receiver, direction_sample, weighted
@@ -38,7 +38,7 @@ class SphereLights(OtherLights):
     def takes(emitter: Emitter) -> bool:
         """Whether ``emitter`` is a sphere that emits outwards, the same everywhere."""
         shape = emitter.get_shape()
-        if shape is None or shape.class_name() != "Sphere" or shape.has_flipped_normals():
+        if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
             return False
         # What varies over the sphere would need the texture coordinates.
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)

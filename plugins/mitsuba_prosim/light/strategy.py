@@ -9,7 +9,7 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import eval_direction
+from ..compat import CONSTANT, eval_direction
 from .reparameterisation import with_surface
 
 #: One emitter, or a Dr.Jit array of them.
@@ -111,7 +111,7 @@ class ConstantSky(OtherLights):
     @staticmethod
     def takes(emitter: Emitter) -> bool:
         """Whether ``emitter`` is a constant sky."""
-        return emitter.class_name() == "ConstantBackgroundEmitter"
+        return emitter.class_name() == CONSTANT
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool

@@ -3,36 +3,39 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field, replace
+from time import perf_counter as clock
 from typing import Any
 
 from .picture import Picture
 
+#: Seconds between two looks at the state, and of silence after which a page gets an empty event: so each side notices
+#: that the other one has gone.
+LOOK, SILENCE = 0.02, 15.0
+
 
 @dataclass(frozen=True)
 class State:
-    """What a page is told."""
+    """What a page shows."""
 
     #: The name of the scene's file.
     scene: str
     #: ``opening``, ``rendering``, ``stopped``, ``done``, ``missing`` where there is no file, or ``failed`` with an
     #: ``error``.
     doing: str = "opening"
-    #: How often the file had been saved before it was opened last.
+    #: Number of saves before the file was opened last.
     saves: int = 0
     error: str | None = None
     warnings: tuple[str, ...] = ()
-    #: Why the picture may be black, where it is.
+    #: Why the picture is black, if it is.
     black: str | None = None
     #: Final width and height of the picture.
     size: tuple[int, int] = (0, 0)
     #: Numbers of the newest pictures, by the name of the image.
     pictures: Mapping[str, int] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
-    #: Progress of all images, 0 to 1; of the scene's own the mean number of samples of a pixel, and the noise where it
-    #: is measured; seconds of rendering.
+    #: Progress of all images, 0 to 1; mean number of samples of a pixel, and noise, of the scene's own; seconds.
     part: float = 0.0
     samples: float | None = None
     noise: float | None = None
@@ -41,60 +44,36 @@ class State:
     integrator: str = ""
     compared: bool = False
     alone: str | None = None
-    #: The view as it was moved, in the scene's language; None for the scene's own, or where it can't be moved.
+    #: The text of the moved view; None for the scene's own.
     view: str | None = None
     movable: bool = False
 
 
 class Publisher:
-    """The newest state and pictures."""
+    """The newest state and pictures. One thread publishes them, any other reads them."""
 
     def __init__(self, state: State) -> None:
-        self._lock = threading.Lock()
         self.state, self.pictures = state, dict[str, Picture]()
-        self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
-        self._closed = False
-
-    @property
-    def followed(self) -> bool:
-        """Whether anybody reads it."""
-        return bool(self._waiting)
+        #: How many pages read it.
+        self.readers, self.closed = 0, False
 
     def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
         """Changes the state, and the pictures."""
         if pictures is not None:
+            self.pictures = dict(pictures)
             changes["pictures"] = {name: picture.number for name, picture in pictures.items()}
-        self.restore(replace(self.state, **changes), self.pictures if pictures is None else pictures)
+        self.state = replace(self.state, **changes)
 
-    def restore(self, state: State, pictures: Mapping[str, Picture]) -> None:
-        """Publishes a state and its pictures."""
-        with self._lock:
-            self.state, self.pictures = state, dict(pictures)
-            self._wake()
-
-    def close(self) -> None:
-        """Ends :meth:`follow`."""
-        with self._lock:
-            self._closed = True
-            self._wake()
-
-    def _wake(self) -> None:
-        for loop, event in self._waiting:
-            loop.call_soon_threadsafe(event.set)
-
-    async def follow(self) -> AsyncIterator[State]:
-        """The state now, and each newer one; of several at once the last."""
-        one = (asyncio.get_running_loop(), asyncio.Event())
-        with self._lock:
-            self._waiting.add(one)
+    async def follow(self) -> AsyncIterator[State | None]:
+        """The state, and each newer one; of several at once the last. None after a silence."""
+        published, since = None, 0.0
+        self.readers += 1
         try:
-            told = None
-            while not self._closed:
-                one[1].clear()
-                if self.state is not told:
-                    told = self.state
-                    yield told
-                await one[1].wait()
+            while not self.closed:
+                state = self.state
+                if state is not published or clock() - since > SILENCE:
+                    yield None if state is published else state
+                    published, since = state, clock()
+                await asyncio.sleep(LOOK)
         finally:
-            with self._lock:
-                self._waiting.discard(one)
+            self.readers -= 1

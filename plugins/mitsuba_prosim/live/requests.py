@@ -1,4 +1,4 @@
-"""What any thread asks of the one that renders."""
+"""Requests of any thread to the one that renders."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .loaded_scene import LoadedScene
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be shown."""
+    """The image that is requested."""
 
-    #: How often the scene's file was saved.
+    #: Number of saves of the scene's file.
     saves: int = 0
-    #: None for the scene's own view.
+    #: The moved camera; None for the scene's own view.
     camera: Camera | None = None
-    #: Whether the image of ``path`` is shown, too; whether rendering pauses.
+    #: Whether the image of ``path`` is shown as well; whether rendering pauses.
     compared: bool = False
     stopped: bool = False
 
@@ -29,48 +29,38 @@ class Requests:
     """The newest :class:`Request`, and calls for the thread that renders. Any thread may use it."""
 
     def __init__(self) -> None:
-        self._changed = threading.Condition()
+        self._changed = threading.Condition(threading.RLock())
         self._request = Request()
         self._calls: list[tuple[Callable[[LoadedScene | None], Any], Future[Any]]] = []
-        #: Whether the thread that renders is to end.
+        #: Whether the thread that renders has to end.
         self.closed = False
         #: The scene's own view; None where there is no scene, or a sensor that can't be moved.
         self.home: Camera | None = None
 
-    def change(self, change: Callable[[Request], Request]) -> None:
+    def change(self, **changes: Any) -> None:
         """Changes the request."""
         with self._changed:
-            self._request = change(self._request)
+            self._request = replace(self._request, **changes)
             self._changed.notify_all()
 
-    def saved(self) -> None:
+    def save(self) -> None:
         """Opens the scene's file again."""
-        self.change(lambda request: replace(request, saves=request.saves + 1, stopped=False))
+        with self._changed:
+            self.change(saves=self._request.saves + 1, stopped=False)
 
     def move(self, by: Callable[[Camera], Camera]) -> None:
-        """Moves the camera."""
-        if (home := self.home) is not None:
-            self.change(lambda request: replace(request, camera=by(request.camera or home), stopped=False))
-
-    def go_home(self) -> None:
-        """Returns to the scene's own view."""
-        self.change(lambda request: replace(request, camera=None, stopped=False))
-
-    def compare(self, compared: bool = True) -> None:
-        """Shows the image of ``path`` as well, or no longer."""
-        self.change(lambda request: replace(request, compared=compared))
-
-    def stop(self, stopped: bool = True) -> None:
-        """Pauses, or continues."""
-        self.change(lambda request: replace(request, stopped=stopped))
+        """Moves the camera, if the scene has one that moves."""
+        with self._changed:
+            if self.home is not None:
+                self.change(camera=by(self._request.camera or self.home), stopped=False)
 
     def close(self) -> None:
         """Ends the thread that renders."""
         self.closed = True
-        self.change(lambda request: request)
+        self.change()
 
     def call(self, work: Callable[[LoadedScene | None], Any]) -> Future[Any]:
-        """Has the thread that renders do some short work; with the scene, if one is open."""
+        """Lets the thread that renders do some short work, with the open scene or None."""
         future: Future[Any] = Future()
         with self._changed:
             self._calls.append((work, future))
@@ -78,7 +68,7 @@ class Requests:
         return future
 
     def wait(self, idle: Callable[[Request], bool]) -> Request:
-        """Returns the request, as soon as there is a call, or it is not ``idle``."""
+        """Waits for a call, or a request that is not ``idle``; returns the request."""
         with self._changed:
             self._changed.wait_for(lambda: self.closed or self._calls or not idle(self._request))
             return self._request

@@ -1,4 +1,4 @@
-"""The page's server: on this machine alone, for whoever knows its address."""
+"""The page's server, which only this machine and only who knows the address can reach."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, MutableMapping
 from contextlib import contextmanager
 from dataclasses import asdict
-from importlib.resources import files
 from math import isfinite
 from typing import Any
 from urllib.parse import quote
@@ -22,15 +21,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import StaticFiles
 
 from .camera import Camera
 from .viewer import Viewer
-
-#: The page's files; no other file of the disk can be asked for.
-TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-
-#: Seconds of silence after which a page gets an empty event, so that each notices where the other has gone.
-SILENCE = 15.0
 
 #: Seconds that a page waits for the thread that renders.
 PATIENCE = 60.0
@@ -92,7 +86,7 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
     try:
         yield f"http://127.0.0.1:{sock.getsockname()[1]}/{token}/"
     finally:
-        viewer.publisher.close()
+        viewer.publisher.closed = True
         server.should_exit = True
         thread.join(3)
         sock.close()
@@ -140,56 +134,31 @@ class Pages:
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
         self._requests, self._publisher, self._encode = viewer.requests, viewer.publisher, encode
         self._actions: dict[str, Callable[[], None]] = {
-            "stop": lambda: self._requests.stop(True),
-            "go": lambda: self._requests.stop(False),
-            "compare": lambda: self._requests.compare(True),
-            "alone": lambda: self._requests.compare(False),
-            "home": self._requests.go_home,
+            "stop": lambda: self._requests.change(stopped=True),
+            "go": lambda: self._requests.change(stopped=False),
+            "compare": lambda: self._requests.change(compared=True),
+            "alone": lambda: self._requests.change(compared=False),
+            "home": lambda: self._requests.change(camera=None, stopped=False),
         }
-        folder = files(__package__).joinpath("page")
-        self._content = {file.name: file.read_bytes() for file in folder.iterdir() if file.name.endswith(tuple(TYPES))}
 
     def routes(self) -> list[BaseRoute]:
         """The addresses."""
         return [
-            Route("/", self.page),
             Route("/events", self.events),
             Route("/layer/{take}/{layer}", self.layer),
             Route("/pixel/{x:int}/{y:int}", self.pixel),
             Route("/save/{suffix}", self.save),
             Route("/do/{doing}", self.act, methods=["POST"]),
             Route("/move/{gesture}", self.move, methods=["POST"]),
-            Route("/{name}", self.page),
+            Mount("/", StaticFiles(packages=[(__package__, "page")], html=True)),
         ]
 
-    async def page(self, request: Request) -> Response:
-        """A file of the page."""
-        name = request.path_params.get("name", "index.html")
-        found = self._content.get(name)
-        if found is None:
-            raise HTTPException(404)
-        return Response(found, media_type=TYPES[name[name.rindex(".") :]])
-
-    async def events(self, request: Request) -> Response:
+    async def events(self, _: Request) -> Response:
         """The state, and each newer one, as events."""
 
         async def stream() -> AsyncIterator[str]:
-            states = self._publisher.follow()
-            following: asyncio.Future[Any] | None = None
-            try:
-                while True:
-                    following = following or asyncio.ensure_future(anext(states, None))
-                    done, _ = await asyncio.wait([following], timeout=SILENCE)
-                    if not done:
-                        yield "event: here\ndata:\n\n"
-                        continue
-                    state, following = following.result(), None
-                    if state is None:
-                        return
-                    yield f"data: {json.dumps(asdict(state))}\n\n"
-            finally:
-                if following is not None:
-                    following.cancel()
+            async for state in self._publisher.follow():
+                yield f"data: {json.dumps(asdict(state))}\n\n" if state else "event: here\ndata:\n\n"
 
         return StreamingResponse(stream(), media_type="text/event-stream")
 

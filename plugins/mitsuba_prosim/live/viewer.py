@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import time
 import warnings
-from contextlib import suppress
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
@@ -13,7 +12,6 @@ from typing import Any
 
 import mitsuba as mi
 import prosim_scene
-from prosim_scene import Document
 
 from ..denoising import layers
 from ..scene import black, session
@@ -21,7 +19,7 @@ from ..scene.errors import pointed, with_nearest
 from .camera import Camera
 from .files import Files
 from .image import DenoisedImage, ProgressiveImage, by_path, name, not_compared, progressive
-from .loaded_scene import LoadedScene, Opener, preview
+from .loaded_scene import LoadedScene, Opener
 from .picture import Picture
 from .publisher import Publisher, State
 from .requests import Request, Requests
@@ -83,7 +81,7 @@ class Viewer:
         finally:
             self._images, self._scene, self._integrator = {}, None, None
             gc.unfreeze()
-            self.publisher.close()
+            self.publisher.closed = True
 
     def _idle(self, request: Request) -> bool:
         if request != self._shown:
@@ -110,39 +108,23 @@ class Viewer:
     def _open(self, request: Request) -> None:
         """Opens the scene again."""
         # The kernels of an image hold the materials of all scenes that there are, so the last one has to go.
-        last, self._scene, self._images, self.requests.home = self._scene, None, {}, None
+        self._scene, self._images, self.requests.home = None, {}, None
         self._shown, self._seconds = replace(self._shown, saves=request.saves), 0.0
         self.publisher.publish(doing="opening", saves=request.saves)
-        before = self.publisher.state, self.publisher.pictures
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
-            try:
-                document = self._preview(last, request.camera) if last and last.file.document else None
-                del last
-                scene = LoadedScene(self._path, self._opener, document)
-            except BaseException:
-                self.publisher.restore(*before)
-                raise
+            scene = LoadedScene(self._opener)
         gc.collect()
         said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self.files.opened(scene.files)
         self._scene, home, self._home, self.requests.home = scene, self._home, scene.home, scene.home
         if home is None or scene.home is None or (home.to_world != scene.home.to_world).any():
-            self.requests.change(lambda request: replace(request, camera=None))  # the text says another view
+            self.requests.change(camera=None)  # the text has another view
             request = replace(request, camera=None)
         elif request.camera is not None:
             scene.look(request.camera)
         self.publisher.publish(warnings=said, size=scene.size, movable=scene.home is not None)
         self._begin(request, scene)
-
-    def _preview(self, last: LoadedScene, moved: Camera | None) -> Document | None:
-        """Returns the text as it is read now. Where only its VIEW differs, the last scene is shown by it."""
-        document = last.file.read()
-        with suppress(Exception):  # what is wrong is said when the scene is opened
-            if (seen := preview(last, document, moved)) is not None:
-                image, size = seen
-                self._show_coarse(image, size=size, view=None, black=None, part=0.0, samples=None, noise=None)
-        return document
 
     def _begin(self, request: Request, scene: LoadedScene) -> None:
         """Begins the image of the scene."""
@@ -196,7 +178,7 @@ class Viewer:
         image = self._images[which]
         complete = image.step()
         self._images[which] = self._images.pop(which)  # the last from now on
-        if image.new and (complete or (self._throttle and self.publisher.followed)):
+        if image.new and (complete or (self._throttle and self.publisher.readers)):
             self._show(which)
         if complete and which == "own":
             final = self._pictures["own"].layers["final"]
@@ -228,11 +210,11 @@ class Viewer:
                 shown = tuple(self._pictures["own"].layers)
                 self.publisher.publish(self._pictures, layers=shown, seconds=self._seconds, **said)
 
-    def _show_coarse(self, image: ProgressiveImage, **said: Any) -> None:
-        """Publishes the coarse picture that comes before the first pass."""
+    def _show_coarse(self, image: ProgressiveImage) -> None:
+        """Publishes the coarse image, before the first pass."""
         with self._throttle.drawing():
             self._pictures = {"own": self._picture({"final": image.coarse()})}
-            self.publisher.publish(self._pictures, layers=("final",), seconds=self._seconds, **said)
+            self.publisher.publish(self._pictures, layers=("final",), seconds=self._seconds)
 
     def _picture(self, found: Any) -> Picture:
         self._number += 1

@@ -191,3 +191,28 @@ def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
     if mi.is_spectral:
         return list(si.wavelengths)
     return [D] if mi.is_monochromatic else list(RGB)
+
+
+def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+    """``(k, rest)``: one of the probabilities ``p`` by the number ``sample``, and what is left of that, in [0, 1]."""
+    k, below, width, total = mi.UInt32(0), mi.Float(0), mi.Float(p[0]), mi.Float(p[0])
+    for j in range(1, len(p)):
+        further = (sample >= total) & (p[j] > 0)
+        k = dr.select(further, mi.UInt32(j), k)
+        below, width = dr.select(further, total, below), dr.select(further, p[j], width)
+        total = total + p[j]
+    rest = dr.select(width > 0, (sample - below) / dr.select(width > 0, width, 1), 0)
+    return k, dr.clip(rest, 0, 1)
+
+
+def pick(k: mi.UInt32, values: Sequence[mi.Float | float]) -> mi.Float:
+    """The ``k``-th of ``values``."""
+    picked = mi.Float(values[0])
+    for j in range(1, len(values)):
+        picked = dr.select(k == j, values[j], picked)
+    return picked
+
+
+def spectrum(values: Sequence[mi.Float]) -> mi.UnpolarizedSpectrum | mi.Float:
+    """The spectrum of ``values``, one for each channel; or the only one."""
+    return mi.UnpolarizedSpectrum(*values) if len(values) > 1 else values[0]

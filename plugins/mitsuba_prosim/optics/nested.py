@@ -8,6 +8,8 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..compat import INSTANCE
+
 
 @functools.cache
 def _callback(variant: str) -> type:
@@ -47,7 +49,7 @@ def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
 def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
     """The shapes of ``scene``, and those that it has instances of."""
     shapes = list(scene.shapes())
-    if any(shape.class_name() == "Instance" for shape in shapes):
+    if any(shape.class_name() == INSTANCE for shape in shapes):
         groups = [part for part in parts(scene).values() if isinstance(part, mi.Shape)]
         shapes += [s for group in groups for s in parts(group).values() if isinstance(s, mi.Shape)]
     return shapes

@@ -9,17 +9,17 @@ import drjit as dr
 import mitsuba as mi
 
 from .half_vectors import GRAZING
+from .material import Material
 
 #: A sample that weighs less than this, without the cosine, is nothing beside 1 in single precision.
 LEAST_WEIGHT = 2**-24
 
 
-class Pigmented(mi.BSDF):
+class Pigmented(Material):
     """A one-sided BSDF with the components [specular, diffuse].
 
     A subclass sets ``diffuse_reflectance``, a texture, calls `set_components`, and defines the three methods
     ``specular_...``, of which the last two are for lobes that are no Dirac peak.
-    (Classes of Mitsuba's cannot be abstract by ``abc``: their metaclass is another.)
     """
 
     diffuse_reflectance: mi.Texture
@@ -115,16 +115,6 @@ class Pigmented(mi.BSDF):
         # ended, that would be a rounding error over 1e-30; a value of 0 it leaves out.
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
-
-    def eval(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Spectrum:
-        return self.eval_pdf(ctx, si, wo, active)[0]
-
-    def pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> mi.Float:
-        return self.eval_pdf(ctx, si, wo, active)[1]
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.depolarizer(self.diffuse_reflectance.eval(si, active))

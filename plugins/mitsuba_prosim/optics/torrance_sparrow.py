@@ -1,11 +1,27 @@
-"""Reflection by facets in V-shaped cavities (section 3.1.1, equation 3.1), but for Fresnel's reflectance."""
+"""Reflection by facets in V-shaped cavities (section 3.1.1, equation 3.1; Torrance and Sparrow 1967), but for Fresnel's
+reflectance.
+
+Facets hide each other (section 3.1.1.2). The listing of the thesis divides by N·H there; the denominators are V·H, as
+in the original paper.
+"""
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 
-from . import attenuation, half_vectors, visible
+from . import half_vectors, visible
 from .facets import Distribution
+
+
+def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
+    """Visible share of a facet from direction w: min(1, 2 (N·m) (N·w) / (w·m)), for w·m > 0."""
+    return dr.minimum(1, 2 * cos_m * cos_w / w_m)
+
+
+def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Float:
+    """Share of a facet that is both lit and seen, by reflection: w·m is the same for both directions."""
+    return g1(dr.minimum(cos_i, cos_o), cos_m, i_m)
 
 
 def sample(wi: mi.Vector3f, u: mi.Point2f, facets: Distribution, roughness: mi.Float) -> mi.Normal3f:
@@ -25,4 +41,4 @@ def eval_pdf(
     """
     m, i_m = half_vectors.reflecting(wi, wo)
     density = facets.D(m, roughness) / (4 * wi.z)
-    return i_m, density * attenuation.g(wi.z, wo.z, m.z, i_m), density * attenuation.g1(wi.z, m.z, i_m)
+    return i_m, density * g(wi.z, wo.z, m.z, i_m), density * g1(wi.z, m.z, i_m)

@@ -5,6 +5,7 @@ All of them run in one thread of the worker, which uses all threads of Dr.Jit; t
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import gc
 import io
@@ -73,7 +74,7 @@ class Loaded:
 scenes: OrderedDict[str, Loaded] = OrderedDict()
 
 
-def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
+async def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
     """Sets the variant and the number of threads; returns what the samples depend on.
 
     A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
@@ -87,7 +88,7 @@ def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
         session.set_variant(variant)
         return origin.here()
 
-    return render_thread().submit(prepare).result()
+    return await asyncio.wrap_future(render_thread().submit(prepare))
 
 
 def loaded(bundle: SceneBundle, contents: Mapping[str, bytes]) -> Loaded:

@@ -13,13 +13,13 @@ import numpy as np
 from ..masks import but_not
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
-from ..transport.ray import Ray
+from ..transport.ray import Vertex
 from .emission import Sources, start_points
 from .footprint import Footprint
 from .gathering import Gathering
 from .grid import Landed, Photons
 from .importance import Importance
-from .mis import GlossyGathering
+from .mis import PhotonMIS
 from .targets import Targets, warn_of_missing_caustics
 from .tracing import Walk
 
@@ -74,12 +74,12 @@ class Caustics:
     ) -> None:
         self.scene, self.sensor, self.sources, self.count = scene, sensor, sources, count
         self.footprint = Footprint.of(scene, sensor)
-        self.walk = walk = Walk(scene, deepest, tree, self.footprint)
-        self.gathering = Gathering(scene, self.footprint)
+        limit = dr.opaque(mi.UInt32, deepest)
+        mis = PhotonMIS(scene, sources, self.footprint, limit, tree)
         #: The MIS of photons and rays at glossy surfaces; None where only diffuse surfaces gather photons.
-        self.mis: GlossyGathering | None = None
-        if walk.shares_light:
-            self.mis = GlossyGathering(self.footprint, sources, walk.near_specular, walk.deepest, walk.scattering)
+        self.mis = mis if mis.needed else None
+        self.walk = Walk(scene, limit, tree, self.footprint, self.mis)
+        self.gathering = Gathering(scene, self.footprint)
         self._allocations: dict[int, Allocation] = {}
         #: Photon passes, the most recently used one last.
         self._passes: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
@@ -148,26 +148,17 @@ class Caustics:
         """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
         return t, self._n
 
-    def add_to(
-        self,
-        L: mi.Spectrum,
-        ray: Ray,
-        si: mi.SurfaceInteraction3f,
-        bsdf: mi.BSDFPtr,
-        drawn: Sequence[mi.BSDFContext],
-        t: mi.UInt32,
-        active: mi.Bool,
-        scattered: mi.Bool | bool,
-    ) -> mi.Spectrum:
-        """``L`` plus the radiance of the photons at ``si``, which ``ray`` meets, for the ``t``-th sample of a pixel.
-
-        ``drawn``: the glossy lobes, each with a ray of its own. ``scattered``: the lanes behind a diffuse reflection,
-        whose glossy lobes gather none.
+    def add_to(self, L: mi.Spectrum, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32) -> mi.Spectrum:
+        """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
+        glossy lobes, each with a ray of its own; after a diffuse reflection they gather none.
         """
         assert self._current is not None, "no photons have been emitted"
-        number = t % dr.opaque(mi.UInt32, self._current.maps)
-        L = L + self.gathering(self._current, number, si, bsdf, active)
-        return L if self.mis is None else L + self.mis(ray, si, bsdf, drawn, t, but_not(active, scattered))
+        L = L + self.gathering(self._current, t % dr.opaque(mi.UInt32, self._current.maps), vertex)
+        if self.mis is None:
+            return L
+        gathered = vertex.ray.gathered_photons
+        active = vertex.active if gathered is None else but_not(vertex.active, gathered)
+        return L + self.mis.radiance(vertex, drawn, t, active)
 
     def _emit(
         self, seed: int, number: int, n: int, allocation: Allocation, white: bool = False

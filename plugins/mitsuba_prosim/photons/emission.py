@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import emitter_pointers, emitters_in_order, eval_direction
+from ..compat import DIRECTIONAL, emitter_pointers, emitters_in_order, eval_direction
 from ..light.spheres import SphereLights, sphere_of
 from ..masks import but_not
 from ..optics.nested import parts
@@ -82,7 +82,7 @@ KINDS = ("point", "surface", "beam", "far")
 def kind(emitter: mi.Emitter) -> str | None:
     """One of :data:`KINDS`; None if the flags of ``emitter`` do not tell where it is."""
     flags = emitter.flags()
-    if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == "DirectionalEmitter":
+    if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == DIRECTIONAL:
         return "far"
     if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
         return "point"

@@ -5,17 +5,19 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import BLEND, DIFFUSE, INSTANCE, MASK, TWO_SIDED
 from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.context import scene_flags
+from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
 from .footprint import Footprint
 from .grid import WIDE, Photons, within_reach
 
-#: Class names of BSDFs whose diffuse lobe is Lambert's, and of those around others that change nothing in it. (Mitsuba
-#: knows no class of ours.)
-LAMBERTIAN = ("Lambertian", "Phong", "Composite", "SmoothDiffuse")
-AROUND = ("TwoSidedBRDF", "MaskBSDF", "BlendBSDF")
+#: Class names of BSDFs whose diffuse lobe is Lambert's, ours and Mitsuba's, and of those around others that change
+#: nothing in it.
+LAMBERTIAN = ("Lambertian", "Phong", "Composite", *DIFFUSE)
+AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Gathering:
@@ -29,22 +31,20 @@ class Gathering:
         self.glossy = bool(lobes.has_any(scene_flags(scene), *lobes.GLOSSY))
         #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
-            not any(s.class_name() == "Instance" for s in scene.shapes())
+            not any(s.class_name() == INSTANCE for s in scene.shapes())
             and not self.scattering.any_inseparable
             and all(map(is_lambertian, bsdfs))
         )
 
-    def __call__(
-        self, photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, active: mi.Bool
-    ) -> mi.Spectrum:
-        """Radiance of the photons of the map ``number`` by the diffuse lobes of ``bsdf`` at ``si``; by all lobes if
-        they are inseparable.
+    def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
+        """Radiance of the photons of the map ``number`` by the diffuse lobes at ``vertex``; by all lobes if they are
+        inseparable.
 
         Photons count within a pixel's width, by Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²). So caustics are
         blurred by no more than a pixel.
         """
-        whole = self.scattering.inseparable(bsdf, active)
-        active = active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | whole)
+        si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
+        active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
         def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
             wo = -dr.gather(mi.Vector3f, photons.directions, i, near)
@@ -55,7 +55,8 @@ class Gathering:
                 return dr.select(near, flux * kernel, 0)
             near = near & (dr.abs(cos) > 1e-6)
             wo = si.to_local(wo)
-            f = self.scattering.or_all_lobes(bsdf.eval(lobes.diffuse(), si, wo, near), si, bsdf, wo, near, whole)
+            f = bsdf.eval(lobes.diffuse(), si, wo, near)
+            f = self.scattering.or_all_lobes(f, si, bsdf, wo, near, inseparable)
             return dr.select(near, f * flux * (kernel / dr.select(near, dr.abs(cos), 1)), 0)
 
         L = mi.Spectrum(0)

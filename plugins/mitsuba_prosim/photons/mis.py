@@ -8,8 +8,8 @@ within a pixel of G for each ray that is sampled.
 R is the density of photons times an étendue. The density is their number per area at right angles to the ray and per
 solid angle. It is known at the source. Along a chain of specular surfaces it falls only by absorption and by the choice
 of a lobe, and scales with the square of the index of refraction as radiance does: neither mirrors nor lenses change the
-product of area and solid angle of a beam. The étendue belongs to the ray of the eye (:class:`Etendue`): the area on
-which photons count at G, seen along the ray, over the density with which the lobe samples the ray.
+product of area and solid angle of a beam. The étendue belongs to the ray of the eye (:class:`RayWithEtendue`): the area
+on which photons count at G, seen along the ray, over the density with which the lobe samples the ray.
 
 A near-specular surface (:mod:`.near_specular`) may be part of such a chain. There each end multiplies by the value of
 the lobe over the density of the eye's sample. Light sampling there, and photons at several glossy surfaces, are further
@@ -19,7 +19,7 @@ strategies, whose weights add up to 1.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import drjit as dr
@@ -35,7 +35,7 @@ from ..transport.ray import Ray, Vertex, viewer_side
 from ..transport.scattering import Scattering
 from .emission import ENDLESS, Sources, Start
 from .footprint import Footprint
-from .grid import Photons, within_reach
+from .grid import Landed, Photons, within_reach
 from .near_specular import LANDING, NearSpecular
 
 #: Density of all other strategies that find a light sample, from the sample, the value and density of a lobe, a mask.
@@ -43,31 +43,250 @@ OtherDensity = Callable[[Any, Any, Any, Any], Any]
 
 
 @dataclass
-class Etendue:
-    """Area times solid angle that one ray of the eye stands for: number of expected photons over their density."""
+class RayWithEtendue(Ray):
+    """A ray of the eye, with the area times the solid angle that it stands for: expected photons over their density."""
 
     #: At the last glossy surface that the ray left; 0 if it left none.
-    last: mi.Float
+    last: mi.Float = field(default_factory=lambda: mi.Float(0))
     #: At the glossy surfaces before, if the ray has met only specular and near-specular ones since; else 0.
-    earlier: mi.Float
-
-    def __mul__(self, factor: mi.Float) -> Etendue:
-        """The étendue of a ray that keeps this part of its light."""
-        return Etendue(self.last * factor, self.earlier * factor)
-
-    @property
-    def total(self) -> mi.Float:
-        """The root of the sum of squares, as the power heuristic adds strategies."""
-        # The square root of a square is not always the same to the bit.
-        both = dr.sqrt(dr.square(self.last) + dr.square(self.earlier))
-        return dr.select(self.earlier > 0, both, self.last)
+    earlier: mi.Float = field(default_factory=lambda: mi.Float(0))
 
 
-def shares_light(scene: mi.Scene, near_specular: NearSpecular) -> bool:
-    """Whether ``scene`` has both glossy surfaces and specular or near-specular ones."""
-    bsdfs = [shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None]
-    glossy, ideal = (any(lobes.has_any(int(b.flags()), *names) for b in bsdfs) for names in (lobes.GLOSSY, lobes.IDEAL))
-    return near_specular.any or (glossy and ideal)
+@dataclass
+class Hit:
+    """Where photons meet a surface."""
+
+    si: mi.SurfaceInteraction3f
+    bsdf: mi.BSDFPtr
+    #: Direction of flight, and the number of surfaces before.
+    d: mi.Vector3f
+    level: mi.UInt32
+    #: The lanes that meet a surface, and those whose BSDF has no separable lobes.
+    active: mi.Bool
+    inseparable: mi.Bool
+    #: The flux that arrives, and the part that the medium on the way has transmitted.
+    flux: mi.Spectrum
+    transmitted: mi.Spectrum
+    #: Cosine of the direction and the surface, and the bounded ratio of that with the shading normal to it.
+    cos: mi.Float
+    shading: mi.Float
+
+
+@dataclass
+class GlossyPhotons:
+    """Photons for glossy surfaces, on their way."""
+
+    #: Density of photons (:attr:`.Start.density`); 0 beyond a glossy surface that is not near-specular.
+    density: mi.Float
+    #: Where they have landed.
+    landed: Landed
+    #: Number of photons that each counts for where it lands; None if no surface is near-specular.
+    times: mi.Float | None
+
+
+class PhotonMIS:
+    """Photons on glossy surfaces of ``scene`` that came through specular or near-specular surfaces, and the MIS weights
+    of these photons and of the rays that find the same light.
+
+    ``deepest``: greatest number of specular surfaces, those of the eye's ray included. ``tree``: whether the eye's rays
+    follow both specular lobes of a surface, or one of the two. Photons count within a pixel's width (``footprint``).
+    """
+
+    def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
+        self.footprint, self.sources, self.deepest = footprint, sources, deepest
+        self.near_specular, self.scattering = NearSpecular.of(scene), Scattering.of(scene)
+        flags = [int(shape.bsdf().flags()) for shape in all_shapes(scene) if shape.bsdf() is not None]
+        glossy, ideal = (any(lobes.has_any(f, *names) for f in flags) for names in (lobes.GLOSSY, lobes.IDEAL))
+        #: Whether photons may land on a glossy surface: next to ideally specular ones, or to near-specular ones.
+        self.needed = self.near_specular.any or (glossy and ideal)
+        self.lobes = (lobes.reflected(), lobes.refracted()) if tree else (lobes.specular(),)
+        self.lights = Lights(scene, choose=not tree) if self.near_specular.any else None
+        self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))
+        self._emitted: tuple[Photons, mi.Float] | None = None
+
+    def use(self, photons: Photons, shares: mi.Float) -> None:
+        """Samples gather from ``photons`` from now on; ``shares``: number of photons of each cell in a map."""
+        self._emitted = photons, shares
+
+    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        """Density of the photons that come from the source to ``it`` along ``ds``."""
+        assert self._emitted is not None, "no photons have been emitted"
+        return self.sources.density(it, ds, self._emitted[1], active)
+
+    def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
+        """Area around ``si`` on which photons count; on near-specular surfaces the part for those that land there."""
+        area = self.footprint.area(si.p)
+        if not self.near_specular.any:
+            return area
+        return dr.select(self.near_specular(bsdf, mi.Bool(True)), area * LANDING, area)
+
+    # ------------------------------------------------------------ rays of the eye
+
+    def first(self, ray: Ray) -> RayWithEtendue:
+        """The camera ray ``ray``, which has no étendue yet."""
+        return RayWithEtendue(**vars(ray))
+
+    def absorbed(self, ray: RayWithEtendue, transmitted: mi.Spectrum) -> RayWithEtendue:
+        """``ray`` where a medium has ``transmitted`` this part of its light."""
+        left = dr.max(transmitted)
+        return replace(ray, last=ray.last * left, earlier=ray.earlier * left)
+
+    def next(
+        self, vertex: Vertex, following: RayWithEtendue, bs: mi.BSDFSample3f, weight: mi.Spectrum
+    ) -> RayWithEtendue:
+        """``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``, with its étendue."""
+        si, bsdf = vertex.si, vertex.bsdf
+        smooth, passed = but_not(following.uses_mis, vertex.inseparable), passed_on(bs, weight, bsdf.flags())
+        if self.near_specular.any:
+            near = smooth & self.near_specular(bsdf, smooth)
+            passed = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), passed)
+        last = dr.select(smooth, over(self.area(si, bsdf) * dr.abs(dr.dot(si.n, following.d)), bs.pdf), 0)
+        earlier = dr.select(vertex.inseparable, 0, etendue_of(vertex.ray) * passed)
+        return replace(following, last=last, earlier=earlier)
+
+    def emission_weight(
+        self,
+        ray: RayWithEtendue,
+        origin: mi.Interaction3f,
+        ds: mi.DirectionSample3f,
+        pdf: mi.Float,
+        uses_mis: mi.Bool,
+        weight: mi.Float,
+        active: mi.Bool,
+    ) -> mi.Float:
+        """MIS weight of the emission that ``ray`` meets; ``weight`` where no photon could have found it.
+
+        ``ds``: the source as seen from ``origin``, which light sampling takes with the density ``pdf`` in the lanes
+        ``uses_mis``.
+        """
+        # Rays alone find what comes directly from a sky.
+        found = active & (ray.earlier > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
+        others = dr.select(uses_mis & found, 1 + dr.square(pdf / ray.pdf), 1)
+        # No photon lands on a near-specular surface that the source lights directly.
+        etendue = dr.select(ray.uses_mis, ray.earlier * (1 / (1 - LANDING)), ray.earlier)
+        return dr.select(found, ray_weight(etendue * self.density(origin, ds, found), others), weight)
+
+    def light_pdf(self, vertex: Vertex, active: mi.Bool) -> OtherDensity:
+        """The :data:`OtherDensity` of light sampling at ``vertex``: rays of the lobe, and photons if the surface is
+        near-specular.
+        """
+        if not self.near_specular.any:
+            return lambda ds, f, pdf, active: pdf
+        etendue = etendue_of(vertex.ray)
+        shared = active & (etendue > 0) & self.near_specular(vertex.bsdf, active)
+
+        def with_photons(ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool) -> mi.Float:
+            active = active & shared
+            photons = etendue * dr.max(mi.unpolarized_spectrum(f)) * self.density(vertex.si, ds, active)
+            return dr.select(active, dr.sqrt(dr.square(pdf) + dr.square(photons)), pdf)
+
+        return with_photons
+
+    def radiance(self, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
+        """Radiance of photons by the glossy lobes at ``vertex``, with MIS weights, for the ``t``-th sample of a pixel.
+        ``drawn``: the lobes, each with a ray of its own.
+        """
+        assert self._emitted is not None, "no photons have been emitted"
+        photons, ray, si, bsdf = self._emitted[0], vertex.ray, vertex.si, vertex.bsdf
+        active = active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
+        active = but_not(active, vertex.inseparable)
+        area, etendue = self.area(si, bsdf), None
+        if self.near_specular.any:
+            etendue = dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
+
+        def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
+            near = near & (ray.level + dr.gather(mi.UInt32, photons.level, i, near) < self.deepest)
+            d = -dr.gather(mi.Vector3f, photons.directions, i, near)
+            wo = si.to_local(d)
+            cos = dr.abs(mi.Frame3f.cos_theta(wo))
+            near = near & (cos > 1e-6)
+            density, f = dr.gather(mi.Float, photons.density, i, near), mi.Spectrum(0)
+            for lobe in drawn:
+                f_lobe, pdf = self.scattering.eval_pdf(lobe, si, bsdf, wo, near)
+                photons_expected = expected(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, density, etendue)
+                f += f_lobe * (1 - ray_weight(photons_expected))
+            flux = dr.gather(mi.Spectrum, photons.flux, i, near)
+            return dr.select(near, f * flux * (kernel / dr.select(near, cos, 1)), 0)
+
+        number = t % dr.opaque(mi.UInt32, photons.maps)
+        L, per_area = within_reach(photons, number, self.footprint, si, light, active)
+        return L * per_area
+
+    # ------------------------------------------------------------ photons
+
+    def start(self, density: mi.Float) -> GlossyPhotons:
+        """Photons of this ``density`` at their sources."""
+        landed = replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
+        return GlossyPhotons(density, landed, mi.Float(1) if self.near_specular.any else None)
+
+    def pass_on(
+        self,
+        photons: GlossyPhotons,
+        start: Start,
+        hit: Hit,
+        bs: mi.BSDFSample3f,
+        weight: mi.Spectrum,
+        sample: mi.Float,
+        active: mi.Bool,
+    ) -> GlossyPhotons:
+        """The photons that ``start`` at the sources, after ``hit``: landed there, or with the density beyond it.
+
+        ``bs``, ``weight``: sample of the lobe that scatters those in the lanes ``active``; ``sample``: a number in
+        [0, 1) for the choice to land.
+        """
+        bsdf, flags, times = hit.bsdf, hit.bsdf.flags(), photons.times
+        density = photons.density * dr.max(hit.transmitted)
+        lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
+        lands &= lobes.has_any(flags, *lobes.GLOSSY)
+        share = hit.shading
+        if times is not None:
+            near = but_not(hit.active & self.near_specular(bsdf, hit.active), hit.level == 0)
+            times = dr.select(near, times / LANDING, times)
+            lands = but_not(lands, near & (sample >= LANDING))
+            share = share * times
+        here = Landed(hit.si.p, hit.d, hit.flux * share, mi.Bool(True), mi.Bool(False), density, hit.level)
+        beyond = density * dr.select(hit.inseparable, 0, passed_on(bs, weight, flags) * dr.square(bs.eta))
+        if self.near_specular.any:
+            glossy = active & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
+            glossy = but_not(glossy & self.near_specular(bsdf, glossy), lands)
+            beyond = dr.select(glossy, self.density_beyond(density, start, hit, bs.wo, glossy), beyond)
+        return GlossyPhotons(beyond, dr.select(lands, here, photons.landed), times)
+
+    def density_beyond(self, density: mi.Float, start: Start, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
+        """The ``density`` beyond a near-specular surface along ``wo``: over the sum of all strategies that find the
+        same light and end there.
+        """
+        assert self.lights is not None
+        eye = mi.SurfaceInteraction3f(hit.si)
+        eye.wi = wo
+        f, pdf = mi.Spectrum(0), mi.Float(0)
+        for lobe in self.lobes:
+            f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, eye, hit.bsdf, hit.si.wi, active)
+            f, pdf = f + f_lobe, pdf + pdf_lobe
+        first = hit.level == 0
+        # Light sampling alone finds what comes directly from a source without size; rays alone, what comes from a sky.
+        alone = start.density == ENDLESS
+        if self.lights.sky is not None:
+            alone |= start.emitter.is_environment()
+        active = but_not(active & (density > 0), first & alone)
+        to_light = hit.si.to_world(hit.si.wi)
+        landed = LANDING * self.footprint.area(hit.si.p) * dr.abs(dr.dot(hit.si.n, to_light))
+        ds = mi.DirectionSample3f(start.place)
+        ds.d, ds.dist, ds.emitter = to_light, eye.t, start.emitter
+        both_sides = lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES) if self.both_sides else False
+        sampled = self.lights.pdf(Receiver(eye, viewer_side(eye), both_sides), ds, active & first)
+        found = dr.square(pdf) + dr.select(first, dr.square(sampled), 0)
+        strategies = dr.sqrt(found * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))
+        passed = dr.max(mi.unpolarized_spectrum(f)) * dr.select(first, 1, 1 - LANDING)
+        return dr.select(active & (strategies > 0), passed / dr.select(strategies > 0, strategies, 1), 0)
+
+
+def etendue_of(ray: Ray) -> mi.Float:
+    """Étendue of ``ray``: the root of the sum of both squares, as the power heuristic adds strategies."""
+    assert isinstance(ray, RayWithEtendue)
+    # The square root of a square is not always the same to the bit.
+    both = dr.sqrt(dr.square(ray.last) + dr.square(ray.earlier))
+    return dr.select(ray.earlier > 0, both, ray.last)
 
 
 def ray_weight(photons: mi.Float, others: mi.Float | float = 1) -> mi.Float:
@@ -87,142 +306,6 @@ def passed_on(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
-class GlossyGathering:
-    """Glossy lobes lit by photons that came through specular or near-specular surfaces, and the MIS weights of these
-    photons and of the rays that find the same light.
-
-    ``deepest``: greatest number of specular surfaces, those of the eye's ray included; ``scattering``: of the scene.
-    Photons count within a pixel's width (``footprint``).
-    """
-
-    def __init__(
-        self,
-        footprint: Footprint,
-        sources: Sources,
-        near_specular: NearSpecular,
-        deepest: mi.UInt32,
-        scattering: Scattering,
-    ) -> None:
-        self.footprint, self.sources, self.deepest = footprint, sources, deepest
-        self.near_specular, self.scattering = near_specular, scattering
-        self._emitted: tuple[Photons, mi.Float] | None = None
-
-    def use(self, photons: Photons, shares: mi.Float) -> None:
-        """Samples gather from ``photons`` from now on; ``shares``: number of photons of each cell in a map."""
-        self._emitted = photons, shares
-
-    # ------------------------------------------------------------ rays
-
-    def first(self) -> Etendue:
-        """The state of a camera ray."""
-        return Etendue(mi.Float(0), mi.Float(0))
-
-    def next(self, vertex: Vertex, following: Ray, bs: mi.BSDFSample3f, weight: mi.Spectrum, whole: mi.Bool) -> Etendue:
-        """The étendue of ``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``; none in the
-        lanes ``whole``, whose BSDFs have no separable lobes.
-        """
-        si, bsdf = vertex.si, vertex.bsdf
-        smooth, passed = but_not(following.uses_mis, whole), passed_on(bs, weight, bsdf.flags())
-        if self.near_specular.any:
-            near = smooth & self.near_specular(bsdf, smooth)
-            passed = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), passed)
-        last = dr.select(smooth, over(self.area(si, bsdf) * dr.abs(dr.dot(si.n, following.d)), bs.pdf), 0)
-        return Etendue(last, dr.select(whole, 0, vertex.ray.etendue.total * passed))
-
-    def emission_weight(
-        self,
-        ray: Ray,
-        origin: mi.Interaction3f,
-        ds: mi.DirectionSample3f,
-        pdf: mi.Float,
-        shares: mi.Bool,
-        weight: mi.Float,
-        active: mi.Bool,
-    ) -> mi.Float:
-        """MIS weight of the emission that ``ray`` meets; ``weight`` where no photon could have found it.
-
-        ``ds``: the source as seen from ``origin``, where light sampling has the density ``pdf`` in the lanes
-        ``shares``.
-        """
-        # Rays alone find what comes directly from a sky.
-        found = active & (ray.etendue.earlier > 0) & (shares | but_not(mi.Bool(True), ray.uses_mis))
-        others = dr.select(shares & found, 1 + dr.square(pdf / ray.pdf), 1)
-        # No photon lands on a near-specular surface that the source lights directly.
-        etendue = dr.select(ray.uses_mis, ray.etendue.earlier * (1 / (1 - LANDING)), ray.etendue.earlier)
-        photons = etendue * self.density(origin, ds, found)
-        return dr.select(found, ray_weight(photons, others), weight)
-
-    def light_pdf(self, ray: Ray, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, active: mi.Bool) -> OtherDensity:
-        """The :data:`OtherDensity` of light sampling at ``si``, which ``ray`` meets: rays of the lobe, and photons if
-        the surface is near-specular.
-        """
-        if not self.near_specular.any:
-            return lambda ds, f, pdf, active: pdf
-        etendue = ray.etendue.total
-        shared = active & (etendue > 0) & self.near_specular(bsdf, active)
-
-        def with_photons(ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool) -> mi.Float:
-            active = active & shared
-            photons = etendue * dr.max(mi.unpolarized_spectrum(f)) * self.density(si, ds, active)
-            return dr.select(active, dr.sqrt(dr.square(pdf) + dr.square(photons)), pdf)
-
-        return with_photons
-
-    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Density of the photons that come from the source to ``it`` along ``ds``."""
-        assert self._emitted is not None, "no photons have been emitted"
-        return self.sources.density(it, ds, self._emitted[1], active)
-
-    def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
-        """Area around ``si`` on which photons count; on near-specular surfaces the part for those that land there."""
-        area = self.footprint.area(si.p)
-        if not self.near_specular.any:
-            return area
-        return dr.select(self.near_specular(bsdf, mi.Bool(True)), area * LANDING, area)
-
-    # ------------------------------------------------------------ photons
-
-    def __call__(
-        self,
-        ray: Ray,
-        si: mi.SurfaceInteraction3f,
-        bsdf: mi.BSDFPtr,
-        drawn: Sequence[mi.BSDFContext],
-        t: mi.UInt32,
-        active: mi.Bool,
-    ) -> mi.Spectrum:
-        """Radiance of photons by the glossy lobes of ``bsdf`` at ``si``, which ``ray`` meets, with MIS weights, for the
-        ``t``-th sample of a pixel. ``drawn``: the lobes, each with a ray of its own.
-        """
-        assert self._emitted is not None, "no photons have been emitted"
-        photons = self._emitted[0]
-        density, levels = photons.density, photons.level
-        assert density is not None and levels is not None
-        active = active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
-        active = but_not(active, self.scattering.inseparable(bsdf, active))
-        area, etendue = self.area(si, bsdf), None
-        if self.near_specular.any:
-            etendue = dr.select(self.near_specular(bsdf, active), ray.etendue.total, 0)
-
-        def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
-            near = near & (ray.level + dr.gather(mi.UInt32, levels, i, near) < self.deepest)
-            d = -dr.gather(mi.Vector3f, photons.directions, i, near)
-            wo = si.to_local(d)
-            cos = dr.abs(mi.Frame3f.cos_theta(wo))
-            near = near & (cos > 1e-6)
-            dense, f = dr.gather(mi.Float, density, i, near), mi.Spectrum(0)
-            for lobe in drawn:
-                f_lobe, pdf = self.scattering.eval_pdf(lobe, si, bsdf, wo, near)
-                photons_expected = expected(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, dense, etendue)
-                f += f_lobe * (1 - ray_weight(photons_expected))
-            flux = dr.gather(mi.Spectrum, photons.flux, i, near)
-            return dr.select(near, f * flux * (kernel / dr.select(near, cos, 1)), 0)
-
-        number = t % dr.opaque(mi.UInt32, photons.maps)
-        L, per_area = within_reach(photons, number, self.footprint, si, light, active)
-        return L * per_area
-
-
 def expected(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float | None) -> mi.Float:
     """Number of photons of this ``density`` that are expected on ``area`` (seen from where they come from) for each ray
     that a lobe samples there with the density ``pdf``, and for each of the eye's other strategies.
@@ -231,70 +314,13 @@ def expected(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, e
     land beyond it too; 0 or None if it is not.
     """
     last = over(area, pdf)
-    of_rays = last * density
     if etendue is None:
-        return of_rays
+        return last * density
     passed = over(dr.max(mi.unpolarized_spectrum(f)) * (1 - LANDING), pdf)
     of_all = over(last, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(etendue * passed)))
-    return dr.select(etendue > 0, of_all, of_rays)
+    return dr.select(etendue > 0, of_all, last * density)
 
 
 def over(value: mi.Float, pdf: mi.Float) -> mi.Float:
     """``value`` over ``pdf``, 0 where that is 0."""
     return dr.select(pdf > 0, value / dr.select(pdf > 0, pdf, 1), 0)
-
-
-class DensityBeyond:
-    """The density of photons beyond a near-specular surface of ``scene``. ``tree``: whether the eye's rays follow both
-    specular lobes of a surface, or one of the two.
-    """
-
-    def __init__(self, scene: mi.Scene, footprint: Footprint, tree: bool, scattering: Scattering) -> None:
-        self.footprint, self.lights = footprint, Lights(scene, choose=not tree)
-        self.drawn = (lobes.reflected(), lobes.refracted()) if tree else (lobes.specular(),)
-        self.scattering = scattering
-        self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))
-
-    def __call__(
-        self,
-        density: mi.Float,
-        start: Start,
-        level: mi.UInt32,
-        si: mi.SurfaceInteraction3f,
-        bsdf: mi.BSDFPtr,
-        wo: mi.Vector3f,
-        active: mi.Bool,
-    ) -> mi.Float:
-        """The ``density`` beyond ``si`` along ``wo``, of photons that ``start`` at a source and have met ``level``
-        surfaces before: over the sum of all strategies that find the same light and end before.
-        """
-        eye = mi.SurfaceInteraction3f(si)
-        eye.wi = wo
-        f, pdf = mi.Spectrum(0), mi.Float(0)
-        for lobe in self.drawn:
-            f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, eye, bsdf, si.wi, active)
-            f, pdf = f + f_lobe, pdf + pdf_lobe
-        first = level == 0
-        # Light sampling alone finds what comes directly from a source without size; rays alone, what comes from a sky.
-        alone = start.density == ENDLESS
-        if self.lights.sky is not None:
-            alone |= start.emitter.is_environment()
-        active = but_not(active & (density > 0), first & alone)
-        to_light = si.to_world(si.wi)
-        landed = LANDING * self.footprint.area(si.p) * dr.abs(dr.dot(si.n, to_light))
-        sampled = self._light_pdf(start, eye, bsdf, to_light, active & first)
-        found = dr.square(pdf) + dr.select(first, dr.square(sampled), 0)
-        strategies = dr.sqrt(found * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))
-        passed = dr.max(mi.unpolarized_spectrum(f)) * dr.select(first, 1, 1 - LANDING)
-        return dr.select(active & (strategies > 0), passed / dr.select(strategies > 0, strategies, 1), 0)
-
-    def _light_pdf(
-        self, start: Start, eye: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, d: mi.Vector3f, active: mi.Bool
-    ) -> mi.Float:
-        """Density per solid angle with which light sampling at ``eye`` samples the source, in the direction ``d`` that
-        photons come from.
-        """
-        ds = mi.DirectionSample3f(start.place)
-        ds.d, ds.dist, ds.emitter = d, eye.t, start.emitter
-        both_sides = lobes.has_any(bsdf.flags(), *lobes.BOTH_SIDES) if self.both_sides else False
-        return self.lights.pdf(Receiver(eye, viewer_side(eye), both_sides), ds, active)

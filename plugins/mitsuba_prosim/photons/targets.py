@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import mesh_positions, shapes_in_order
+from ..compat import INSTANCE, SPHERE, mesh_positions, shapes_in_order
 from ..light.beam import sample_falloff, total
 from ..transport import lobes
 from ..transport.workarounds import is_inseparable
@@ -48,7 +48,7 @@ class Targets:
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
     """Whether light that meets ``shape`` may be followed through a lobe other than a diffuse one."""
-    if shape.class_name() == "Instance":
+    if shape.class_name() == INSTANCE:
         return True  # it does not tell
     bsdf = shape.bsdf()
     if bsdf is None:
@@ -77,7 +77,7 @@ def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     center = np.array(box.center(), dtype=np.float64)
     if (vertices := mesh_positions(shape)) is not None:
         radius = float(np.sqrt(np.max(np.sum((vertices - center) ** 2, axis=1))))
-    elif shape.class_name() == "Sphere":
+    elif shape.class_name() == SPHERE:
         radius = float(box.extents()[0]) / 2
     else:
         radius = float(box.bounding_sphere().radius)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -16,8 +16,7 @@ from ..transport.scattering import Scattering
 from .emission import Start
 from .footprint import Footprint
 from .grid import WIDE, Landed
-from .mis import DensityBeyond, passed_on, shares_light
-from .near_specular import LANDING, NearSpecular
+from .mis import GlossyPhotons, Hit, PhotonMIS
 
 #: Indices of a photon's random numbers at a surface, and how many each surface has.
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
@@ -53,155 +52,126 @@ class State:
     lobe: mi.Float
     #: Whether a smooth lobe of a BSDF without separable lobes has scattered it; None where no BSDF is like that.
     from_inseparable: mi.Bool | None
-    #: With MIS: density of photons, 0 beyond a glossy surface that is not near-specular; else None.
-    density: mi.Float | None
-    #: Photons on glossy surfaces.
-    glossy: Landed | None
-    #: How many photons each of them counts for there, where any surface is near-specular.
-    times: mi.Float | None = None
+    #: Photons for glossy surfaces, with MIS; else None.
+    glossy: GlossyPhotons | None
 
 
 class Walk:
     """Traces photons in ``scene`` through up to ``deepest`` specular surfaces, for pixels of this ``footprint``.
 
     ``tree``: whether the eye's rays form a tree. Then BSDFs without separable lobes send photons on by all specular
-    lobes; for paths only by their ideal ones, and all other photons land there.
+    lobes; for paths only by their ideal ones, and all other photons land there. ``mis``: if photons land on glossy
+    surfaces.
     """
 
-    def __init__(self, scene: mi.Scene, deepest: int, tree: bool, footprint: Footprint) -> None:
-        self.scene, self.deepest = scene, dr.opaque(mi.UInt32, deepest)
+    def __init__(
+        self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, footprint: Footprint, mis: PhotonMIS | None
+    ) -> None:
+        self.scene, self.deepest, self.tree, self.footprint, self.mis = scene, deepest, tree, footprint, mis
         self.specular = lobes.specular()
         self.specular.mode = mi.TransportMode.Importance
         self.absorbs = any(map(only_absorbs, media_of(scene)))
-        self.scattering, self.near_specular = Scattering.of(scene), NearSpecular.of(scene)
-        self.tree, self.footprint = tree, footprint
-        self.shares_light = shares_light(scene, self.near_specular)
-        self.density_beyond = None
-        if self.near_specular.any:
-            self.density_beyond = DensityBeyond(scene, footprint, tree, self.scattering)
+        self.scattering = Scattering.of(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
         """Where the photons ``start`` land: on diffuse surfaces, and on glossy ones with MIS. ``key``: the hash key of
         each.
         """
-
-        def step(state: State) -> State:
-            return self._step(state, key, start)
-
-        medium = mi.MediumPtr(None) if self.absorbs else None
-        scattered = mi.Bool(False) if self.scattering.any_inseparable else None
-        density, glossy = None, None
-        if self.shares_light:
-            density, glossy = start.density, replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
-        active, nowhere = dr.max(start.flux) > 0, Landed.nowhere()
         state = State(
-            start.ray, medium, start.flux, mi.UInt32(0), active, nowhere, mi.Float(0), scattered, density, glossy
+            start.ray,
+            mi.MediumPtr(None) if self.absorbs else None,
+            start.flux,
+            mi.UInt32(0),
+            dr.max(start.flux) > 0,
+            Landed.nowhere(),
+            mi.Float(0),
+            mi.Bool(False) if self.scattering.any_inseparable else None,
+            None if self.mis is None else self.mis.start(start.density),
         )
-        if self.density_beyond is not None:
-            state.times = mi.Float(1)
-        (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
-        return state.landed, state.glossy
+        (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (self._step(state, key, start),))
+        return state.landed, None if state.glossy is None else state.glossy.landed
 
     def _step(self, state: State, key: mi.UInt32, start: Start) -> State:
-        si = self.scene.ray_intersect(state.ray, state.active)
-        surface = state.active & si.is_valid()
-        bsdf = si.bsdf()
-        arrived, medium, density, glossy, times = state.flux, state.medium, state.density, state.glossy, state.times
-        if self.absorbs:
-            medium = before(si, medium, state.ray.d, surface & (state.level == 0))
-            left = transmittance(medium, si.wavelengths, si.t, surface)
-            arrived = arrived * left
-            surface &= dr.max(arrived) > 0
-            if density is not None:
-                density = density * dr.max(left)
-        whole = self.scattering.inseparable(bsdf, surface)
-        flags = bsdf.flags()
-        lands = surface & (state.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
-        if self.scattering.any_inseparable:
+        hit, medium = self._intersect(state)
+        flags, first = hit.bsdf.flags(), hit.level * NUMBERS
+        lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
+        if state.from_inseparable is not None:
             # Rays from one such surface to another find the light of sources there, whatever its lobes.
-            lands = dr.select(whole, but_not(state.level > 0, state.from_inseparable), lands)
-        goes = surface & (state.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
-        first = state.level * NUMBERS
-        # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
-        shaded, true = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(dr.dot(si.n, state.ray.d))
-        as_shaded = bounded(shaded, true)
-        if density is not None:
-            meets = but_not(surface & (state.level > 0) & (density > 0) & (true > 0), whole)
-            meets &= lobes.has_any(flags, *lobes.GLOSSY)
-            share = as_shaded
-            if times is not None:
-                later = but_not(surface & self.near_specular(bsdf, surface), state.level == 0)
-                times = dr.select(later, times / LANDING, times)
-                meets = but_not(meets, later & (number(key, LANDS + state.level) >= LANDING))
-                share = as_shaded * times
-            here = Landed(si.p, state.ray.d, arrived * share, mi.Bool(True), mi.Bool(False), density, state.level)
-            glossy = dr.select(meets, here, glossy)
-        ray, weight, bs, passed, goes, by_whole = self._scatter(si, bsdf, key, first, arrived, goes, whole)
-        if density is not None:
-            if self.density_beyond is not None:
-                drawn = goes & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
-                drawn = but_not(drawn & self.near_specular(bsdf, drawn), meets)
-                beyond_it = self.density_beyond(density, start, state.level, si, bsdf, bs.wo, drawn)
-                density = dr.select(drawn, beyond_it, density * passed)
-            else:
-                density = density * passed
-        # One photon either lies or goes on, and keeps about the flux that it has.
-        flux = arrived * weight
+            lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
+        goes = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
+        bs, weight, goes, by_all_lobes = self._scatter(hit, key, goes)
+        d = hit.si.to_world(bs.wo)
+        glossy = state.glossy
+        if self.mis is not None:
+            assert glossy is not None
+            sample = number(key, LANDS + hit.level)
+            glossy = self.mis.pass_on(glossy, start, hit, bs, weight, sample, goes)
+        # One photon either lands or goes on, and keeps about the flux that it has.
+        flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
-        p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(state.level < 4, 1, 0.95)))
-        if density is not None:  # Too few would come back from a varnish for what gathers them beside its own rays.
-            p = dr.select((state.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
+        p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))
+        if self.mis is not None:  # Too few would come back from a varnish for glossy surfaces, which have rays as well.
+            p = dr.select((hit.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= number(key, first + ROULETTE) < p
-        lands = but_not(lands, goes)
-        lands &= true > 0
-        wide = PART * state.lobe * si.t > WIDE * self.footprint.width(si.p)
-        landed = Landed(si.p, state.ray.d, arrived * (as_shaded / dr.maximum(1 - p, 1e-6)), mi.Bool(True), wide)
+        lands = but_not(lands, goes) & (hit.cos > 0)
+        wide = PART * state.lobe * hit.si.t > WIDE * self.footprint.width(hit.si.p)
+        here = hit.flux * (hit.shading / dr.maximum(1 - p, 1e-6))
+        landed = Landed(hit.si.p, hit.d, here, mi.Bool(True), wide)
         # Where a choice between reflection and refraction is part of the density, that does not tell the width.
         by_gloss = but_not(lobes.has_any(bs.sampled_type, *lobes.GLOSSY), lobes.has_any(flags, *lobes.REFRACTED))
         return State(
-            ray,
-            beyond(si, medium, ray.d, goes) if self.absorbs else None,
+            hit.si.spawn_ray(d),
+            beyond(hit.si, medium, d, goes) if self.absorbs else None,
             dr.select(goes, flux / dr.select(goes, p, 1), state.flux),
-            state.level + 1,
+            hit.level + 1,
             goes,
             dr.select(lands, landed, state.landed),
             dr.select(by_gloss, dr.rsqrt(dr.maximum(bs.pdf, 1e-6)), 0),
-            state.from_inseparable | by_whole if self.scattering.any_inseparable else None,
-            density,
+            None if state.from_inseparable is None else state.from_inseparable | by_all_lobes,
             glossy,
-            times,
         )
 
-    def _scatter(
-        self,
-        si: mi.SurfaceInteraction3f,
-        bsdf: mi.BSDFPtr,
-        key: mi.UInt32,
-        first: mi.UInt32,
-        flux: mi.Spectrum,
-        active: mi.Bool,
-        whole: mi.Bool,
-    ) -> tuple[mi.Ray3f, mi.Spectrum, mi.BSDFSample3f, mi.Float, mi.Bool, mi.Bool]:
-        """``(ray, weight, bs, passed, active, by_whole)`` of a photon that a specular lobe scatters: its ray, the
-        factor of its flux, the sample, the factor of the density of photons at an ideal lobe, its lanes, and whether a
-        smooth lobe of a BSDF without separable lobes (``whole``) scattered it.
+    def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
+        """Where photons meet a surface, and the medium before it."""
+        si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
+        surface, medium, transmitted = state.active & si.is_valid(), state.medium, mi.Spectrum(1)
+        if self.absorbs:
+            medium = before(si, medium, d, surface & (state.level == 0))
+            transmitted = mi.Spectrum(transmittance(medium, si.wavelengths, si.t, surface))
+            surface &= dr.max(state.flux * transmitted) > 0
+        bsdf, flux = si.bsdf(), state.flux * transmitted
+        # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
+        cos = dr.abs(dr.dot(si.n, d))
+        shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
+        inseparable = self.scattering.inseparable(bsdf, surface)
+        return Hit(si, bsdf, d, state.level, surface, inseparable, flux, transmitted, cos, shading), medium
 
-        The BSDF is the adjoint one: flux is not divided by the square of an index of refraction as radiance is, and
-        cosines of shading and geometric normals are exchanged (Veach 1997, 5.3).
+    def _scatter(
+        self, hit: Hit, key: mi.UInt32, active: mi.Bool
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
+        """``(bs, weight, active, by_all_lobes)``: a sample of a specular lobe, its lanes, and whether it is a smooth
+        lobe of a BSDF without separable lobes.
         """
+        si, first = hit.si, hit.level * NUMBERS
         choice, sample = number(key, first + CHOICE), point(key, first + DIRECTION)
-        bs, weight, belongs = self.scattering.sample(self.specular, si, bsdf, choice, sample, flux, active, whole)
-        by_whole = but_not(whole, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
+        bs, weight, belongs = self.scattering.sample(
+            self.specular, si, hit.bsdf, choice, sample, hit.flux, active, hit.inseparable
+        )
+        by_all_lobes = but_not(hit.inseparable, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
         if not self.tree:
-            belongs = but_not(belongs, by_whole)
+            belongs = but_not(belongs, by_all_lobes)
         active = active & (bs.pdf > 0) & belongs
-        d = si.to_world(bs.wo)
-        cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(bs.wo))
-        true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
-        active = active & (true_i > 0) & (cos_o > 0)
-        weight = mi.unpolarized_spectrum(weight)
-        passed = dr.select(whole, 0, passed_on(bs, weight, bsdf.flags()) * dr.square(bs.eta))
-        return si.spawn_ray(d), weight * bounded(cos_i * true_o, cos_o * true_i), bs, passed, active, by_whole
+        active &= (dr.abs(dr.dot(si.n, si.to_world(si.wi))) > 0) & (dr.abs(mi.Frame3f.cos_theta(bs.wo)) > 0)
+        return bs, mi.unpolarized_spectrum(weight), active, by_all_lobes
+
+
+def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
+    """Factor of the flux that is scattered along ``wo``, in the world ``d``: for photons, the cosines of shading and
+    geometric normals are exchanged (Veach 1997, 5.3).
+    """
+    cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(wo))
+    true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
+    return bounded(cos_i * true_o, cos_o * true_i)
 
 
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:

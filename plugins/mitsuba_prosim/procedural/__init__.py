@@ -1,1 +1,1 @@
-"""What the procedural textures are made of: waves, noise, and the mixing of two textures by a pattern."""
+"""The parts of procedural textures: patterns, and the mixing of two textures by a pattern."""

@@ -53,7 +53,7 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
     si = scene.ray_intersect(ray)
     seen = si.is_valid()
     if not dr.any(seen):
-        return "nothing is in view. " + _view(scene, sensor, np.array(ray.d).mean(axis=1))
+        return "nothing is in view. " + _place(scene, sensor, np.array(ray.d).mean(axis=1))
     if dr.all(~seen | (dr.dot(si.n, ray.d) > 0)):
         return "all visible surfaces are seen from inside: the eye is within a solid, or a mesh is turned inside out."
     on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
@@ -70,8 +70,8 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
     return "no light arrives at the visible surfaces: they lie in shadow. Are the lights enclosed, or behind a wall?"
 
 
-def _view(scene: mi.Scene, sensor: mi.Sensor, ahead: np.ndarray) -> str:
-    """The view of the camera and the place of the scene, without lights, which may be far away."""
+def _place(scene: mi.Scene, sensor: mi.Sensor, ahead: np.ndarray) -> str:
+    """The place of the scene in the view of the camera, without lights, which may be far away."""
     eye, ahead = world_matrix(sensor)[:3, 3], ahead / np.linalg.norm(ahead)
     box = mi.ScalarBoundingBox3f()
     for shape in [shape for shape in scene.shapes() if not shape.is_emitter()] or scene.shapes():
@@ -81,10 +81,7 @@ def _view(scene: mi.Scene, sensor: mi.Sensor, ahead: np.ndarray) -> str:
     middle = np.array(box.center()).ravel()
     distance = float(np.linalg.norm(middle - eye))
     angle = math.degrees(math.acos(np.clip(ahead @ (middle - eye) / max(distance, 1e-30), -1, 1)))
-    at, towards, there = (
-        "(" + ", ".join(f"{round(float(v), 3) + 0:g}" for v in point) + ")" for point in (eye, eye + ahead, middle)
-    )
+    wide = float(max(box.extents()))
     return (
-        f"The eye is at {at} and looks towards {towards}; the middle of the scene, {there}, is {angle:.0f} degrees off "
-        f"that direction and {distance:.3g} away; the scene is {float(max(box.extents())):.3g} wide."
+        f"The middle of the scene is {angle:.0f} degrees off the view and {distance:.3g} away; it is {wide:.3g} wide."
     )

@@ -42,10 +42,11 @@ class Confinement:
         """Checks the files that the parser opens; returns the XML files. Raises also what :func:`.references` does."""
         files = {str(path)}
         for tag, text, found, place in references(path, {}, resolver):
-            what = f"At {place}: <{tag}>"
+            wrong = self._wrong(f"<{tag}>", text, str(found))
             if "$" in text:
-                raise OutsideError(f"{what} names {text!r} by a parameter; write the name, or use --allow-outside")
-            self._check(what, text, str(found))
+                wrong = f"<{tag}> names {text!r} by a parameter; write the name, or use --allow-outside"
+            if wrong:
+                raise OutsideError(f"At {place}: {wrong}")
             if tag == "include":
                 files.add(str(found))
         return files
@@ -56,27 +57,40 @@ class Confinement:
         """
         if others := {str(file) for file in state.files} - files:
             raise OutsideError(f"{others.pop()} changed while it was read; save it again")
+        checked: set[tuple[str, str, str]] = set()
         for node in state.nodes:
-            props, plugin, place = node.props, node.props.plugin_name(), mi.parser.file_location(state, node)
-            libraries = [str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES]
-            if not re.fullmatch(r"[\w-]+", plugin) or any(os.path.exists(p) and not self._own(p) for p in libraries):
-                raise OutsideError(f"At {place}: {plugin} is not a plugin of Mitsuba; use --allow-outside")
-            for name in [name for name in props if props.type(name) == mi.Properties.Type.String]:
-                value = props[name]
-                for file in (value, *(file.format(value) for file in MATERIAL_FILES)):
-                    self._check(f"At {place}: the {name} of this {plugin}", file, str(resolver.resolve(file)))
+            props, plugin = node.props, node.props.plugin_name()
+            strings = [(name, props[name]) for name in props if props.type(name) == mi.Properties.Type.String]
+            for name, value in {("type", plugin), *strings}:
+                if (plugin, name, value) in checked:
+                    continue
+                checked.add((plugin, name, value))
+                if wrong := self._wrong_value(plugin, name, value, resolver):
+                    raise OutsideError(f"At {mi.parser.file_location(state, node)}: {wrong}")
 
-    def _check(self, what: str, name: str, path: str) -> None:
-        """Raises OutsideError where a file that Mitsuba finds at ``path`` is outside; ``what`` calls it ``name``."""
+    def _wrong_value(self, plugin: str, name: str, value: str, resolver: mi.FileResolver) -> str | None:
+        """The error of a parameter that is a string, or None."""
+        if name == "type":
+            libraries = [str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES]
+            if re.fullmatch(r"[\w-]+", plugin) and not any(os.path.exists(p) and not self._own(p) for p in libraries):
+                return None
+            return f"{plugin} is not a plugin of Mitsuba; use --allow-outside"
+        names = (value, *(file.format(value) for file in MATERIAL_FILES))
+        errors = (self._wrong(f"the {name} of this {plugin}", n, str(resolver.resolve(n))) for n in names)
+        return next(filter(None, errors), None)
+
+    def _wrong(self, what: str, name: str, path: str) -> str | None:
+        """The error of a file that ``what`` calls ``name`` and Mitsuba finds at ``path``, or None."""
         is_word = re.fullmatch(r"\w+", name) and os.path.isdir(path)  # such as "rgb"
         if not os.path.isabs(name) and (is_word or not os.path.exists(path)):
             path = os.path.join(self._folders[0], name)
         real = os.path.realpath(path)
-        if not self._own(path) and not any(_is_below(real, folder) for folder in self._folders):
-            raise OutsideError(
-                f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, or "
-                "use --allow-outside"
-            )
+        if self._own(path) or any(_is_below(real, folder) for folder in self._folders):
+            return None
+        return (
+            f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, or use "
+            "--allow-outside"
+        )
 
     def _own(self, path: str) -> bool:
         """Whether a file belongs to Mitsuba's installation, where links may lead anywhere."""

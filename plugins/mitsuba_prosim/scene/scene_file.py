@@ -26,13 +26,7 @@ class SceneFile:
     """A scene file, read once. :meth:`load` makes scenes of it."""
 
     def __init__(
-        self,
-        path: str | Path,
-        folder: Path,
-        kept: prosim_scene.Kept | None = None,
-        confined: bool = False,
-        document: Document | None = None,
-        **how: Any,
+        self, path: str | Path, folder: Path, kept: prosim_scene.Kept | None = None, confined: bool = False, **how: Any
     ) -> None:
         """Reads the scene at ``path``: XML if that is its suffix, else the thesis's language.
 
@@ -42,8 +36,6 @@ class SceneFile:
             The cache of translations.
         ``confined``
             Whether the scene may name only files in its folder, see :class:`.confinement.Confinement`.
-        ``document``
-            The parsed text, where the caller has it.
         ``how``
             The :class:`.overrides.Changes`, and options of :func:`prosim_scene.translate`.
 
@@ -55,11 +47,10 @@ class SceneFile:
         self.path = self.xml = Path(path)
         self.definitions = changes.definitions
         #: The parsed text; None for XML.
-        self.document = document
-        self._kept = kept
+        self.document: Document | None = None
         resolution = changes.resolution
         if self.path.suffix.lower() != ".xml":
-            self.document = document or self.read()
+            self.document = prosim_scene.document(self.path, self.definitions)
             self._language = how | {"resolution": resolution, "samples": changes.samples}
             self.xml = prosim_scene.translate(self.document, Path(folder), kept=kept, **self._language)
             changes = replace(changes, definitions={}, resolution=None, samples=None)  # the translation has these
@@ -86,14 +77,6 @@ class SceneFile:
             raise ValueError(f"{self.path}: {error}") from None
         if resolution and (wrong := overrides.distortion(self.state, *resolution)):
             warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
-
-    def read(self) -> Document:
-        """The present text of a scene in the thesis's language. Raises :class:`prosim_scene.SceneError`."""
-        return prosim_scene.document(self.path, self.definitions)
-
-    def sensor(self, document: Document) -> dict[str, Any]:
-        """The sensor of the VIEW of ``document``, as a dictionary; the rest of ``document`` is that of this scene."""
-        return prosim_scene.sensor(document, self._kept, **self._language)
 
     def digest(self) -> str:
         """SHA-256 of the content of the scene and of the files that it names, without :attr:`changes`.

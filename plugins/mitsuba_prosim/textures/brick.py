@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..parameters import number
 from ..procedural.mixture import Mixture
-from ..procedural.waves import square_wave
+from ..procedural.patterns import square_wave
 from ..registry import plugin
 
 

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..parameters import number, whole
 from ..procedural.mixture import Mixture
-from ..procedural.noise import gradient_noise
+from ..procedural.patterns import gradient_noise
 from ..registry import plugin
 from ..sampling.hash import combine
 

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..parameters import number, reject
 from ..procedural.mixture import Mixture
-from ..procedural.waves import square_wave
+from ..procedural.patterns import square_wave
 from ..registry import plugin
 
 
@@ -33,7 +33,7 @@ class Stripes(Mixture):
 
      * - duty
        - |float|
-       - Share of the width that has ``color0``, in [0, 1]. (Default: 0.5)
+       - Fraction of the width that has ``color0``, in [0, 1]. (Default: 0.5)
        - |exposed|, |differentiable|
 
      * - axis

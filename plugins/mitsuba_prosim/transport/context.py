@@ -9,8 +9,10 @@ from typing import Any, Protocol
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import INSTANCE
 from ..light.table import Lights
 from . import lobes
+from .layers import Layers, layers_of
 from .media import absorbs_any
 from .ray import Ray
 from .scattering import Scattering
@@ -39,6 +41,7 @@ class Settings:
     rr_depth: int
     rr_throughput: float
     hide_emitters: bool
+    layers: str
 
     @property
     def follows_tree(self) -> bool:
@@ -49,14 +52,14 @@ class Settings:
 class PhotonMIS(Protocol):
     """Multiple importance sampling of rays and photons that find the same light, at glossy surfaces."""
 
-    def first(self) -> Any:
-        """The state of a camera ray: :attr:`.Ray.etendue`."""
+    def first(self, ray: Any) -> Any:
+        """The camera ray ``ray``, with what the weights need to know of it."""
 
-    def next(self, vertex: Any, following: Any, bs: Any, weight: Any, inseparable: Any) -> Any:
-        """The state of the ray ``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``.
+    def next(self, vertex: Any, following: Any, bs: Any, weight: Any) -> Any:
+        """The same for ``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``."""
 
-        ``inseparable``: the lanes of BSDFs without separable lobes, where photons have no part.
-        """
+    def absorbed(self, ray: Any, transmitted: Any) -> Any:
+        """The same for ``ray``, of whose light a medium has ``transmitted`` this part."""
 
     def emission_weight(self, ray: Any, origin: Any, ds: Any, pdf: Any, uses_mis: Any, weight: Any, active: Any) -> Any:
         """The MIS weight of emission that ``ray`` meets; ``weight`` where no photon could have found it.
@@ -65,8 +68,8 @@ class PhotonMIS(Protocol):
         the density ``pdf`` in the lanes ``uses_mis``.
         """
 
-    def light_pdf(self, ray: Any, si: Any, bsdf: Any, active: Any) -> Any:
-        """A function of a sample of a source at ``si``: the density of all other strategies that find its light."""
+    def light_pdf(self, vertex: Any, active: Any) -> Any:
+        """A function of a light sample at ``vertex``: the density of all other strategies that find its light."""
 
 
 class PhotonMaps(Protocol):
@@ -75,11 +78,9 @@ class PhotonMaps(Protocol):
     #: The MIS of photons and rays; None where only diffuse surfaces gather.
     mis: PhotonMIS | None
 
-    def add_to(self, L: Any, ray: Any, si: Any, bsdf: Any, drawn: Any, t: Any, active: Any, scattered: Any) -> Any:
-        """``L`` plus the radiance of the photons at ``si``, which ``ray`` meets, for the ``t``-th sample of a pixel.
-
-        ``drawn``: the glossy lobes, each with a ray of its own. ``scattered``: the lanes behind a diffuse reflection,
-        whose glossy lobes gather none.
+    def add_to(self, L: Any, vertex: Any, drawn: Any, t: Any) -> Any:
+        """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
+        glossy lobes, each with a ray of its own.
         """
 
 
@@ -98,6 +99,8 @@ class Context:
     around: mi.Medium | None
     photons: PhotonMaps | None
     lights: Lights
+    #: To which layer light belongs.
+    layers: Layers
     #: How its BSDFs are sampled and evaluated.
     scattering: Scattering
     #: Union of the ``mi.BSDFFlags`` of all surfaces.
@@ -129,7 +132,17 @@ class Context:
         else:
             glossy = {"specular": lobes.specular()} if lobes.has_any(flags, *lobes.GLOSSY) else {}
         return cls(
-            scene, settings, attached, around, photons, lights, scattering, flags, absorbs, tuple(glossy.values())
+            scene,
+            settings,
+            attached,
+            around,
+            photons,
+            lights,
+            layers_of(settings.layers, settings, lights, photons is not None),
+            scattering,
+            flags,
+            absorbs,
+            tuple(glossy.values()),
         )
 
     @functools.cached_property
@@ -174,13 +187,13 @@ class Context:
         if self.absorbs:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
             ray.offset = mi.Float(0)
-        if self.photon_mis is not None:
-            ray.etendue = self.photon_mis.first()
         if self.photons is not None and (self.scattering.any_inseparable or not self.settings.follows_tree):
             ray.gathered_photons = mi.Bool(False)
         if self.lights.sampler is not None:
             ray.importance = mi.Float(0)
-        return ray
+        if self.layers.follows_branch:
+            ray.branch = mi.UInt32(0)
+        return ray if self.photon_mis is None else self.photon_mis.first(ray)
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Number of the ``k``-th space of a node."""
@@ -192,5 +205,5 @@ def scene_flags(scene: mi.Scene) -> int:
     flags = 0
     for shape in scene.shapes():
         bsdf = shape.bsdf()
-        flags |= 0xFFFFFFFF if shape.class_name() == "Instance" else 0 if bsdf is None else int(bsdf.m_flags)
+        flags |= 0xFFFFFFFF if shape.class_name() == INSTANCE else 0 if bsdf is None else int(bsdf.m_flags)
     return flags

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
@@ -12,63 +14,82 @@ from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
 from .context import NODE_SPACES, Context
+from .layers import Radiance
 from .media import beyond, transmittance
 from .ray import Vertex, mis
 
 
-def direct_light(context: Context, vertex: Vertex, points: Points) -> mi.Spectrum:
+def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Light from the sources through the whole BRDF: every source by one point and one shadow ray (section 4.1), or
     one chosen lamp. Where photons were gathered before, through the diffuse lobes alone.
     """
-    lights, receiver, active, gathered = context.lights, vertex.receiver, vertex.smooth, vertex.ray.gathered_photons
-    first_space = context.space(vertex.ray.node, NODE_SPACES)
+    lights, layers, ray, active = context.lights, context.layers, vertex.ray, vertex.smooth
+    first_space = context.space(ray.node, NODE_SPACES)
     other_pdf = None
     if context.photon_mis is not None:
-        of_photons = active if gathered is None else but_not(active, gathered)
-        other_pdf = context.photon_mis.light_pdf(vertex.ray, vertex.si, vertex.bsdf, of_photons)
-
-    def light(lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None) -> mi.Spectrum:
-        ds, weight = lamp.sample(receiver, point, active)
-        pdf = ds.pdf
-        if probability is not None:
-            pdf, weight = pdf * probability, weight / probability
-        if context.attached:
-            ds.pdf, sample = pdf, (ds, weight)
-            ds, weight = reparameterised_sample(
-                context.scene, lights, lamp, receiver, sample, active, vertex.importance
-            )
-            pdf = ds.pdf
-        lit = active & (pdf > 0)
-        wo, mis_active = vertex.si.to_local(ds.d), lit
-        f = mi.Spectrum(0)
-        if context.light_lobes is not None:
-            f = vertex.bsdf.eval(context.light_lobes, vertex.si, wo, lit)
-        if gathered is not None:
-            f = dr.select(gathered, vertex.bsdf.eval(lobes.diffuse(), vertex.si, wo, lit & gathered), f)
-            mis_active = but_not(lit, gathered)
-        for lobe in context.mis_lobes:
-            f_lobe, pdf_lobe = context.scattering.eval_pdf(lobe, vertex.si, vertex.bsdf, wo, mis_active)
-            if other_pdf is not None:
-                pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
-            f += f_lobe * dr.select(ds.delta, 1, mis(pdf, pdf_lobe))
-        f = context.scattering.or_all_lobes(f, vertex.si, vertex.bsdf, wo, lit, vertex.inseparable)
-        return unless_in_shadow(context, vertex, ds.p, f * weight, lit)
-
+        of_photons = active if ray.gathered_photons is None else but_not(active, ray.gathered_photons)
+        other_pdf = context.photon_mis.light_pdf(vertex, of_photons)
     if lights.sampler is None:
         L = lights.for_each(
-            lambda lamp, L: L + light(lamp, points(first_space + lamp.k, active)),
-            mi.Spectrum(0),
+            lambda lamp, L: L + lamp_light(context, vertex, lamp, points(first_space + lamp.k, active), other_pdf),
+            layers.none(),
             active,
             attached=context.attached,
         )
     else:
         assert vertex.importance is not None
         point = points(first_space, active)
-        k, probability, rest = lights.sampler.choose(receiver, vertex.importance, point.x, active)
-        L = light(lights.lamp(k), mi.Point2f(rest, point.y), probability)
+        k, probability, rest = lights.sampler.choose(vertex.receiver, vertex.importance, point.x, active)
+        L = lamp_light(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), other_pdf, probability)
     if lights.sky is not None and context.light_lobes is not None:
-        L += sky_light(context, vertex, points, first_space + lights.lamps)
+        value = sky_light(context, vertex, points, first_space + lights.lamps)
+        L = L.plus(value, layers.of(ray, "diffuse") if layers.splits_lobes else layers.direct(ray, lights.lamps))
     return L
+
+
+def lamp_light(
+    context: Context,
+    vertex: Vertex,
+    lamp: Lamp,
+    point: mi.Point2f,
+    other_pdf: Any = None,
+    probability: mi.Float | None = None,
+) -> Radiance:
+    """Light from the ``point`` in [0, 1)² of ``lamp``, which was chosen with this ``probability``. ``other_pdf``: see
+    :meth:`.PhotonMIS.light_pdf`.
+    """
+    si, bsdf, ray, active, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.smooth, vertex.ray.gathered_photons
+    ds, weight = lamp.sample(vertex.receiver, point, active)
+    pdf = ds.pdf
+    if probability is not None:
+        pdf, weight = pdf * probability, weight / probability
+    if context.attached:
+        ds.pdf, sample = pdf, (ds, weight)
+        scene, lights = context.scene, context.lights
+        ds, weight = reparameterised_sample(scene, lights, lamp, vertex.receiver, sample, active, vertex.importance)
+        pdf = ds.pdf
+    lit = active & (pdf > 0)
+    wo, mis_active = si.to_local(ds.d), lit
+    f = mi.Spectrum(0) if context.light_lobes is None else bsdf.eval(context.light_lobes, si, wo, lit)
+    if gathered is not None:
+        f = dr.select(gathered, bsdf.eval(lobes.diffuse(), si, wo, lit & gathered), f)
+        mis_active = but_not(lit, gathered)
+    diffuse = f
+    for lobe in context.mis_lobes:
+        f_lobe, pdf_lobe = context.scattering.eval_pdf(lobe, si, bsdf, wo, mis_active)
+        if other_pdf is not None:
+            pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
+        f = f + f_lobe * dr.select(ds.delta, 1, mis(pdf, pdf_lobe))
+    f = context.scattering.or_all_lobes(f, si, bsdf, wo, lit, vertex.inseparable)
+    if not context.layers.splits_lobes:
+        (value,) = unless_in_shadow(context, vertex, ds.p, [f * weight], lit)
+        return context.layers.none().plus(value, context.layers.direct(ray, lamp.k))
+    if not context.mis_lobes:
+        diffuse = bsdf.eval(lobes.diffuse(), si, wo, lit)
+    diffuse = dr.select(vertex.inseparable, f, diffuse)
+    value, diffuse = unless_in_shadow(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
+    L = context.layers.none().plus(value, context.layers.direct(ray, lamp.k))
+    return L.moved(diffuse, context.layers.direct(ray, lamp.k), context.layers.of(ray, "diffuse"))
 
 
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:
@@ -86,16 +107,21 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
     ds, weight = context.lights.sky.sample(receiver, points(space, active), active)
     lit, wo = active & (ds.pdf > 0), si.to_local(ds.d)
     f = scattering.or_all_lobes(bsdf.eval(context.light_lobes, si, wo, lit), si, bsdf, wo, lit, vertex.inseparable)
-    return unless_in_shadow(context, vertex, ds.p, f * weight, lit)
+    return unless_in_shadow(context, vertex, ds.p, [f * weight], lit)[0]
 
 
-def unless_in_shadow(context: Context, vertex: Vertex, p: mi.Point3f, L: mi.Spectrum, active: mi.Bool) -> mi.Spectrum:
-    """``L``, less what is absorbed, where nothing is between ``vertex`` and the point ``p``; else 0."""
+def unless_in_shadow(
+    context: Context, vertex: Vertex, p: mi.Point3f, values: list[mi.Spectrum], active: mi.Bool
+) -> list[mi.Spectrum]:
+    """The ``values``, less what is absorbed, where nothing is between ``vertex`` and the point ``p``; else 0. The first
+    contains the others.
+    """
     si = vertex.si
     if context.settings.shadows:
-        active = active & (dr.max(dr.abs(L)) > 0)
+        active = active & (dr.max(dr.abs(values[0])) > 0)
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
     if context.absorbs:
         d = p - si.p
-        L = L * transmittance(beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
-    return dr.select(active, L, 0)
+        left = transmittance(beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
+        values = [value * left for value in values]
+    return [dr.select(active, value, 0) for value in values]

@@ -10,12 +10,13 @@ import drjit as dr
 import mitsuba as mi
 
 from .context import Context
+from .layers import Radiance
 from .vertex import last_emission
 
 
 def walk(
     context: Context, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
-) -> tuple[mi.Spectrum, mi.Bool]:
+) -> tuple[Radiance, mi.Bool]:
     """``(L, hit)`` of the last of the states that ``step`` makes of ``state``, from node to node.
 
     ``state``: a dataclass with at least ``L``, ``hit``, ``ray`` and ``active``. Rays below the deepest level can only

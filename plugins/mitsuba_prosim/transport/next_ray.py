@@ -11,7 +11,7 @@ from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
 from . import lobes
-from .context import CHOICE, REFRACTED, Context
+from .context import CHOICE, DIFFUSE, REFRACTED, Context
 from .media import beyond
 from .ray import Ray, Vertex
 
@@ -55,8 +55,11 @@ def next_ray(
         following.sees_emission = but_not(following.sees_emission, following.gathered_photons)
     if context.both_sides:
         following.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
+    if context.layers.follows_branch:
+        through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
+        following.branch = context.layers.branch(ray, k == DIFFUSE, through)
     if context.photon_mis is not None:
-        following.etendue = context.photon_mis.next(vertex, following, bs, weight, vertex.inseparable)
+        following = context.photon_mis.next(vertex, following, bs, weight)
     if context.absorbs:
         following.medium = beyond(si, ray.medium, dr.detach(d), active)
         following.offset = dr.dot(o - si.p, d)

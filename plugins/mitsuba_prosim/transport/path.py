@@ -10,6 +10,7 @@ import mitsuba as mi
 from ..sampling.sobol import Points
 from . import lobes
 from .context import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Context
+from .layers import Radiance
 from .loop import walk
 from .next_ray import next_ray
 from .ray import Ray, Vertex
@@ -20,7 +21,7 @@ from .vertex import shade
 class State:
     """State of the loop over the vertices. ``sampler``: the source of the points, if that has a state."""
 
-    L: mi.Spectrum
+    L: Radiance
     hit: mi.Bool
     ray: Ray
     active: mi.Bool
@@ -34,7 +35,7 @@ class State:
 
 def radiance(
     context: Context, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
-) -> tuple[mi.Spectrum, mi.Bool]:
+) -> tuple[Radiance, mi.Bool]:
     """``(L, hit)`` of the camera ray ``camera`` (``mi.Ray3f``) by one path; see :class:`.Transport`."""
 
     def step(state: State) -> State:
@@ -52,7 +53,9 @@ def radiance(
         return State(state.L + L, hit, ray, going, bounces, eta, state.sampler)
 
     bounces = mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None
-    state = State(mi.Spectrum(0), mi.Bool(False), context.first(camera), mi.Bool(active), bounces, mi.Float(1), sampler)
+    state = State(
+        context.layers.none(), mi.Bool(False), context.first(camera), mi.Bool(active), bounces, mi.Float(1), sampler
+    )
     return walk(context, step, state, camera)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -40,14 +39,14 @@ class Ray:
     medium: mi.MediumPtr | None = None
     #: ... and the distance of ``o`` from the surface that it leaves.
     offset: mi.Float | None = None
-    #: State of the MIS between photons and rays (:class:`.context.PhotonMIS`), where glossy surfaces gather photons.
-    etendue: Any = None
     #: Whether a surface before has gathered photons by the lobe that a ray left it by, so that light behind specular
     #: surfaces does not count; None where no ray leaves by such a lobe.
     gathered_photons: mi.Bool | None = None
     #: Where light sampling chooses among lamps: their total importance at the ray's origin, see
     #: :mod:`..light.light_sampler`.
     importance: mi.Float | None = None
+    #: Where layers depend on it: the layer of all light that comes by the lobe that left the first vertex.
+    branch: mi.UInt32 | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:

@@ -42,17 +42,22 @@ class Transport:
         self.caustics = caustics
         self._context = Context.of(scene, settings, attached, around, caustics)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
+        #: Names of the channels of the layers, and whether there are any.
+        self.aov_names = [f"{name}.{letter}" for name in self._context.layers.names for letter in "RGB"]
+        self.has_layers = bool(self.aov_names)
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler | None = None
-    ) -> tuple[mi.Spectrum, mi.Bool]:
-        """``(L, hit)``: the radiance of the camera ray ``ray``, a ``mi.Spectrum``, and whether it met a surface.
+    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
+        """``(L, hit, layers)``: the radiance of the camera ray ``ray``, whether it met a surface, and the radiance of
+        each layer (:mod:`.layers`).
 
         ``points(space, active)`` gives a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
-        return self._radiance(self._context, ray, points, active, sampler)
+        L, hit = self._radiance(self._context, ray, points, active, sampler)
+        return L.total, hit, L.layers
 
 
 class InnerIntegrator:
@@ -60,8 +65,8 @@ class InnerIntegrator:
     interface of :class:`Transport`.
     """
 
-    #: Photons are the integrator's own.
-    caustics = None
+    #: Photons and layers are the integrator's own.
+    caustics, has_layers = None, False
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
         self.integrator, self.scene, self.medium = integrator, scene, medium

@@ -11,6 +11,7 @@ from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
 from .context import REFLECTED, REFRACTED, ROULETTE, Context
+from .layers import Radiance
 from .loop import walk
 from .next_ray import next_ray
 from .ray import Ray, Vertex
@@ -55,7 +56,7 @@ class Stack:
 class State:
     """State of the loop over the nodes. ``sampler``: the source of the points, if that has a state."""
 
-    L: mi.Spectrum
+    L: Radiance
     hit: mi.Bool
     ray: Ray
     active: mi.Bool
@@ -65,7 +66,7 @@ class State:
 
 def radiance(
     context: Context, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
-) -> tuple[mi.Spectrum, mi.Bool]:
+) -> tuple[Radiance, mi.Bool]:
     """``(L, hit)`` of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree; see :class:`.Transport`."""
     first = context.first(camera)
     stack = Stack.empty(context.settings.max_level + 1 if context.reflects and context.refracts else 0, first)
@@ -84,7 +85,7 @@ def radiance(
         following, going, stack = state.stack.next(*reflected, *refracted, state.active)
         return State(state.L + L, hit, following, going, stack, state.sampler)
 
-    state = State(mi.Spectrum(0), mi.Bool(False), first, mi.Bool(active), stack, sampler)
+    state = State(context.layers.none(), mi.Bool(False), first, mi.Bool(active), stack, sampler)
     if not (context.reflects or context.refracts):
         state = step(state)
         return state.L, state.hit

@@ -15,12 +15,13 @@ from ..sampling.sobol import Points
 from . import lobes
 from .context import Context
 from .direct import direct_light
+from .layers import Layer, Radiance
 from .media import ENDLESS, before, transmittance
 from .ray import Ray, Vertex, mis, viewer_side
 from .workarounds import past_emitters
 
 
-def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, Vertex]:
+def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[Radiance, Vertex]:
     """``(L, vertex)``: the radiance that the vertex where ``ray`` ends adds to that of the camera ray, by emission,
     background, ambient and direct light; and the :class:`.Vertex`. ``camera``: the camera ray, for time and
     wavelengths.
@@ -30,26 +31,27 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     if settings.hide_emitters and not lights.only_points:
         si = past_emitters(context.scene, ray3, si, active & (ray.level == 0), context.attached)
     if context.absorbs:
-        ray = absorbed(ray, ray3, si, active)
+        ray = absorbed(context, ray, ray3, si, active)
     inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
-    L = mi.Spectrum(0)
+    L = context.layers.none()
     if not lights.only_points:
-        L += emission(context, ray, si, active)
+        L = L.plus(*emission(context, ray, si, active))
     if settings.background is not None:
         escaped = but_not(inside, active & si.is_valid())
-        L += dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
+        radiance = dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
+        L = L.plus(radiance, context.layers.of(ray, "background"))
     surface = active & si.is_valid() & inside
     vertex = vertex_at(context, ray, si, surface)
     if idle(surface):
-        return ray.throughput * L, vertex
+        return L.scaled(ray.throughput), vertex
     if settings.ambient is not None and context.flags:  # else Dr.Jit has no BSDF to dispatch to
-        L += ambient_term(settings.ambient, vertex)
+        L = L.plus(ambient_term(settings.ambient, vertex), context.layers.of(ray, "ambient"))
     L += direct_light(context, vertex, points)
     if context.photons is not None:
         assert not isinstance(points, SamplerPoints)
-        scattered = False if ray.gathered_photons is None else ray.gathered_photons
-        L = context.photons.add_to(L, ray, si, vertex.bsdf, context.glossy, points.t, surface, scattered)
-    return ray.throughput * L, vertex
+        total = context.photons.add_to(L.total, vertex, context.glossy, points.t)
+        L = L.with_total(total, total - L.total, context.layers.of(ray, "caustics"))
+    return L.scaled(ray.throughput), vertex
 
 
 def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
@@ -76,28 +78,28 @@ def intersect(
     return ray3, context.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
 
-def absorbed(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
+def absorbed(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
     """The ray where it meets ``si``, less what the medium on its way has absorbed (Beer's law)."""
     met = active & si.is_valid()
     medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden source
     left = transmittance(medium, ray3.wavelengths, dr.select(met, t, ENDLESS), active)
     ray = replace(ray, throughput=ray.throughput * left, medium=medium)
-    if ray.etendue is not None:
-        ray.etendue = ray.etendue * dr.max(left)
-    return ray
+    return ray if context.photon_mis is None else context.photon_mis.absorbed(ray, left)
 
 
-def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> mi.Spectrum:
+def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:
     """The radiance that a ray below the deepest level adds: it can only meet a source."""
     ray3, si = intersect(context, ray, camera, active)
     if context.absorbs:
-        ray = absorbed(ray, ray3, si, active)
-    return ray.throughput * emission(context, ray, si, active)
+        ray = absorbed(context, ray, ray3, si, active)
+    return context.layers.none().plus(*emission(context, ray, si, active)).scaled(ray.throughput)
 
 
-def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Spectrum:
-    """Radiance of a source that ``ray`` meets, with the MIS weight against light sampling at the ray's origin."""
+def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
+    """Radiance of a source that ``ray`` meets, with the MIS weight against light sampling at the ray's origin; and its
+    layer.
+    """
     lights = context.lights
     emitter = si.emitter(context.scene)
     if ray.sees_emission is not None:
@@ -105,7 +107,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     if context.settings.hide_emitters:
         active = active & (ray.level > 0)
     if idle(active) or emitter is None:
-        return mi.Spectrum(0)
+        return mi.Spectrum(0), 0
     L = emitter.eval(si, active)
     uses_mis = active & ray.uses_mis
     if lights.sky is not None:
@@ -120,7 +122,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
         weight = context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, weight, active)
-    return dr.select(active, L * weight, 0)
+    return dr.select(active, L * weight, 0), context.layers.emission(ray, emitter, active)
 
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:

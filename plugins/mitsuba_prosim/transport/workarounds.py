@@ -29,15 +29,10 @@ from typing import NamedTuple
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK, TWO_SIDED
 from ..masks import but_not, idle
 from ..optics.nested import all_shapes, all_within, parts
 from . import lobes
-
-#: Class names of what mixes BSDFs.
-MASK, BLEND, TWO_SIDED = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF"
-
-#: Class names of what turns the surface by a texture.
-MAPS = ("BumpMap", "NormalMap")
 
 
 def any_mixed(scene: mi.Scene) -> bool:
@@ -123,10 +118,6 @@ def eval_pdf(
     asked = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
     f, pdf = bsdf.eval_pdf(lobes.and_through(asked) if any(_within(bsdf, MASK)) else asked, si, wo, active)
     return f, pdf * 0.5 if half else pdf
-
-
-#: Class names of Mitsuba's BSDFs that name their components, but evaluate all of them together.
-EVALUATED_TOGETHER = ("Principled", "PrincipledThin")
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:

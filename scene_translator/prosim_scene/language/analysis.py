@@ -6,7 +6,6 @@ from dataclasses import replace
 from itertools import count, islice
 from os import PathLike
 from pathlib import PurePath
-from typing import Any
 
 from ..collector import paused
 from ..model import GREY, Leaf, Pattern, Scene, Transform, Vector
@@ -14,55 +13,19 @@ from .diagnostics import MOST, SceneError, SceneWarning, Span, listing, quote, t
 from .document import Document, Path
 from .reader import Reader
 from .suggestions import nearest
-from .words import ALIASES, BUILT_IN, KINDS, PIXELS, WORDS, canonical
+from .words import ALIASES, BUILT_IN, KINDS, PIXELS, STATEMENT_OF, WORDS, canonical, of_role
 
 #: Larger texts are refused: a scene of 10,000 primitives has about 2 MiB.
 SIZE_LIMIT = 16 * 2**20
 #: Below this, the intensity of a light, of AMBIENT or of BACKGROUND is most likely a mistake.
 DARK = 256
-ONE = "expected one of the two"
 #: Characters that no name of a scene may have.
 NO_NAME = frozenset('/\\:*?<>|"')
 #: Parameter -> the kinds of lights, of materials or of textures that have it; only parameters that others lack.
 LIMITED = {
-    field: {word.name: word.of for word in WORDS if word.of and word.role in roles}
-    for field, roles in {
-        "lights": ["LIGHT_PARAMETER"],
-        "surfaces": ["OPTIC", "METAL"],
-        "patterns": ["PARAMETER"],
-    }.items()
+    owner.name: {word.name: word.of for word in WORDS if word.of and STATEMENT_OF[word.role] == owner.role}
+    for owner in of_role("LIGHTS", "SURFACE", "TEXTURE")
 }
-#: Material, when it is wrong, why, and which value is.
-OPTICS: list[tuple[Any, ...]] = [
-    (
-        "conductor",
-        lambda s: s.metal and (s.eta or s.k),
-        f"a metal's name and n-refr or k-abs are given; {ONE}",
-        "metal",
-    ),
-    (
-        "conductor",
-        lambda s: not (s.metal or (s.eta and s.k)),
-        "a condutor lacks its optics; expected n-refr and k-abs, or a metal's name",
-    ),
-    (
-        "dielectric",
-        lambda s: s.glass and (s.eta or s.abbe),
-        f"a glass's name and n-refr or abbe are given; {ONE}",
-        "glass",
-    ),
-    (
-        "dielectric",
-        lambda s: not (s.glass or s.eta),
-        "a dieletrico lacks its index; expected n-refr, or a glass's name after dieletrico",
-    ),
-    ("composite", lambda s: not s.eta, "a composto lacks its index; expected n-refr"),
-    (
-        "composite",
-        lambda s: s.ks and max(map(sum, zip(s.kd or GREY, s.ks))) > 1 + 1e-6,
-        "kd + ks is above 1 in a composto; expected s + d = 1 at most",
-    ),
-]
 
 
 def document_of(
@@ -176,13 +139,10 @@ def _settings(document: Document) -> Iterator[SceneError]:
     scene, name = document.scene, document.scene.name
     if not any(scene.channels):
         yield document.error("found FALSE for all channels; expected TRUE for one at least", "channels", code="range")
-    if document.given("name") and (
-        not name.strip() or name in (".", "..") or not name.isprintable() or NO_NAME & {*name}
-    ):
-        reason = f"found {quote(name)}; expected the base name of a file, without a folder"
+    allowed = name.isprintable() and len(name) <= 200 and not NO_NAME & {*name}
+    if document.given("name") and (not allowed or name.strip() == "" or name in (".", "..")):
+        reason = f"found {quote(name)}; expected the base name of a file: without a folder, 200 characters at most"
         yield document.error(reason, "name", "text")
-    elif document.given("name") and len(name) > 200:
-        yield document.error(f"found a name of {len(name)} characters; expected 200 at most", "name", "text")
     if scene.view.resolution[0] * scene.view.resolution[1] > PIXELS:
         reason = f"these are too many pixels; expected {PIXELS} at most"
         yield document.error(reason, "view", "resolution", code="range")
@@ -203,11 +163,24 @@ def _lights(document: Document) -> Iterator[SceneError | SceneWarning]:
             yield document.warning(f"this {document.word(*path)} is nearly dark; 65535 is 1.0", *path, code="dark")
 
 
-def _materials(document: Document) -> Iterator[SceneError]:
-    for index, surface in document.scene.surfaces.items():
-        for material, wrong, reason, *name in OPTICS:
-            if surface.material == material and wrong(surface):
-                yield document.error(reason, "surfaces", index, *name, code="optics")
+def _materials(document: Document) -> Iterator[SceneError | SceneWarning]:
+    for index, s in document.scene.surfaces.items():
+        wrong = ""
+        if s.material == "conductor" and (s.eta or s.k if s.metal else not (s.eta and s.k)):
+            wrong = "a condutor has either a metal's name, or n-refr and k-abs; expected one of the two"
+        elif s.material == "dielectric" and (s.eta or s.abbe if s.glass else not s.eta):
+            wrong = "a dieletrico has either a glass's name, or n-refr; expected one of the two"
+        elif s.material == "composite" and not s.eta:
+            wrong = "a composto lacks its index; expected n-refr"
+        elif s.material == "composite" and s.ks and max(map(sum, zip(s.kd or GREY, s.ks))) > 1 + 1e-6:
+            wrong = "kd + ks is above 1 in a composto; expected s + d = 1 at most"
+        if wrong:
+            name = "glass" if s.glass else "metal"  # if there is none, the error points to the surface
+            yield document.error(wrong, "surfaces", index, name, code="optics")
+        path = "surfaces", index, "thickness"
+        if s.material == "dielectric" and s.transmittance is None and document.given(*path):
+            reason = f"{document.word(*path)} has no effect without transmitancia; add transmitancia"
+            yield document.warning(reason, *path, code="no-effect")
 
 
 def _kinds(document: Document) -> Iterator[SceneError | SceneWarning]:
@@ -221,42 +194,30 @@ def _kinds(document: Document) -> Iterator[SceneError | SceneWarning]:
         if not kind:
             reason = f"the texture {quote(key)} has no kind; expected brick, stripes or fractal after its name"
             yield document.error(reason + nearest(str(key), BUILT_IN), field, key, code="incomplete")
-            continue
-        for name, of in LIMITED[field].items():
+        for name, of in LIMITED[field].items() if kind else ():
             if kind not in of and document.given(field, key, name):
-                word = document.word(field, key, name)
-                reason = f"{word} has no effect on {KINDS[kind]}; it is for {listing(KINDS[one] for one in of)}"
-                if field == "patterns":
-                    yield document.error(reason, field, key, name, code="unexpected")
-                else:
-                    yield document.warning(reason, field, key, name, code="no-effect")
-    for index, surface in scene.surfaces.items():
-        path = "surfaces", index, "thickness"
-        if surface.material == "dielectric" and surface.transmittance is None and document.given(*path):
-            reason = f"{document.word(*path)} has no effect without transmitancia; add transmitancia"
-            yield document.warning(reason, *path, code="no-effect")
+                word, kinds_of = document.word(field, key, name), listing(KINDS[one] for one in of)
+                reason = f"{word} has no effect on {KINDS[kind]}; it is for {kinds_of}"
+                tell = document.error if field == "patterns" else document.warning
+                yield tell(reason, field, key, name, code="unexpected" if field == "patterns" else "no-effect")
 
 
 def _indices(document: Document) -> Iterator[SceneError]:
     """Primitives without SURFACE or TRANSFORM, one for each index."""
-    surfaces, transforms = (
-        {path[1] for path in document.spans if len(path) == 2 and path[0] == field}
-        for field in ("surfaces", "transforms")
-    )
+    given = [path for path in document.spans if len(path) == 2]
+    surfaces, transforms = ({key for field, key in given if field == one} for one in ("surfaces", "transforms"))
     told = set()
     for number, leaf in enumerate(document.scene.csg):
         if not isinstance(leaf, Leaf) or (leaf.index, leaf.within) in told:
             continue
         told.add((leaf.index, leaf.within))
         indices = leaf.index, *leaf.within
-        lack = [f"TRANSFORM {i}" for i in indices if i not in transforms]
-        if not surfaces.intersection(indices):
-            lack.insert(0, listing(f"SURFACE {i}" for i in indices))
+        lack = [listing(f"SURFACE {i}" for i in indices)] * surfaces.isdisjoint(indices)
+        lack += [f"TRANSFORM {i}" for i in indices if i not in transforms]
         if lack:
-            known = sorted(surfaces if lack[0].startswith("SURFACE") else transforms)[:20]
-            reason = f"{leaf.shape.upper()} {leaf.index}{' in this solid' if leaf.within else ''} has no "
-            reason += f"{' and no '.join(lack)}; expected {'a statement' if len(lack) == 1 else 'statements'} "
-            reason += listing(lack, "and") + (f"; there are {listing(known, 'and')}" if known else "")
+            reason = f"{leaf.shape.upper()} {leaf.index}{' in this solid' * bool(leaf.within)} has no "
+            known = [f"SURFACE {i}" for i in sorted(surfaces)[:9]] + [f"TRANSFORM {i}" for i in sorted(transforms)[:9]]
+            reason += f"{' and no '.join(lack)}; expected one; there are {listing(known or ['none'], 'and')}"
             yield document.error(reason, "csg", number, code="no-index")
 
 

@@ -1,5 +1,6 @@
 """A scene in canonical layout, comments kept."""
 
+from dataclasses import dataclass, field
 from math import isfinite
 from os import PathLike
 
@@ -30,24 +31,31 @@ def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     errors = [one for one in found if isinstance(one, SceneError) and (one.code in SYNTAX or not syntax_only)]
     if errors:
         raise together(errors)
-    layout = _Layout(text)
-    end = 0
+    layout, end, rest = _Layout(text), 0, list[str]()
     for token in reader.tokens:
-        layout.add(token, same_line="\n" not in text[end : token.start])
+        if token.role == "REST":
+            rest = [token.text.rstrip()]
+        elif token.role == "COMMENT":
+            layout.comment(token, same_line="\n" not in text[end : token.start])
+        else:
+            layout.token(token)
         end = token.end
-    return layout.text()
+    return "\n".join([*map(str, layout.lines), *rest, ""])
 
 
+@dataclass
 class _Line:
-    """A line of the result: its words, and the comments behind them."""
+    """A line of the result: its indentation in steps, its words, and the comments after them."""
 
-    def __init__(self, indent: str, *words: str) -> None:
-        self.indent, self.words, self.comments = indent, list(words), list[str]()
+    depth: int
+    words: list[str] = field(default_factory=list)
+    comments: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
         # A comment with # ends its line, so it comes last.
         comments = sorted(self.comments, key=lambda comment: comment.startswith("#"))
-        return self.indent + " ".join([*self.words, *comments]) if self.words or comments else ""
+        words = " ".join([*self.words, *comments])
+        return INDENT * min(self.depth, DEEPEST) + words if words else ""
 
 
 class _Layout:
@@ -56,115 +64,84 @@ class _Layout:
     def __init__(self, source: str) -> None:
         self.source = source
         self.lines: list[_Line] = []
-        self.line = _Line("")  # the last one that has words
-        self.heading = self.previous = ""  # the statement, and the type of the token before
-        self.rest = ""  # what follows END
-        self.missing: list[int] = []  # operands that the runs of operators around a node of the tree still lack
+        self.line = _Line(0)  # the last one that has words
+        self.heading = self.previous = ""  # the statement, and the role of the token before
+        self.missing: list[int] = []  # the missing operands of the runs of operators around a node of the tree
 
-    def text(self) -> str:
-        return "\n".join([*map(str, self.lines), *([self.rest] if self.rest else []), ""])
-
-    def begin(self, depth: int, *words: str) -> None:
-        self.line = _Line(INDENT * depth, *words)
+    def begin(self, depth: int, word: str, above: int) -> int:
+        """A new line; comments directly above it get the depth ``above``. Returns the number of the first of these."""
+        at = len(self.lines)
+        while at and not self.lines[at - 1].words:
+            at -= 1
+            self.lines[at].depth = above
+        self.line = _Line(depth, [word])
         self.lines.append(self.line)
+        return at
 
-    def add(self, token: Token, same_line: bool) -> None:
-        if token.role == "REST":
-            self.rest = token.text.rstrip()
-        elif token.role == "COMMENT":
-            if not (self.lines and same_line):
-                self.lines.append(_Line(INDENT if self.heading in HEADINGS else ""))
-            self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))
-        else:
-            self.token(token)
-            self.previous = token.role
+    def comment(self, token: Token, same_line: bool) -> None:
+        """A comment, after the words of its line or on a line of its own."""
+        if not (self.lines and same_line):
+            self.lines.append(_Line(self.heading in HEADINGS))
+        self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))
 
     def token(self, token: Token) -> None:
+        """Any other token."""
         kind = token.role
         if kind in STATEMENTS:
-            if kind in HEADINGS or self.heading in HEADINGS:
-                self.blank_line()
+            colon = "" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"
+            at = self.begin(0, row(kind, token.text).canonical + colon, 0)
+            if at and {kind, self.heading} & HEADINGS:
+                self.lines.insert(at, _Line(0))
             self.heading = kind
-            self.begin(
-                0, row(kind, token.text).canonical + ("" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":")
-            )
         elif kind in VALUES:
             self.value(token)
-        elif kind == "MINUS" and self.heading == "VIEW":
-            pass  # the stray dash of the listing
         elif kind in OPERATORS.values():
             self.operator(token)
         elif kind in ("PRIMITIVE", "USE"):
-            self.begin_node(token.text if kind == "USE" else row(kind, token.text).canonical)
-            self.operand()
+            depth = len(self.missing) + 1
+            self.begin(depth, token.text if kind == "USE" else row(kind, token.text).canonical, depth)
+            while self.missing:  # a run of operators that lacks no operand is an operand itself
+                self.missing[-1] -= 1
+                if self.missing[-1]:
+                    break
+                self.missing.pop()
         else:
             # A light's parameters stand below its kind.
-            self.begin(2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1, row(kind, token.text).canonical)
+            self.begin(2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1, row(kind, token.text).canonical, 1)
+        self.previous = kind
 
     def operator(self, token: Token) -> None:
         """Operators that follow one another stand on one line, all their operands below, one step to the right."""
+        if self.heading == "VIEW":
+            return  # the stray dash of the listing
         if self.previous not in OPERATORS.values():
-            self.begin_node(token.text)
+            depth = len(self.missing) + 1
+            self.begin(depth, token.text, depth)
             self.missing.append(2)
             return
         self.missing[-1] += 1
         if self.lines[-1] is self.line and not self.line.comments:
             self.line.words.append(token.text)
         else:  # a comment stands between
-            self.begin(self.depth(len(self.missing)), token.text)
-
-    def begin_node(self, word: str) -> None:
-        """A line of the tree, and the comments that stand directly above it."""
-        depth = self.depth(len(self.missing) + 1)
-        for line in reversed(self.lines):
-            if line.words:
-                break
-            line.indent = INDENT * depth
-        self.begin(depth, word)
-
-    def operand(self) -> None:
-        """One operand less is missing, and the run of operators that lacks none is one itself."""
-        while self.missing:
-            self.missing[-1] -= 1
-            if self.missing[-1]:
-                break
-            self.missing.pop()
-
-    @staticmethod
-    def depth(level: int) -> int:
-        """Steps to the right: so few that a line stays readable, and the text of a deep tree in proportion."""
-        return min(level, DEEPEST)
+            self.begin(len(self.missing), token.text, 1)
 
     def value(self, token: Token) -> None:
+        """A value, after the word that it belongs to."""
         kind, words = token.role, self.line.words
-        if kind == "LPAR" or kind == "RPAR":
-            return  # set around the numbers of any step
-        as_written = self.source[token.start : token.end]
-        if as_written[:1] in ("$", "{"):
-            text = as_written
+        if kind in ("LPAR", "RPAR"):
+            return  # parentheses stand around the numbers of each step
+        text = self.source[token.start : token.end]
+        if text[0] in "${":
+            pass
         elif kind == "NUMBER":
             value = float(token.text)
             text = written(value) if self.heading != "NAME" and isfinite(value) else token.text
-        elif kind == "STRING":
-            text = f'"{token.text}"'
-        elif kind in ("WORD", "FILE", "TEXTURE_NAME"):
-            text = token.text
-        else:
+        elif kind not in ("STRING", "WORD", "FILE", "TEXTURE_NAME"):
             text = row(kind, token.text).canonical
-        if self.heading == "TRANSFORM" and self.line.indent:
+        if self.heading == "TRANSFORM" and self.line.depth:
             words[-1:] = [words[-1], f"({text})"] if len(words) == 1 else [f"{words[-1][:-1]} {text})"]
             return
-        if self.previous == "VARIABLE" and self.heading == "DEFAULT":
-            words.append("=")
-        if self.heading in ("SURFACE", "TEXTURE") and self.line.indent and len(words) == 1 and words[0] != "material":
+        equals = self.heading in ("SURFACE", "TEXTURE") and self.line.depth and len(words) == 1
+        if (self.previous == "VARIABLE" and self.heading == "DEFAULT") or (equals and words[0] != "material"):
             words.append("=")
         words.append(text)
-
-    def blank_line(self) -> None:
-        """A blank line before what begins now, and before the comments that stand directly above it."""
-        at = len(self.lines)
-        while at and not self.lines[at - 1].words:
-            at -= 1
-            self.lines[at].indent = ""
-        if at:
-            self.lines.insert(at, _Line(""))

@@ -5,19 +5,19 @@ line that begins with the keyword of a statement.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 from .. import model
 from . import words
-from .diagnostics import MOST, USE, SceneError, SceneWarning, Source, Span, listing, quote
+from .diagnostics import MOST, SceneError, SceneWarning, Source, Span, listing, quote
 from .document import Path
 from .expressions import Definitions
 from .suggestions import ARITHMETIC, BRACES, NUMBER, TEXTURES, hint, meant, nearest, of_mark, unknown_name
 from .tokens import START, Scanner, Token
-from .words import NAMED, STATEMENTS, Flags, normalise, row
+from .words import NAMED, STATEMENTS, Flags, Numbers, normalise, row
 
 #: The most nodes of a tree that is made of named solids.
 LARGEST = 10**5
@@ -51,6 +51,9 @@ COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
 SHARE = re.compile(rf"({NUMBER})%")
 PRIMITIVE = re.compile(rf"(?:{'|'.join(words.spellings('PRIMITIVE'))})\s+\d+", re.IGNORECASE)
 PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are comments"
+#: Tokens that may have been meant as numbers, or as arithmetic.
+LIKE_NUMBERS = ("WORD", *words.OPERATORS.values())
+LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
 #: Codes of syntax errors, which depend on no value.
 SYNTAX = ("no-end", "tree", "infix")
 OPERATOR = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
@@ -80,14 +83,12 @@ class Reader:
         self.errors: list[SceneError] = []
         self.warnings: list[SceneWarning] = []
         self.skipped = self.ended = self.has_undefined = False
-        #: Names of which an error hides the definition; whether it may hide any.
-        self.hidden, self.hides_all = set[str](), False
         #: The last token, and the roles that were expected there.
         self.token, self.expected = START, NEXT
-        #: Of the present statement: its keyword, the path of its value, and the spans in it.
-        self.keyword, self.path, self.own = START, Path(), dict[Path, Span]()
+        #: The keyword of the present statement, and the path of its value.
+        self.keyword, self.path = START, Path()
         #: The values that are being read: after which keyword, what these may be, and so far; the parenthesis around.
-        self.takes: tuple[str, words.Numbers | Flags] | None = None
+        self.takes: tuple[str, Numbers] | None = None
         self.taken, self.open = list[Token](), Span(0, 0)
         self.statements()
 
@@ -102,67 +103,53 @@ class Reader:
         """Reads all statements."""
         begun = False  # whether ``token`` is the keyword of the next statement
         while len(self.errors) <= MOST and not self.ended:
-            told = len(self.errors)
-            self.keyword, self.path, self.own = self.token if begun else START, (), {}
+            told, skipped = len(self.errors), self.skipped
+            self.keyword = self.token if begun else START
             try:
                 if not begun:
                     self.next(NEXT)
                     begun, self.keyword = True, self.token
                 if self.keyword.role in ("END", ""):
                     break
-                self.give(getattr(self, self.keyword.role.lower())())
+                self.store(getattr(self, self.keyword.role.lower())())
             except SceneError as error:
                 begun = False
                 self.errors[told:] = [error]
                 self.skip(error)
             if self.scanner.undefined:
-                self.undefined(told, begun)
+                self.undefined(told, skipped)
         cut = len(self.errors) > MOST
         self.skipped, self.ended = self.skipped or cut, self.ended or cut or self.token.role == "END"
         if self.token.role == "END" and (rest := self.scanner.rest()):
-            self.warnings.append(
-                self.source.warning(rest.span, "the text after END is ignored; delete it", "after-end")
-            )
+            reason = "the text after END is ignored; delete it"
+            self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
 
-    def give(self, value: Any) -> None:
-        """Stores the value of a statement, unless the text has given it before."""
-        if not self.path:  # its index is wrong
-            self.skipped = True
-        elif self.path in self.spans:
-            kind = self.keyword.role
-            given = [self.keyword.text if kind == "SETTING" else words.canonical(kind)]
-            given += [f"{'$' * (kind == 'DEFAULT')}{index}" for index in self.path[1:]]
-            self.twice(self.own[self.path], " ".join(given), self.spans[self.path])
-        else:
-            self.spans.update(self.own)
-            field, *index = self.path
-            if index:
-                self.fields[str(field)][index[0]] = value
-            else:
-                self.fields[str(field)] = value
+    def store(self, value: Any) -> None:
+        """Stores the value of a statement, unless the text has given it before, or with a wrong index."""
+        field, *index = self.path
+        if not index:
+            self.fields[str(field)] = value
+        elif field in self.fields:
+            self.fields[str(field)][index[0]] = value
 
     def skip(self, error: SceneError) -> None:
         """Continues at the next line that begins with the keyword of a statement."""
-        text = self.source.text
         start = max(error.span.start if error.span else 0, self.keyword.start)
-        after = STATEMENT_LINE.search(text, start + 1)
-        self.scanner.position = after.start() if after else len(text)
-        self.ended = after is None
+        after = STATEMENT_LINE.search(self.source.text, start + 1)
+        self.scanner.position = after.start() if after else len(self.source.text)
         while self.tokens and self.tokens[-1].end > self.scanner.position:
             self.tokens.pop()
-        self.skipped, self.token = True, START
-        self.hides_all = self.hides_all or self.keyword.role == "DEFAULT"
-        self.hidden.update(USE.findall(text, self.keyword.start if self.keyword.role else start, self.scanner.position))
+        self.skipped, self.ended, self.token = True, after is None, START
 
-    def undefined(self, told: int, read: bool) -> None:
-        """Reports the names without values in a statement, each name once, instead of errors in its values."""
-        errors = []
-        for error in self.scanner.undefined:
-            name = self.source.text[slice(*error.span or ())].lstrip("$")
-            if not self.hides_all and name not in self.hidden:
-                errors.append(error)
-            self.hidden.add(name)
-        self.errors[told:] = errors + [one for one in self.errors[told:] if not read or one.code in SYNTAX]
+    def undefined(self, told: int, skipped: bool) -> None:
+        """Reports the names without values in a statement, each once, instead of the errors in the statement's values.
+
+        They are not reported after a statement that was ``skipped``: it may have been their definition.
+        """
+        known = {one.reason for one in self.errors[:told]}
+        new = {one.reason: one for one in reversed(self.scanner.undefined) if one.reason not in known}
+        kept = [one for one in self.errors[told:] if self.skipped or one.code in SYNTAX]
+        self.errors[told:] = kept if skipped else [*new.values(), *kept]
         self.scanner.undefined, self.has_undefined = [], True
 
     # ---- Tokens
@@ -177,30 +164,33 @@ class Reader:
             self.token = self.tokens[-1] = self.scanner.last = token._replace(role="USE")
         return self.token.role
 
-    def report(self, where: Token | Span, reason: str, code: str) -> None:
+    def report(self, span: Span, reason: str, code: str) -> None:
         """Adds an error."""
-        self.errors.append(self.source.error(where.span if isinstance(where, Token) else where, reason, code))
+        self.errors.append(self.source.error(span, reason, code))
 
     def begin(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the path of the statement's value, whose place is the keyword or ``at``."""
+        """Sets the path of the statement's value, whose place is the keyword or ``at``; reports one given before."""
+        kind, token = self.keyword.role, at or self.keyword
         self.path = path
-        self.own[path] = (at or self.keyword).span
+        if path in self.spans:
+            name = self.keyword.text if kind == "SETTING" else words.canonical(kind)
+            self.once(token, " ".join([name, *(f"{'$' * (kind == 'DEFAULT')}{key}" for key in path[1:])]))
+            self.path = "twice", token.start
+        self.note(token.span)
 
     def note(self, span: Span, *path: str | int) -> None:
-        """Stores the place of a part of the statement's value."""
+        """Stores the place of the statement's value, or of a part of it."""
         whole = (*self.path, *path)
-        self.own[whole] = span
+        self.spans[whole] = span
 
     def once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the place of a value; reports a value that was given before."""
-        if path in self.own:
-            self.twice(token.span, what, self.own[path])
+        """Stores the place of a part; reports a part that was given before."""
+        whole = (*self.path, *path)
+        if first := self.spans.get(whole):
+            reason = f"{what} is given twice; the first is on line {self.source.line(first)}; delete one"
+            self.report(token.span, reason, "twice")
         else:
-            self.own[path] = token.span
-
-    def twice(self, span: Span, what: str, first: Span) -> None:
-        """Reports a value that is given again."""
-        self.report(span, f"{what} is given twice; the first is on line {self.source.line(first)}; delete one", "twice")
+            self.spans[whole] = token.span
 
     # ---- Values
 
@@ -209,43 +199,36 @@ class Reader:
 
         ``first`` have been read already. The token after the values has a role that follows.
         """
-        takes = self.takes_of(keyword)
+        takes = words.INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
         self.takes, self.taken = (keyword.text, takes), [*first, *self.scanner.plain_numbers()]
         expected = _and_numbers(follow)
         while self.next(expected) in ("NUMBER", "BOOL"):
             self.taken.append(self.token)
         self.takes = None
-        value = takes.value([token.text for token in self.taken])
-        if value is None:
-            self.wrong_value(keyword, takes)
-        return value
+        return self.checked(keyword, takes)
 
-    @staticmethod
-    def takes_of(keyword: Token) -> words.Numbers | Flags:
-        """The values that may follow a keyword."""
-        takes = words.INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
-        assert takes is not None
-        return takes
-
-    def wrong_value(self, keyword: Token, takes: words.Numbers | Flags) -> None:
-        """Reports the mistake in the values after a keyword."""
+    def checked(self, keyword: Token, takes: Numbers) -> Any:
+        """The value of the tokens that have been ``taken`` after a keyword; None, and an error, if it is wrong."""
         tokens = self.taken
+        value = takes.value([token.text for token in tokens])
+        if value is not None:
+            return value
+        first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
+        wrong = next((token for token in tokens if not takes.allow(token.text)), None)
         if not takes.fit(len(tokens)):
-            reason = f"found {len(tokens)} {takes.noun}{'s' * (len(tokens) != 1)} after {keyword.text}; "
-            reason += f"expected {takes.counted()}"
-            if comment := COMMENT.match(self.source.text, tokens[-1].end if tokens else keyword.end):
+            noun = takes.noun + "s" * (len(tokens) != 1)
+            reason = f"found {len(tokens)} {noun} after {keyword.text}; expected {takes.counted()}"
+            if comment := COMMENT.match(self.source.text, last.end):
                 reason += f"; {quote(comment[1])} is a comment; write the numbers without parentheses and commas"
-            first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
             self.report(Span(first.start, last.end), reason, "count")
-            return
-        for token in tokens:
-            if not takes.allow(token.text):
-                reason = f"found {quote(token.text)} after {keyword.text}; expected {takes.bounds()}"
-                if not isinstance(takes, Flags) and takes.channels and takes.high == 1 < float(token.text) <= 255:
-                    reason += f"; {token.text} of 255 is {float(token.text) / 255:.3g}"
-                self.report(token, reason, "range")
-                return
-        self.report(tokens[0], f"{keyword.text} has length 0; expected a direction", "range")
+        elif wrong:
+            reason = f"found {quote(wrong.text)} after {keyword.text}; expected {takes.bounds()}"
+            if takes.channels and takes.high == 1 < float(wrong.text) <= 255:
+                reason += f"; {wrong.text} of 255 is {float(wrong.text) / 255:.3g}"
+            self.report(wrong.span, reason, "range")
+        else:
+            self.report(first.span, f"{keyword.text} has length 0; expected a direction", "range")
+        return None
 
     def parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
         """The values of the parameters from this token on, by their names in the model."""
@@ -256,12 +239,12 @@ class Reader:
                 self.once(keyword, "the distribution of a light", *owner, "distribution")
                 values["distribution"] = word.name
                 self.next(follow)
-            elif word.takes is None:
-                self.material(values, *owner)
+            elif not word.takes.count:
+                self.material(values)
             else:
                 self.once(keyword, keyword.text, *owner, word.name)
                 if word.name in ("exponent", "slope") and keyword.role == "OPTIC":
-                    self.once(keyword, "the roughness", *owner, "roughness")
+                    self.once(keyword, "the roughness", "roughness")
                 values[word.name] = self.value(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
                 if keyword.role == "VIEW_PARAMETER":
                     self.note(Span(keyword.start, (self.taken or [keyword])[-1].end), word.name)
@@ -293,7 +276,7 @@ class Reader:
         self.begin("name")
         self.next(NAMES)
         token = self.token
-        self.own["name", "text"] = token.span
+        self.note(token.span, "text")
         self.next(NEXT)
         return token.text
 
@@ -302,7 +285,8 @@ class Reader:
         self.begin("background")
         color, image = self.value(self.keyword, IMAGE), None
         if self.token.role in FILE:
-            self.own["background", "image"], image = self.token.span, self.token.text
+            self.note(self.token.span, "image")
+            image = self.token.text
         if self.token.role not in NEXT:
             self.next(NEXT)
         return model.Background(color, image)
@@ -313,8 +297,8 @@ class Reader:
         lights: list[model.Light] = []
         self.next(LIGHTS)
         while self.token.role == "LIGHT":
-            kind, owner = row("LIGHT", self.token.text).name, ("lights", len(lights))
-            self.own[owner] = self.token.span
+            kind = row("LIGHT", self.token.text).name
+            self.note(self.token.span, len(lights))
             if kind == "sky":
                 self.next(FILE)
                 self.note(self.token.span, len(lights), "image")
@@ -322,7 +306,7 @@ class Reader:
                 self.next(LIGHTS)
             else:
                 self.next(LIGHT)
-                values = self.parameters(LIGHT, *owner)
+                values = self.parameters(LIGHT, len(lights))
             if values.get("distribution") == "cone":
                 values.setdefault("angle", 30.0)
             lights.append(model.Light(kind, **values))
@@ -332,21 +316,24 @@ class Reader:
         """VIEW."""
         self.begin("view")
         self.next(VIEW)
-        return model.View(**self.parameters(VIEW, "view"))
+        return model.View(**self.parameters(VIEW))
+
+    def index(self, field: str, follow: frozenset[str]) -> None:
+        """The index after SURFACE or TRANSFORM."""
+        index = self.value(self.keyword, follow)
+        self.skipped = self.skipped or index is None
+        self.begin(*((field, index) if index is not None else ("wrong", self.keyword.start)))
 
     def surface(self) -> model.Surface:
         """SURFACE."""
-        index = self.value(self.keyword, SURFACE)
-        owner: Path = ("surfaces", -1 if index is None else index)
-        if index is not None:
-            self.begin(*owner)
-        return model.Surface(**self.parameters(SURFACE, *owner))
+        self.index("surfaces", SURFACE)
+        return model.Surface(**self.parameters(SURFACE))
 
-    def material(self, values: dict[str, Any], *owner: str | int) -> None:
+    def material(self, values: dict[str, Any]) -> None:
         """``material`` and its kind, with the name of a metal or glass after some, or ``metal`` and its name."""
         kind = self.token
         if kind.role == "MATERIAL":
-            self.once(kind, "the material", *owner, "material")
+            self.once(kind, "the material", "material")
             self.next(MATERIAL)
             kind = self.token
             values["material"] = row(kind.role, kind.text).name
@@ -358,14 +345,13 @@ class Reader:
         name, (field, table) = self.token, NAMED[kind.role]
         if normalise(name.text) not in table and not name.text.startswith("$"):
             raise self.source.error(name.span, unknown_name(kind.role, name.text), "unknown-name")
-        self.once(name, f"the {field}", *owner, field)
+        self.once(name, f"the {field}", field)
         values[field] = table.get(normalise(name.text))
         self.next(SURFACE)
 
     def transform(self) -> model.Transform:
         """TRANSFORM."""
-        if (index := self.value(self.keyword, TRANSFORM)) is not None:
-            self.begin("transforms", index)
+        self.index("transforms", TRANSFORM)
         steps = []
         while (keyword := self.token).role == "STEP":
             role = self.next(STEP)
@@ -377,7 +363,7 @@ class Reader:
                 value = self.value(keyword, TRANSFORM, self.token)
             else:
                 self.taken, value = [], None
-                self.wrong_value(keyword, self.takes_of(keyword))
+                self.checked(keyword, row("STEP", keyword.text).takes)
             steps.append(model.Step(row("STEP", keyword.text).name, value if isinstance(value, tuple) else (value,)))
         return model.Transform(tuple(steps))
 
@@ -391,11 +377,11 @@ class Reader:
             word = self.token
             given = row("KIND", word.text).name
             if self.next(TEXTURE | {"NUMBER"} if given == "brick" else TEXTURE) == "NUMBER":  # a parameter, too
-                self.own["patterns", name, given] = word.span
+                self.note(word.span, given)
                 values[given] = self.value(word._replace(role="PARAMETER"), TEXTURE, self.token)
             else:
                 kind = given
-        values |= self.parameters(TEXTURE, "patterns", name)
+        values |= self.parameters(TEXTURE)
         return model.Pattern(kind, tuple(sorted(values.items())))
 
     def csg_tree(self) -> tuple[model.Operator | model.Leaf, ...]:
@@ -409,58 +395,62 @@ class Reader:
         token = self.token
         self.begin("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.ROWS:
-            self.report(token, f"found {quote(token.text)}, a word of the language; expected a name of its own", "name")
+            reason = f"found {quote(token.text)}, a word of the language; expected a name of its own"
+            self.report(token.span, reason, "name")
         told, nodes = len(self.errors), self.tree()
         if not nodes and len(self.errors) == told:
-            self.report(token, f"this solid is empty; expected its tree after {token.text}", "incomplete")
+            self.report(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
         return nodes
 
     def tree(self) -> tuple[model.Operator | model.Leaf, ...]:
         """Operators and primitives in prefix order; the nodes of a named solid stand in the place of its name."""
         told, first = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
-        lacking, extra = [[-1, 1]], 0  # operators and the counts of their missing operands; the first node too many
         role = self.next(TREE)
         while role not in NEXT:
-            if not lacking and not extra:
-                extra = len(nodes)
             if role in ("PRIMITIVE", "USE"):
                 nodes += [self.leaf(len(nodes))] if role == "PRIMITIVE" else self.use(len(nodes))
                 role = self.token.role
-                while lacking:
-                    lacking[-1][1] -= 1
-                    if lacking[-1][1]:
-                        break
-                    lacking.pop()
             else:
                 self.note(self.token.span, len(nodes))
-                lacking.append([len(nodes), 2])
                 nodes.append(OPERATOR[self.token.text])
                 role = self.next(TREE)
         for token in self.tokens[first:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
-        if nodes and (extra or lacking) and len(self.errors) == told:
-            self.wrong_tree(nodes, extra, *(lacking or [[0, 0]])[-1])
+        if len(self.errors) == told:
+            self.check_tree([isinstance(node, model.Operator) for node in nodes])
         return tuple(nodes) if len(self.errors) == told else ()
 
-    def wrong_tree(self, nodes: Sequence[model.Operator | model.Leaf], extra: int, number: int, count: int) -> None:
-        """Reports the first node that is ``extra``, or that the operator ``number`` lacks ``count`` operands."""
-        spans = [self.own[path] for path in [(*self.path, i) for i in (extra or number, 0, min(2, len(nodes) - 1))]]
-        node, first, third = (" ".join(self.source.text[slice(*span)].split()) for span in spans)
-        kinds = [isinstance(one, model.Operator) for one in nodes[:3]]
-        if extra and kinds == [False, True, False]:
-            reason = f"found {quote(node)} between its operands; expected it before them, as in {node} {first} {third}"
-            self.report(spans[0], reason, "infix")
-        elif extra:
-            reason = (
-                f"found {quote(node)} after the tree is complete; expected the next statement, or one more operator"
-            )
-            self.report(spans[0], f"{reason} before the operands; {PREFIX}", "tree")
-        else:
-            missing = "an operand" if count == 1 else "two operands"
-            reason = f"this {quote(node)} lacks {missing}; expected a primitive or an operator; {PREFIX}"
-            self.report(spans[0], reason, "tree")
+    def check_tree(self, operators: list[bool]) -> None:
+        """Reports the first node after the tree is complete, or an operator that lacks operands."""
+        missing = 1
+        for number, is_operator in enumerate(operators):
+            if not missing:
+                spans = [
+                    self.spans[path] for path in [(*self.path, i) for i in (number, 0, min(2, len(operators) - 1))]
+                ]
+                found, first, second = (" ".join(self.source.text[slice(*span)].split()) for span in spans)
+                if operators[:3] == [False, True, False]:
+                    reason = f"found {quote(found)} between its operands; expected it before them: "
+                    self.report(spans[0], f"{reason}{found} {first} {second}", "infix")
+                else:
+                    reason = f"found {quote(found)} after the tree is complete; expected the next statement"
+                    self.report(spans[0], f"{reason}, or an operator before the operands; {PREFIX}", "tree")
+                return
+            missing += 1 if is_operator else -1
+        operands = 0
+        for number in reversed(range(len(operators) if missing else 0)):
+            if operators[number] and operands < 2:
+                lack = ("two operands", "an operand")[operands]
+                path = (*self.path, number)
+                span = self.spans[path]
+                reason = (
+                    f"this {quote(self.source.text[slice(*span)])} lacks {lack}; expected a primitive or an operator"
+                )
+                self.report(span, f"{reason}; {PREFIX}", "tree")
+                return
+            operands += -1 if operators[number] else 1
 
     def use(self, number: int) -> list[model.Operator | model.Leaf]:
         """The nodes of a solid whose name stands in a tree, with its index."""
@@ -470,7 +460,8 @@ class Reader:
             reason = f"found a tree of more than {LARGEST} nodes; expected fewer uses of {keyword.text}"
             raise self.source.error(keyword.span, reason, "range")
         span = Span(keyword.start, (self.taken or [keyword])[-1].end)
-        self.own |= {(*self.path, number + i): span for i in range(len(solid))}
+        for i in range(len(solid)):
+            self.note(span, number + i)
         within = () if index is None else (index,)
         return [replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid]
 
@@ -488,7 +479,7 @@ class Reader:
         while (token := self.token).role not in TREE:
             if len(slots) == 2:
                 reason = f"found {quote(token.text)}, a third texture; expected two at most"
-                self.report(token, reason, "count")
+                self.report(token.span, reason, "count")
             self.note(token.span, number, "textures", len(slots))
             slots.append(_texture(token))
             end = token.end
@@ -511,7 +502,6 @@ class Reader:
         if self.takes and not self.takes[1].fit(len(self.taken)):
             names = [self.takes[1].counted()]
             reason, code = f" after {self.takes[0]}; expected {names[0]}", "count"
-        within = row(self.keyword.role, self.keyword.text).name if self.keyword.role else ""
         owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
         if not token.role and "RPAR" in self.expected:
             return self.source.error(self.open, "this '(' is not closed; expected ')'", "unclosed")
@@ -520,7 +510,7 @@ class Reader:
             return self.source.error(self.scanner.last.span, reason, "unexpected-end")
         if mark := of_mark(self.source.text, token.start):
             reason, code = mark, "foreign"
-        elif "NUMBER" in self.expected and (ARITHMETIC.search(text) or text[0] in "0123456789.+-"):
+        elif "NUMBER" in self.expected and token.role in LIKE_NUMBERS and LIKE_NUMBER.search(text):
             found, code = f"{quote(text)} is not a number", "not-a-number"
             reason = f"; expected {names[0]}" if self.takes and "NUMBER" in roles else ""
             reason += f"; {BRACES}" if ARITHMETIC.search(text) else ""
@@ -529,7 +519,7 @@ class Reader:
             if self.keyword.role == "NAME":
                 reason += '; a name of several words stands in quotes: NAME "a red ball"'
             solids = self.fields["solids"] if "USE" in roles else ()
-            near = nearest(text, solids) or meant(text, roles & {"BOOL"} if code == "count" else roles, within)
+            near = nearest(text, solids) or meant(text, roles & {"BOOL"} if code == "count" else roles)
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + near
         elif code == "count":
             pass
@@ -542,7 +532,7 @@ class Reader:
                 found += f", a word of {words.canonical(owner)}"
                 reason = f"; expected it after {words.canonical(owner)}, before the next statement"
             near = nearest(text, TEXTURES) if "TEXTURE_NAME" in self.expected else ""
-            reason += near or hint(text, within)
+            reason += near or hint(text)
         return self.source.error(span, found + reason, code)
 
 

@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 #: Lengths go from 1 / LARGE to LARGE: their squares have to be numbers of single precision, which is Mitsuba's.
 LARGE = 1e15
@@ -29,29 +29,28 @@ class Numbers:
     direction: bool = False  #: a vector that may not have length 0
     least: float = 0  #: smaller magnitudes are refused, except 0
     nonzero: bool = False  #: and 0 too
-    unit: str = ""
 
-    noun = "number"
+    noun: ClassVar = "number"
 
     def counted(self) -> str:
         """How many there are, in words."""
         return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
 
-    def fit(self, count: int) -> bool:
-        """Whether so many values may follow."""
-        return count == self.count or (self.channels and count == 1)
-
     def bounds(self) -> str:
         """The allowed values, in words."""
-        kind = ("a whole number" if self.whole else "") + (f" of {self.unit}" if self.unit else "")
+        kind = "a whole number, " if self.whole else ""
         magnitude = "a magnitude of " if self.low < 0 else ""
         low = max(self.low, self.least)
         least = f"{low:g} or more, " if low > 0 or not magnitude else ""
         zero = "0, or " if self.least and not self.nonzero else ""
-        return f"{zero}{kind}{', ' * bool(kind)}{magnitude}{least}{self.high:.10g} at most"
+        return f"{zero}{kind}{magnitude}{least}{self.high:.10g} at most"
+
+    def fit(self, count: int) -> bool:
+        """Whether so many values may follow."""
+        return count == self.count or (self.channels and count == 1)
 
     def allow(self, text: str) -> bool:
-        """Whether a number is in the range."""
+        """Whether a value is allowed."""
         value = float(text)
         return (
             self.low <= value <= self.high
@@ -59,46 +58,43 @@ class Numbers:
             and (not self.whole or value == int(value))
         )
 
+    def convert(self, text: str) -> Any:
+        """The value of an allowed text."""
+        return int(float(text)) if self.whole else float(text)
+
     def value(self, texts: Sequence[str]) -> Any:
-        """The value of these numbers: one, or a tuple; None if their count is wrong, or one is not allowed."""
+        """The values: one, or a tuple; None if their count is wrong, or one is not allowed."""
         if not self.fit(len(texts)) or not all(map(self.allow, texts)):
             return None
-        given = [float(text) for text in texts]
-        if self.direction and math.hypot(*given) < 1 / LARGE:
+        values = tuple(map(self.convert, texts))
+        if self.direction and math.hypot(*values) < 1 / LARGE:
             return None
-        values = tuple(map(int, given)) if self.whole else tuple(given)
         return values[0] if self.count == 1 else values * (self.count // len(values))
 
 
-@dataclass(frozen=True)
-class Flags:
+class Flags(Numbers):
     """The TRUE or FALSE, or 1 or 0, that follow a word: how many, and their names in messages."""
-
-    count: int = 1
-    what: str = ""
 
     noun = "word"
 
     def counted(self) -> str:
         """How many there are, in words."""
-        return f"{self.count} words, each TRUE or FALSE ({self.what})" if self.count > 1 else "TRUE or FALSE"
-
-    def fit(self, count: int) -> bool:
-        """Whether so many values may follow."""
-        return count == self.count
+        return f"{self.count} words, each TRUE or FALSE ({self.what})" if self.count > 1 else self.bounds()
 
     def bounds(self) -> str:
         """The allowed values, in words."""
         return "TRUE or FALSE"
 
     def allow(self, text: str) -> bool:
-        """Whether a word is one of these."""
+        """Whether a value is allowed."""
         return normalise(text) in FLAGS
 
-    def value(self, texts: Sequence[str]) -> Any:
-        """The value of these words: one, or a tuple; None if their count is wrong, or one is not allowed."""
-        values = tuple(FLAGS.get(normalise(text)) for text in texts)
-        return None if len(values) != self.count or None in values else values[0] if self.count == 1 else values
+    def convert(self, text: str) -> bool:
+        """The value of an allowed text."""
+        return FLAGS[normalise(text)]
+
+
+NOTHING = Numbers(0)
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,7 @@ class Word:
     role: str
     spellings: tuple[str, ...]
     name: str = ""
-    takes: Numbers | Flags | None = None
+    takes: Numbers = NOTHING
     of: tuple[str, ...] = ()
 
     @property
@@ -121,7 +117,7 @@ class Word:
         return self.spellings[0]
 
 
-def _word(role: str, spellings: str, name: str = "", takes: Numbers | Flags | None = None, of: str = "") -> Word:
+def _word(role: str, spellings: str, name: str = "", takes: Numbers = NOTHING, of: str = "") -> Word:
     return Word(role, tuple(spellings.split()), name, takes, tuple(of.split()))
 
 
@@ -135,7 +131,9 @@ DEGREES = Numbers(1, "degrees", -1e9, 1e9)
 INTENSITY = Numbers(3, "r g b", 0, 1e15)
 COLOR = Numbers(3, "r g b", 0, 1e6, channels=True)
 REFLECTANCE = Numbers(3, "r g b", 0, 1, channels=True)
-INDEX_OF_REFRACTION = (1e-3, 1e3)
+ETA = Numbers(3, "r g b", 1e-3, 1e3, channels=True)
+ABSORPTION = Numbers(3, "r g b", 0, 1e3, channels=True)
+TRANSMITTANCE = Numbers(3, "r g b", 1e-6, 1, channels=True)
 FRACTION = Numbers(1, "a fraction", 0, 1)
 LENGTH = Numbers(1, "a length", 1e-6, 1e6)
 
@@ -150,7 +148,7 @@ WORDS = (
     _word("SETTING", "NSAMPLES NAMOSTRAS", "samples", Numbers(1, "the number N", 1, 1000, whole=True)),
     _word("SETTING", "DO-SHADOW SHADOW SOMBRA SOMBRAS", "shadows", Flags()),
     _word("SETTING", "CAUSTICS CAUSTICAS", "caustics", Flags()),
-    _word("SETTING", "AIR-INDEX INDICE-AR", "air_index", Numbers(1, "the index of refraction", *INDEX_OF_REFRACTION)),
+    _word("SETTING", "AIR-INDEX INDICE-AR", "air_index", Numbers(1, "the index of refraction", 1e-3, 1e3)),
     _word("SETTING", "AMBIENT AMBIENTE", "ambient", INTENSITY),
     _word("LIGHTS", "LIGHTS LUZES FONTES", "lights"),
     _word("BACKGROUND", "BACKGROUND FUNDO", "background", INTENSITY),
@@ -175,12 +173,7 @@ WORDS = (
     _word("DISTRIBUTION", "CONE", "cone"),
     _word("DISTRIBUTION", "SPOT", "spot"),
     # view
-    _word(
-        "VIEW_PARAMETER",
-        "RESOLUTION RESOLUCAO",
-        "resolution",
-        Numbers(2, "width height", 1, 65536, whole=True, unit="pixels"),
-    ),
+    _word("VIEW_PARAMETER", "RESOLUTION RESOLUCAO", "resolution", Numbers(2, "width height", 1, 65536, whole=True)),
     _word("VIEW_PARAMETER", "WINDOW JANELA", "window", Numbers(4, "umin vmin umax vmax", -LARGE, LARGE)),
     _word("VIEW_PARAMETER", "OBS OBSERVER OBSERVADOR EYE OLHO", "eye", POINT),
     _word("VIEW_PARAMETER", "VPN", "vpn", POINT),
@@ -202,24 +195,10 @@ WORDS = (
     _word("OPTIC", "ka", "ka", COLOR),
     _word("OPTIC", "kd", "kd", REFLECTANCE, "lambertian composite phong"),
     _word("OPTIC", "ks", "ks", REFLECTANCE, "composite phong"),
-    _word(
-        "OPTIC",
-        "n-refr n-refraction",
-        "eta",
-        Numbers(3, "r g b", *INDEX_OF_REFRACTION, channels=True),
-        "conductor dielectric composite",
-    ),
-    _word(
-        "OPTIC", "k-abs k-absorption", "k", Numbers(3, "r g b", 0, INDEX_OF_REFRACTION[1], channels=True), "conductor"
-    ),
+    _word("OPTIC", "n-refr n-refraction", "eta", ETA, "conductor dielectric composite"),
+    _word("OPTIC", "k-abs k-absorption", "k", ABSORPTION, "conductor"),
     _word("OPTIC", "abbe", "abbe", Numbers(1, "the Abbe number", 1, 1000), "dielectric"),
-    _word(
-        "OPTIC",
-        "transmitancia transmittance",
-        "transmittance",
-        Numbers(3, "r g b", 1e-6, 1, channels=True),
-        "dielectric",
-    ),
+    _word("OPTIC", "transmitancia transmittance", "transmittance", TRANSMITTANCE, "dielectric"),
     _word("OPTIC", "espessura thickness", "thickness", LENGTH, "dielectric"),
     _word("OPTIC", "n", "exponent", Numbers(1, "n", 0, 1e6), ROUGH),
     _word("OPTIC", "rug rugosidade roughness", "exponent", Numbers(1, "a Phong exponent", 0, 1e6), ROUGH),
@@ -378,9 +357,7 @@ def spellings(*roles: str) -> list[str]:
 
 def numbers(role: str, name: str) -> Numbers:
     """The numbers that the model's ``name`` takes."""
-    takes = next(word.takes for word in WORDS if (word.role, word.name) == (role, name))
-    assert isinstance(takes, Numbers)
-    return takes
+    return next(word.takes for word in WORDS if (word.role, word.name) == (role, name))
 
 
 @lru_cache(maxsize=1 << 8)

@@ -1,0 +1,203 @@
+"""Layers: the image taken apart by cause, beside the image itself.
+
+``lights``
+    what each source sends, the background, and the ambient term.
+``levels``
+    what the vertices of each level of the ray tree (or path) add: 0 is the first visible surface with its direct light.
+``terms``
+    the terms of the thesis's equation (section 4.1) at the first visible surface.
+
+Light that a ray of a glossy lobe finds at a source has an MIS partner, the light sampling at the vertex that the ray
+leaves. So it belongs to the layer of that vertex.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import drjit as dr
+import mitsuba as mi
+
+from ..light.strategy import Emitter
+from ..light.table import Lights
+
+if TYPE_CHECKING:
+    from .context import Settings
+    from .ray import Ray
+
+#: Values of the parameter ``layers``.
+KINDS = ("none", "lights", "levels", "terms")
+
+#: Greatest number of layers.
+MOST = 32
+
+#: The number of a layer: an integer, or a Dr.Jit array.
+Layer: TypeAlias = "int | mi.UInt32"
+
+
+@dataclass
+class Radiance:
+    """Radiance, and its part in each layer; no layers unless they are wanted."""
+
+    total: mi.Spectrum
+    layers: list[mi.Spectrum]
+
+    def __add__(self, other: Radiance) -> Radiance:
+        return Radiance(self.total + other.total, [a + b for a, b in zip(self.layers, other.layers)])
+
+    def scaled(self, factor: mi.Spectrum) -> Radiance:
+        """This times ``factor``."""
+        return Radiance(factor * self.total, [factor * L for L in self.layers])
+
+    def plus(self, value: mi.Spectrum, layer: Layer) -> Radiance:
+        """This and ``value``, which belongs to ``layer``."""
+        return self.with_total(self.total + value, value, layer)
+
+    def with_total(self, total: mi.Spectrum, value: mi.Spectrum, layer: Layer) -> Radiance:
+        """The radiance ``total``, with ``value`` more in ``layer``."""
+        if isinstance(layer, int):
+            layers = [L + value if i == layer else L for i, L in enumerate(self.layers)]
+        else:
+            layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
+        return Radiance(total, layers)
+
+    def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
+        """The same, with ``value`` moved from the layer ``source`` to the layer ``target``."""
+        return self.with_total(self.total, -value, source).with_total(self.total, value, target)
+
+
+class Layers:
+    """To which layer light belongs; this class is that of an image without layers."""
+
+    #: Whether diffuse and glossy light from the sources belong to different layers.
+    splits_lobes = False
+    #: Whether the layer depends on the lobe that a ray leaves the first vertex by: :attr:`.Ray.branch`.
+    follows_branch = False
+
+    def __init__(self, names: Sequence[str] = ()) -> None:
+        self.names = list(names)
+
+    def none(self) -> Radiance:
+        """No radiance."""
+        return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
+
+    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:
+        """The layer of the radiance of ``emitter``, which ``ray`` meets."""
+        return 0
+
+    def direct(self, ray: Ray, k: Any) -> Layer:
+        """The layer of direct light of the source number ``k`` at the vertex that ``ray`` meets; by glossy lobes where
+        the layers split lobes.
+        """
+        return 0
+
+    def of(self, ray: Ray, term: str) -> Layer:
+        """The layer of another term at that vertex: "background", "ambient", "diffuse" or "caustics"."""
+        return 0
+
+    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:
+        """:attr:`.Ray.branch` of a ray that leaves the vertex where ``ray`` ends, by a ``diffuse`` or another lobe,
+        ``through`` the surface or not.
+        """
+        return 0
+
+
+class ByLight(Layers):
+    """A layer for each source, the background and the ambient term."""
+
+    def __init__(self, names: Sequence[str], lights: Lights) -> None:
+        super().__init__(names)
+        self.lights = lights
+
+    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:  # noqa: D102
+        return self.lights.number_of(emitter, active)
+
+    def direct(self, ray: Ray, k: Any) -> Layer:  # noqa: D102
+        return k
+
+    def of(self, ray: Ray, term: str) -> Layer:  # noqa: D102
+        return self.names.index(term)
+
+
+class ByLevel(Layers):
+    """A layer for each level."""
+
+    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:  # noqa: D102
+        return dr.maximum(ray.level, 1) - 1
+
+    def direct(self, ray: Ray, k: Any) -> Layer:  # noqa: D102
+        return ray.level
+
+    def of(self, ray: Ray, term: str) -> Layer:  # noqa: D102
+        return ray.level
+
+
+class ByTerm(Layers):
+    """A layer for each term of the equation at the first visible surface."""
+
+    splits_lobes = follows_branch = True
+
+    def number(self, term: str) -> mi.UInt32:
+        """The number of the layer of this name."""
+        return mi.UInt32(self.names.index(term))
+
+    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:  # noqa: D102
+        found = dr.select((ray.level == 1) & ray.uses_mis, self.number("glossy"), ray.branch)
+        return dr.select(ray.level == 0, self.number("emitted"), found)
+
+    def direct(self, ray: Ray, k: Any) -> Layer:  # noqa: D102
+        return self.of(ray, "glossy")
+
+    def of(self, ray: Ray, term: str) -> Layer:  # noqa: D102
+        return dr.select(ray.level == 0, self.number(term), ray.branch)
+
+    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:  # noqa: D102
+        if diffuse:
+            lobe = self.number("indirect")
+        else:
+            lobe = dr.select(through, self.number("refracted"), self.number("reflected"))
+        return dr.select(ray.level == 0, lobe, ray.branch)
+
+
+def refusal(kind: str, settings: Settings, caustics: bool) -> str | None:
+    """The values of "layers" that go with the other parameters, where ``kind`` does not; else None."""
+    if kind == "lights" and caustics:
+        return "another value with caustics, as photons do not know their source"
+    if kind == "levels" and not 0 <= settings.max_level < MOST:
+        return f"another value, or max_level from 0 to {MOST - 1}"
+    if kind == "terms" and settings.diffuse_bounces < 0:
+        return "another value with diffuse_bounces -1, whose rays do not distinguish lobes"
+    return None
+
+
+def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
+    """The layers of this ``kind``. Raises ValueError where there are too many."""
+    constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
+    if kind == "levels":
+        return ByLevel([f"level{level}" for level in range(settings.max_level + 1)])
+    if kind == "terms":
+        own = ["emitted", *constant, "diffuse", "glossy", *["caustics"] * caustics, "reflected", "refracted"]
+        return ByTerm(own + ["indirect"] * (settings.diffuse_bounces > 0))
+    if kind != "lights":
+        return Layers()
+    names = [*light_names(lights.emitters), *constant]
+    if len(names) > MOST:
+        raise ValueError(
+            f'prosim: parameter "layers" is "lights", but {len(names)} layers are more than {MOST}; leave it out.'
+        )
+    return ByLight(names, lights)
+
+
+def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
+    """Names of the ``emitters``: their ids, or those of their shapes; ``lamp1``, ``lamp2``, ... where there is none."""
+    names = ["background", "ambient"]
+    for number, emitter in enumerate(emitters, 1):
+        shape = emitter.get_shape()
+        name = re.sub(r"\W", "_", (emitter if shape is None else shape).id() or "").lstrip("_") or f"lamp{number}"
+        while name in names:
+            name += "_"
+        names.append(name)
+    return names[2:]

@@ -18,6 +18,7 @@ from ..sampling.hash import combine, hash32
 from ..scene import rendering
 from ..transport.features import NAMES
 from .denoised import Denoised, mixed
+from .mixing import displayed
 from .oidn import Denoiser
 
 if TYPE_CHECKING:
@@ -52,6 +53,14 @@ class Halves:
         assert self.second is not None
         first, second = (half[..., : self.colours] for half in (self.first, self.second))
         return mixed(first, second, denoiser or Denoiser(self.albedo, self.normal, fast))
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard error of the estimated squared error: large if a few pixels have most of it."""
+        assert self.second is not None
+        first, second = (displayed(half[..., : self.colours]) for half in (self.first, self.second))
+        squares = np.square(np.sqrt(first, dtype=np.float64) - np.sqrt(second, dtype=np.float64))
+        return float(np.sqrt(np.sum(squares**2)) / max(float(np.sum(squares)), 1e-300))
 
     def others(self) -> dict[str, np.ndarray]:
         """Alpha and the integrator's own channels, of both halves together, by name."""
@@ -91,8 +100,10 @@ class DenoisedRender:
     """
 
     #: The denoiser estimates the error when the raw one is at most this many times the limit: at most so often with
-    #: smaller networks, whose error is larger by about this factor, and so often with those of the final image.
-    FAR, FAST, FASTER, BEST = 5.0, 3, 1.08, 2
+    #: smaller networks, and so often with those of the final image.
+    FAR, FAST, BEST = 5.0, 3, 2
+    #: The estimates over the error of the final image, about: with smaller networks, and with its own.
+    ABOVE = 1.22, 1.1
     #: The power of the number of samples with which the final error falls: first assumption, and its bounds.
     SLOPE, LEAST, MOST = 0.4, 0.25, 0.6
 
@@ -224,7 +235,7 @@ class DenoisedRender:
 
     def _record(self, state: FilmState, samples: float, fast: bool, image: Denoised) -> tuple[float, ...]:
         """Keeps the estimated error, rounded, and how fast it falls."""
-        noise = tuple(float(f"{error / (self.FASTER if fast else 1):.3g}") for error in image.errors())
+        noise = tuple(float(f"{error / self.ABOVE[not fast]:.3g}") for error in image.errors())
         if state.estimates and samples > state.estimates[-1][0]:
             before, _, error, *_ = state.estimates[-1]
             state.slope = min(max(np.log(error / noise[0]) / np.log(samples / before), self.LEAST), self.MOST)
@@ -244,9 +255,9 @@ class DenoisedRender:
 def features(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``(albedo, normal)`` of the view, as :ref:`integrator-prosim_features` says, filtered as the film filters.
+    """``(albedo, normal)`` of the view by :ref:`integrator-prosim_features`, with the film's filter.
 
-    Not by the samples of an image with that ``seed``: they would tell the other half what it must not know.
+    The samples are not those of an image with that ``seed``, as the two halves must stay independent.
     """
     nested = create("prosim_features", hide_emitters=hide_emitters)
     integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")
@@ -258,9 +269,7 @@ def features(
 def check(film: mi.Film) -> None:
     """Raises ValueError for a film that stores no colours."""
     if mi.has_flag(film.flags(), mi.FilmFlags.Special):
-        raise ValueError(
-            f"{film.class_name()}: its channels are not the colours that a denoiser knows; take an hdrfilm to denoise"
-        )
+        raise ValueError(f"{film.class_name()}: the denoiser needs colours; use an hdrfilm")
 
 
 def half(integrator: Any, spp: int) -> dict[str, Any]:
@@ -269,16 +278,12 @@ def half(integrator: Any, spp: int) -> dict[str, Any]:
     """
     if spp:
         return {"spp": size_of_half(spp**0.5) ** 2}
-    asked = integrator.sampling
-    sampling = dataclasses.replace(
-        asked,
-        samples=size_of_half(asked.samples),
-        max_samples=(asked.max_samples + 1) // 2,
-        threshold=asked.threshold * 2**0.5,
-    )
-    return {"sampling": sampling}
+    sampling = integrator.sampling
+    samples, most = size_of_half(sampling.samples), (sampling.max_samples + 1) // 2
+    threshold = sampling.threshold * 2**0.5
+    return {"sampling": dataclasses.replace(sampling, samples=samples, max_samples=most, threshold=threshold)}
 
 
 def size_of_half(n: float) -> int:
-    """N of the patterns of which two have about ``n``² samples."""
+    """N of an N-rook pattern of about ``n``² / 2 samples."""
     return max(1, round(n / 2**0.5))

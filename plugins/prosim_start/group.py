@@ -16,6 +16,7 @@ COMMANDS = {
     "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.link:link", "Let the mitsuba command run plugins in Python."),
     "merge": ("resume:merge", "Make the image of parts that were rendered one by one."),
+    "mix": ("mix:mix", "Dim and colour the lamps of a rendered image."),
     "render": ("render:render", "Render a scene to an EXR and a PNG image."),
     "resume": ("resume:resume", "Continue a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),

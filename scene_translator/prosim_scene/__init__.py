@@ -9,7 +9,6 @@ Wrong input raises :class:`SceneError`, whose text shows the place; what is only
 
 from .camera import misfit
 from .files import PART, read, refuse_special, rewrite
-from .kept import Kept
 from .language import document_of, parse
 from .language.diagnostics import SceneError, SceneWarning, Source, Span
 from .language.document import Document
@@ -17,6 +16,7 @@ from .language.expressions import FPS, FRAME, TIME
 from .language.formatter import format
 from .mitsuba.context import images, located, meshes
 from .model import Leaf, Scene, View
+from .output import Kept
 from .translator import check, document, load, sensor, translate
 
 __all__ = [

@@ -11,17 +11,18 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 from xml.etree import ElementTree
 
 import numpy as np
 
 from .files import PART, refuse_special, replace
-from .geometry import Triangles
+from .geometry import SurfaceMesh, Triangles
 from .nodes import Comment, Default, Node, Point
 
 
@@ -57,6 +58,35 @@ def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
         "",
     ]
     return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
+
+
+class Kept:
+    """A cache of the faces of the last tree that was evaluated, by the content of its solids, and of their PLY files.
+
+    Materials are no part of the content. The cache takes as much memory as the evaluation. ``made`` counts the trees
+    that were evaluated.
+    """
+
+    def __init__(self) -> None:
+        self.key: Hashable = None
+        self.found: SurfaceMesh | None = None
+        self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
+        self.made = 0
+
+    def faces(self, key: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
+        """The result of ``make``, or the last one, if its ``key`` was equal."""
+        if self.found is None or key != self.key:
+            self.found = None  # before another takes its room
+            self.key, self.found = key, make()
+            self.made += 1
+        return self.found
+
+    def file(self, triangles: Triangles, with_uv: bool) -> bytes | None:
+        """The PLY file of some of these surfaces; see :func:`.output.ply`."""
+        known = self.files.setdefault(triangles, {})
+        if with_uv not in known:
+            known[with_uv] = ply(triangles, with_uv)
+        return known[with_uv]
 
 
 INDENT = "    "

@@ -11,7 +11,6 @@ from typing import Any
 
 from . import output
 from .files import read
-from .kept import Kept
 from .language import document_of
 from .language.diagnostics import SceneError
 from .language.document import Document
@@ -19,6 +18,7 @@ from .mitsuba.assemble import assemble, looking
 from .model import Scene
 from .nodes import Comment, Node
 from .options import Options
+from .output import Kept
 
 AnyPath = str | os.PathLike[str]
 

@@ -83,13 +83,13 @@ def test_nothing_but_what_is_its_own(address, scene):
         "save/..",
         "layer/own/secret",
         "layer/other/final",
-        "pixel/64/0",
         "pixel/-1/0",
         "do/stop",
         "move/orbit",
     ):
         answer, content = ask(address, path)
         assert answer.status in (404, 405) and b"secret" not in content, path
+    assert ask(address, "pixel/64/0")[1] == b"{}"
     for path in ("do/everything", "move/jump"):
         assert ask(address, path, "POST")[0].status == 404
     for path in ("move/orbit?x=nan", "move/dolly?x=0", "move/pan?x=one"):

@@ -234,19 +234,12 @@ def test_ambient_reflectance_of_a_whole_scene(variant_rgb):
         np.testing.assert_allclose(np.array(found)[1], [case[column] for case in cases], rtol=1e-5)
 
 
-def test_every_metal_of_mitsubas(variant_rgb):
+@pytest.mark.parametrize("variant_name", ("llvm_ad_rgb", "llvm_ad_spectral"))
+def test_every_metal_of_mitsubas(variant_name):
+    mi.set_variant(variant_name)
     for name in ("none", "Ag", "Cu", "Cu_palik", "Al", "TiO2-e_palik"):
-        ours = mi.load_dict({"type": "prosim_conductor", "material": name})
-        theirs = mi.load_dict({"type": "conductor", "material": name})
+        ours, theirs = (mi.load_dict({"type": t, "material": name}) for t in ("prosim_conductor", "conductor"))
         np.testing.assert_array_equal(curves.reflectance(ours, [0, 70]), curves.reflectance(theirs, [0, 70]))
-
-
-def test_metal_in_spectral(variant_spectral):
-    ours = mi.load_dict({"type": "prosim_conductor", "material": "Cu"})
-    theirs = mi.load_dict({"type": "conductor", "material": "Cu"})
-    found = np.array(curves.reflectance(ours, [0, 70]))
-    np.testing.assert_array_equal(found, curves.reflectance(theirs, [0, 70]))
-    assert found[0, 0] < 0.7 and found[3, 0] > 0.9  # blue, red
 
 
 def test_metal_in_another_medium(variant_rgb):
@@ -331,67 +324,42 @@ def test_gradients_are_finite_everywhere(variant_rgb, material):
         assert np.isfinite(gradient).all() and gradient.any()
 
 
-def test_as_few_kernels_as_mitsubas_own(variant_rgb):
-    def kernels(bsdf):
-        world = scene(bsdf)
-        mi.render(world, seed=1)
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            dr.eval(mi.render(world, seed=2))
-            return len(dr.kernel_history([dr.KernelType.JIT]))
-
-    for ours, theirs in (
-        ({"type": "prosim_composite", "alpha": 0.2}, {"type": "roughplastic", "alpha": 0.2}),
-        (MATERIALS["dielectric"], {"type": "roughdielectric", "alpha": 0.2}),
-    ):
-        assert kernels(ours) <= kernels(theirs)
+SUM = "diffuse_reflectance + specular_reflectance"
 
 
 @pytest.mark.parametrize(
-    "material, words",
+    "name, parameters, words",
     (
-        ({"type": "prosim_conductor", "alpha": -0.1}, ("alpha", "-0.1", "a number >= 0")),
-        ({"type": "prosim_conductor", "alpha": 3.0, "distribution": "gaussian"}, ("alpha", "3.0", "between 0 and 2")),
-        ({"type": "prosim_conductor", "exponent": -1.0}, ("exponent", "-1.0", "between 0 and")),
-        ({"type": "prosim_conductor", "distribution": "ggx"}, ("distribution", "ggx", "beckmann, gaussian, phong")),
-        ({"type": "prosim_conductor", "distribution": "phong", "alpha": 0.1}, ("alpha", '"exponent"')),
-        ({"type": "prosim_conductor", "exponent": 10.0, "alpha": 0.1}, ("alpha", '"exponent"')),
-        ({"type": "prosim_conductor", "material": "Unobtainium"}, ("material", "Unobtainium", "Cu_palik")),
-        ({"type": "prosim_conductor", "material": "Cu", "k": 1.0}, ('"k"', "material", "Cu")),
-        ({"type": "prosim_conductor", "material": "Cu", "eta": 1.0}, ('"eta"', "material", "Cu")),
-        ({"type": "prosim_conductor", "eta": -1.0}, ("eta", "-1.0", ">= 0")),
-        ({"type": "prosim_conductor", "fresnel": "schlick"}, ("fresnel", "schlick", "exact or thesis")),
-        ({"type": "prosim_conductor", "specular_reflectance": 1.5}, ("specular_reflectance", "1.5", "between 0 and 1")),
-        ({"type": "prosim_dielectric", "int_ior": "glas"}, ("int_ior", "glas", "bk7")),
-        ({"type": "prosim_dielectric", "int_ior": 0.0}, ("int_ior", "0.0", "> 0")),
-        ({"type": "prosim_dielectric", "int_ior": RGB}, ("int_ior", "0.4", "> 0")),
-        ({"type": "prosim_dielectric", "alpha": "rough"}, ("alpha", "rough", "a number, a colour or a texture")),
-        ({"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.5, "alpha": 0.1}, ("int_ior", "1.5", "ext_ior")),
-        (
-            {"type": "prosim_lambertian", "reflectance": RGB | {"value": [0.1, 1.2, 0.3]}},
-            ("reflectance", "1.2", "0 and 1"),
-        ),
-        (
-            {"type": "prosim_composite", "diffuse_reflectance": 0.7, "specular_reflectance": 0.4},
-            ("diffuse_reflectance + specular_reflectance", "1.1", "<= 1"),
-        ),
-        (
-            {"type": "prosim_composite", "diffuse_reflectance": 0.7, "specular_reflectance": RGB},
-            ("diffuse_reflectance + specular_reflectance", "1.3", "<= 1"),
-        ),
-        (
-            {"type": "prosim_composite", "specular_reflectance": 0.9},
-            ("diffuse_reflectance + specular_reflectance", "1.4", "diffuse_reflectance is 0.5 if not given"),
-        ),
-        ({"type": "prosim_phong", "diffuse_reflectance": 1.1}, ("diffuse_reflectance", "1.1", "between 0 and 1")),
-        ({"type": "prosim_phong", "distribution": "gaussian"}, ("distribution", "gaussian", "phong")),
+        ("conductor", {"alpha": -0.1}, "alpha|-0.1|a number >= 0"),
+        ("conductor", {"alpha": 3.0, "distribution": "gaussian"}, "alpha|3.0|between 0 and 2"),
+        ("conductor", {"exponent": -1.0}, "exponent|-1.0|between 0 and"),
+        ("conductor", {"distribution": "ggx"}, "distribution|ggx|beckmann, gaussian, phong"),
+        ("conductor", {"distribution": "phong", "alpha": 0.1}, 'alpha|"exponent"'),
+        ("conductor", {"exponent": 10.0, "alpha": 0.1}, 'alpha|"exponent"'),
+        ("conductor", {"material": "Unobtainium"}, "material|Unobtainium|Cu_palik"),
+        ("conductor", {"material": "Cu", "k": 1.0}, '"k"|material|Cu'),
+        ("conductor", {"material": "Cu", "eta": 1.0}, '"eta"|material|Cu'),
+        ("conductor", {"eta": -1.0}, "eta|-1.0|>= 0"),
+        ("conductor", {"fresnel": "schlick"}, "fresnel|schlick|exact or thesis"),
+        ("conductor", {"specular_reflectance": 1.5}, "specular_reflectance|1.5|between 0 and 1"),
+        ("dielectric", {"int_ior": "glas"}, "int_ior|glas|bk7"),
+        ("dielectric", {"int_ior": 0.0}, "int_ior|0.0|> 0"),
+        ("dielectric", {"int_ior": RGB}, "int_ior|0.4|> 0"),
+        ("dielectric", {"alpha": "rough"}, "alpha|rough|a number, a colour or a texture"),
+        ("dielectric", {"int_ior": 1.5, "ext_ior": 1.5, "alpha": 0.1}, "int_ior|1.5|ext_ior"),
+        ("lambertian", {"reflectance": RGB | {"value": [0.1, 1.2, 0.3]}}, "reflectance|1.2|0 and 1"),
+        ("composite", {"diffuse_reflectance": 0.7, "specular_reflectance": 0.4}, f"{SUM}|1.1|<= 1"),
+        ("composite", {"diffuse_reflectance": 0.7, "specular_reflectance": RGB}, f"{SUM}|1.3|<= 1"),
+        ("composite", {"specular_reflectance": 0.9}, f"{SUM}|1.4|diffuse_reflectance is 0.5 if not given"),
+        ("phong", {"diffuse_reflectance": 1.1}, "diffuse_reflectance|1.1|between 0 and 1"),
+        ("phong", {"distribution": "gaussian"}, "distribution|gaussian|phong"),
     ),
-    ids=lambda p: p["type"] if isinstance(p, dict) else p[0],
+    ids=str,
 )
-def test_errors_say_what_is_wrong(variant_rgb, material, words):
+def test_errors_say_what_is_wrong(variant_rgb, name, parameters, words):
     with pytest.raises(RuntimeError) as error:
-        mi.load_dict(material)
-    for word in (material["type"], *words):
+        mi.load_dict({"type": f"prosim_{name}", **parameters})
+    for word in (f"prosim_{name}", *words.split("|")):
         assert word in str(error.value)
 
 

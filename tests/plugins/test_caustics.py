@@ -8,7 +8,6 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.engine.error_target import in_full_sets
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
@@ -25,10 +24,19 @@ from scenes import mesh
 from test_taking import Elsewhere, image
 
 
+def film(size):
+    return {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+
+
 def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
-    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     place = mi.ScalarTransform4f().look_at(origin=origin, target=target, up=(0, 1, 0))
-    return {"type": "perspective", "fov": fov, "to_world": place, "film": film}
+    return {"type": "perspective", "fov": fov, "to_world": place, "film": film(size)}
+
+
+def parallel(size, half, origin, target, up=(0, 0, 1)):
+    """A camera with parallel rays that sees ``half`` to each side of its target."""
+    place = mi.ScalarTransform4f().look_at(origin=origin, target=target, up=up).scale((half, half, 1))
+    return mi.load_dict({"type": "orthographic", "to_world": place, "film": film(size)})
 
 
 def floor(reflectance, kind="diffuse"):
@@ -193,39 +201,12 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
     assert errors[1] < 0.7 * errors[0]
 
 
-def test_sets_are_drawn_in_turn_and_each_of_them_once(variant_rgb, monkeypatch):
-    """However small portions are; between two sets one can stop, and all pixels have come on alike. By those who take
-    samples elsewhere they are drawn once as well, though not all of them are kept.
-    """
-    drawn = []
-    monkeypatch.setattr(Photons, "of", lambda *rest, of=Photons.of: (drawn.append(len(drawn)), of(*rest))[1])
-    monkeypatch.setattr("mitsuba_prosim.photons.caustics.KEPT", 3 << 10)
-    more = {"samples": 2, "max_samples": 32, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 10}
-    world = small(12, integrator={"type": "prosim", "band": 40} | more)
-    integrator = world.integrator()
-
-    def counts(executor=None):
-        render = integrator.progressive(world, seed=1, executor=executor).run()
-        return np.array(render.state.accumulators.count)
-
-    assert np.all(counts() == 32) and len(drawn) == 8
-    image = np.array(world.sensors()[0].film().develop())
-    taker = Elsewhere(world, most=1500)
-    assert np.all(counts(taker) == 32) and np.array_equal(np.array(world.sensors()[0].film().develop()), image)
-    assert len(taker.compiled) > 5 and taker.estimator.transport.caustics.draws == 8 == len(drawn[8:])
-    del drawn[8:]
-    monkeypatch.setattr(
-        Photons, "of", lambda *rest, of=Photons.of: (drawn[-1] == 10 and integrator.cancel(), of(*rest))[1]
-    )
-    assert set(counts().tolist()) <= {12, 16} and len(drawn) == 12
-
-
-def test_portions_of_the_second_image_of_a_few_pixels_have_the_same_photons(variant_rgb):
-    """It has several copies of them there, each with a seed of its own."""
-    more = {"samples": 2, "max_samples": 8, "noise": 1e-4, "caustics": True, "caustic_photons": 1 << 10}
-    world = small(6, integrator={"type": "prosim"} | more)
+@pytest.mark.parametrize("more", ({"max_samples": 8, "noise": 1e-4}, {"max_samples": 32, "adaptive": "none"}))
+def test_an_image_by_another_process_in_small_portions_has_the_same_photons(variant_rgb, more):
+    """Also that of the second image of a few pixels, which has several copies of them with a seed each."""
+    world = small(6, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 1 << 10} | more)
     expected = image(world)
-    assert image(world, Elsewhere(world, most=2000))[1] == expected[1]
+    assert image(world, Elsewhere(world, most=500))[1] == expected[1]
 
 
 def test_no_photons_are_sent_out_for_a_few_pixels():
@@ -238,12 +219,6 @@ def test_no_photons_are_sent_out_for_a_few_pixels():
     assert bound([50] * 400 + [100] * 590 + [5000] * 10) == 100
     assert bound([25] * 990 + [5000] * 10) == 0  # no more than there is
     assert bound([25] * 990 + [5000] * 10, most=5000) == 5000  # nothing else is to come
-
-
-def test_the_command_asks_for_them_in_a_word():
-    assert Job(caustics=True).integrator == {"caustics": True}
-    assert Job(caustics=False).integrator == {"caustics": False}
-    assert Job(caustics=None).integrator == {}
 
 
 def test_emitters_without_eval_direction_shine_beside_others(variant_rgb):
@@ -452,7 +427,7 @@ def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(varian
         i = dr.arange(mi.UInt32, 4096)
         pair = i // 4096 + next(k for k in range(2) if abs(caustics.sources.targets.radii[k] - 0.8) < 0.01)
         start = caustics.sources.start(pair, mi.Float(1, 1), *start_points(mi.UInt32(5), i), mi.Color0f())
-        lying.append(dr.count(caustics.walk(start, i)[1].lies)[0])
+        lying.append(dr.count(caustics.walk(start, i)[1].valid)[0])
     assert lying[0] > 0.9 * lying[1] > 900
 
 
@@ -477,16 +452,19 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     i = dr.arange(mi.UInt32, dr.width(allocation.cells))
     start = caustics.sources.start(allocation.cells, allocation.shares, *start_points(mi.UInt32(7), i), mi.Color0f())
     landed, _ = caustics.walk(start, i)
-    power = dr.sum(dr.select(landed.lies, landed.flux.x, 0))[0]
-    place = (
-        mi.ScalarTransform4f().look_at(origin=(0.2, 0.1, 2), target=(0.2, 0.1, 0), up=(0, 1, 0)).scale((0.5, 0.5, 1))
-    )
-    eye = {"type": "orthographic", "to_world": place, "film": camera(32)["film"]}
+    power = dr.sum(dr.select(landed.valid, landed.flux.x, 0))[0]
+    eye = parallel(32, 0.5, (0.2, 0.1, 2), (0.2, 0.1, 0), (0, 1, 0))
     world = mi.load_dict({"type": "scene", "sensor": eye, "sky": {"type": "constant"}, "ball": thing})
     paths = mi.load_dict({"type": "path", "max_depth": 100, "rr_depth": 100})
     missed = (1 - np.array(mi.render(world, integrator=paths, spp=64, seed=1)).mean()) * 4 / np.pi
     assert missed < 0.01
     assert power == pytest.approx(np.pi * 4 * np.pi * 0.5**2 * (1 - missed), rel=2e-3)
+
+
+def upright_mirror(half, z=0.1):
+    """A mirror in the plane x = 0."""
+    place = mi.ScalarTransform4f().translate((0, 1.1, z)).rotate((0, 1, 0), 90).scale((half, half, 1))
+    return {"type": "rectangle", "to_world": place, "bsdf": {"type": "conductor", "material": "none"}}
 
 
 def mirrored(kind, channel):
@@ -524,16 +502,12 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
     """What paths find seldom or never: light of sources of little or no extent by way of a mirror. It comes to the
     floor as it would come to the floor's mirror image without the mirror, each source in a colour of its own.
     """
-    upright = mi.ScalarTransform4f().translate((0, 1.1, 0.1)).rotate((0, 1, 0), 90)
     # Of photons that are aimed at all of a mirror, a narrow beam has few; its edges are blurred by a pixel.
     half, size, photons = (0.3, 30, 1 << 18) if kinds[0] in BALLS else (0.6, 6, 1 << 17)
-    upright = upright.scale(half)
-    mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}
+    mirror = upright_mirror(half)
     lamps = {f"lamp_{k}": mirrored(kind, k) for k, kind in enumerate(kinds)}
     world = scene(mirror=mirror, reflectance=1.0, **lamps)
-    place = mi.ScalarTransform4f().look_at(origin=(2, 5, 0), target=(2, 0, 0), up=(0, 0, 1)).scale((0.3, 0.3, 1))
-    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
-    sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
+    sensor = parallel(size, 0.3, (2, 5, 0), (2, 0, 0))
     images = []
     for caustics in (True, False):
         integrator = mi.load_dict(
@@ -561,12 +535,9 @@ def test_an_edge_is_blurred_by_half_a_pixel(variant_rgb):
     the pixel itself one of 0.29; together they have 0.50.
     """
     half, n, width = 0.3, 12, 0.2
-    upright = mi.ScalarTransform4f().translate((0, 1.1, 0)).rotate((0, 1, 0), 90).scale((half, half, 1))
-    mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}
+    mirror = upright_mirror(half, 0)
     world = scene(mirror=mirror, reflectance=1.0, lamp={"type": "point", "position": (1.5, 2, 0), "intensity": 3.0})
-    place = mi.ScalarTransform4f().look_at(origin=(2, 5, 0.7), target=(2, 0, 0.7), up=(0, 0, 1)).scale(width / 2)
-    film = {"type": "hdrfilm", "width": n, "height": n, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
-    sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
+    sensor = parallel(n, width / 2, (2, 5, 0.7), (2, 0, 0.7))
     prosim = {"type": "prosim", "samples": 4, "adaptive": "none"}
     with_mirror, without = (
         np.array(mi.render(world, sensor=sensor, integrator=mi.load_dict(prosim | more), seed=1))[..., 0]
@@ -587,12 +558,9 @@ def test_an_edge_is_blurred_by_half_a_pixel(variant_rgb):
 
 
 def test_a_mirror_lights_rough_metal_as_the_image_of_the_lamp_would(variant_rgb):
-    upright = mi.ScalarTransform4f().translate((0, 1.1, 0.1)).rotate((0, 1, 0), 90).scale((0.6, 0.6, 1))
-    mirror = {"type": "rectangle", "to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}
+    mirror = upright_mirror(0.6)
     metal = floor(1.0) | {"bsdf": ROUGH}
-    place = mi.ScalarTransform4f().look_at(origin=(4, 3, 0), target=(2, 0, 0), up=(0, 0, 1)).scale((0.3, 0.3, 1))
-    film = {"type": "hdrfilm", "width": 6, "height": 6, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
-    sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
+    sensor = parallel(6, 0.3, (4, 3, 0), (2, 0, 0))
     images = []
     for caustics, x, things in ((True, 1.5, {"mirror": mirror}), (False, 1.5, {"mirror": mirror}), (False, -1.5, {})):
         world = scene(floor=metal, lamp={"type": "point", "intensity": 3.0, "position": (x, 2, 0.2)}, **things)
@@ -633,17 +601,15 @@ def test_a_thin_lens_gathers_a_point_source_as_the_lens_makers_equation_says(var
     source = {"type": "point", "position": [0, 0, lamp], "intensity": intensity}
     integrator = {"type": "prosim", "samples": 3, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 16}
     white = {"type": "diffuse", "reflectance": 1.0}
-    size, T = 32, mi.ScalarTransform4f()
-    film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    size, behind = 32, mi.ScalarTransform4f().translate
     x = (2 * np.arange(size) + 1) / size - 1
     for distance in (0.5 * image, 1.4 * image):  # before the image and behind it
         circle = radius * abs(1 - distance / image)
         half = 1.25 * circle
         r2 = half**2 * (x**2 + x[:, None] ** 2)
-        screen = {"type": "rectangle", "to_world": T.translate((0, 0, -distance)).scale(100), "bsdf": white}
+        screen = {"type": "rectangle", "to_world": behind((0, 0, -distance)).scale(100), "bsdf": white}
         world = mi.load_dict({"type": "scene", "lamp": source, "screen": screen} | faces)
-        place = T.look_at(origin=(0, 0, 10 - distance), target=(0, 0, -distance), up=(0, 1, 0)).scale((half, half, 1))
-        sensor = mi.load_dict({"type": "orthographic", "to_world": place, "film": film})
+        sensor = parallel(size, half, (0, 0, 10 - distance), (0, 0, -distance), (0, 1, 0))
         radiance = mi.render(world, sensor=sensor, integrator=mi.load_dict(integrator), seed=1)
         irradiance = np.pi * np.array(radiance)[..., 1]
         # What is reflected twice within the lens, 0.16 %, is spread far around.

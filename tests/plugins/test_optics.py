@@ -179,7 +179,7 @@ def test_documented_losses(variant_rgb):
     rows = [line.strip("| \n").split(" | ") for line in page.read_text().splitlines() if line.startswith("| ")]
     metals = [r for r in rows if r[0] in DISTRIBUTIONS and len(r) == 8]
     glasses = [r for r in rows if len(r) == 9 and r[0] not in ("alpha", "---")]
-    assert len(metals) == 12 and len(glasses) == 5
+    assert len(metals) == 6 and len(glasses) == 5
     for name, width, *losses in metals:
         width = float(width)
         alpha = math.sqrt(2 / (width + 2)) if name == "phong" else width

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.transport import context, path, tree
+from mitsuba_prosim.transport import path, tree
 from scenes import penumbra
 
 
@@ -17,10 +17,6 @@ def T():
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 PRINCIPLED = {"type": "principled", "base_color": {"type": "rgb", "value": 0.5}, "roughness": 0.4}
 LAMBERTIAN = {"type": "prosim_lambertian", "reflectance": 0.5}
-
-
-def flat_normals():
-    return {"type": "bitmap", "raw": True, "data": mi.TensorXf(np.full((4, 4, 3), (0.5, 0.5, 1.0)).astype(np.float32))}
 
 
 def card(bsdf, **others):
@@ -123,32 +119,6 @@ def test_an_instance_looks_as_what_it_is_of(variant_scalar):
     assert images[1].mean() == pytest.approx(images[0].mean(), rel=0.05)
 
 
-@pytest.mark.parametrize("variant_name", ["llvm_ad_rgb", "scalar_rgb"])
-@pytest.mark.parametrize(
-    "wrap, expected",
-    [
-        (lambda b: b, 0.5),
-        (lambda b: {"type": "mask", "opacity": 0.25, "b": b}, 0.125),
-        (lambda b: {"type": "twosided", "b": b}, 0.5),
-        (lambda b: {"type": "normalmap", "normalmap": flat_normals(), "b": b}, 0.5),
-        (lambda b: {"type": "bumpmap", "texture": flat_normals(), "b": b}, 0.5),
-        (lambda b: {"type": "blendbsdf", "weight": 0.75, "a": b, "b": {"type": "diffuse"}}, 0.125),
-        (
-            lambda b: {
-                "type": "twosided",
-                "b": {"type": "blendbsdf", "weight": 0.75, "a": {"type": "diffuse"}, "b": b},
-            },
-            0.375,
-        ),
-    ],
-    ids=["plain", "mask", "twosided", "normalmap", "bumpmap", "blendbsdf", "twosided blendbsdf"],
-)
-def test_ambient_light_is_reflected_through_nested_bsdfs(variant_name, wrap, expected):
-    mi.set_variant(variant_name)
-    scene = card(wrap(LAMBERTIAN), integrator={"type": "prosim", "ambient": 1.0, "max_level": 0})
-    assert np.allclose(np.array(mi.render(mi.load_dict(scene), spp=4)), expected, atol=1e-5)
-
-
 def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):
     for bsdf, expected in ((LAMBERTIAN, 0), ({"type": "twosided", "b": LAMBERTIAN}, 0.5)):
         scene = card(bsdf, integrator={"type": "prosim", "ambient": 1.0, "max_level": 0})
@@ -204,15 +174,6 @@ def test_a_scene_without_surfaces_shows_its_background(monkeypatch, variant, lig
     for integrator in (ours, ours | {"max_level": -1, "diffuse_bounces": -1}, {"type": "prosim_adaptive", "of": ours}):
         image = np.array(mi.render(mi.load_dict(empty | {"integrator": integrator}), spp=4))[..., :3]
         assert np.allclose(image, [0.25, 0.5, 0.75], atol=1e-6)
-
-
-def test_a_scene_is_looked_through_once_a_render_in_scalar_variants(monkeypatch):
-    mi.set_variant("scalar_rgb")
-    looked = []
-    of = context.Context.of.__func__
-    monkeypatch.setattr(context.Context, "of", classmethod(lambda cls, *args: looked.append(1) or of(cls, *args)))
-    mi.render(mi.load_dict(penumbra(size=4, type="prosim")), spp=4)
-    assert len(looked) == 1
 
 
 def test_a_hidden_ball_does_not_move_what_is_behind(variant_rgb):

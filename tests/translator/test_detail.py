@@ -114,3 +114,8 @@ def test_a_scene_far_from_the_origin_is_exact_in_itself_and_warned_of(distance, 
         ]
         assert area[1] == pytest.approx(area[0], rel=max(1e-6, 1e-15 * distance))
         assert len(here[index].positions) == len(there[index].positions)
+
+
+def test_needles_are_not_as_fine_as_they_are_long():
+    # With more segments, two of them take manifold3d minutes.
+    assert segments("SPHERE 0", ["SCALE (.1 .1 1000) ROTATE-X (90)"])[0] < 256

@@ -263,28 +263,6 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     assert "../outside.png" in prosim_scene.translate(path, allow_outside=True).read_text()
 
 
-def test_wrong_options_are_scene_errors(tmp_path):
-    path = tmp_path / "x.scn"
-    path.write_text(MINIMAL)
-    for options in (
-        {"target": "pov"},
-        {"light_units": "lumen"},
-        {"tolerance": 0},
-        {"tolerance": float("nan")},
-        {"samples": 0},
-        {"samples": 1001},
-        {"resolution": (0, 1)},
-        {"resolution": (65536, 65536)},
-        {"resolution": (1.5, 1)},
-    ):
-        for function in (prosim_scene.translate, prosim_scene.load, prosim_scene.check):
-            with pytest.raises(SceneError, match=f"{next(iter(options))} is .*; expected"):
-                function(path, **options)
-    path.write_text(with_line(3, "VIEW OBS 0 0 9 VRP 0 5 5"))
-    with pytest.raises(SceneError, match="stands at VRP"):
-        prosim_scene.translate(path)
-
-
 def test_encodings(tmp_path):
     path = tmp_path / "x.scn"
     text = with_line(2, "LUZES ponto posição 0 5 5 intensidade 1000 1000 1000 direção 0 -1 0 CONE ângulo 20 (só isto)")

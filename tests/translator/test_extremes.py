@@ -2,13 +2,13 @@
 
 import os
 import sys
-import xml.etree.ElementTree as ET
 
 import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
+from prosim_scene.language.words import WORDS, Flags
 
 SOLID = "CSG-TREE SPHERE 0 SURFACE 0 {surface} TRANSFORM 0 {transform}"
 
@@ -20,42 +20,27 @@ def solid(surface="", transform="", rest=""):
 
 
 BEYOND = {
-    "a tiny light": "LIGHTS AREA position 0 0 5 raio 1e-170 END",
-    "a huge light": "LIGHTS AREA position 0 0 5 raio 1e200 END",
     "a light that shines too much": "LIGHTS AREA position 0 0 5 Intensity 1e15 0 0 raio 1e-9 END",
-    "a narrow cone": "LIGHTS AREA position 0 0 5 CONE angle 1e-30 END",
-    "a light far away": "LIGHTS POINT position 0 1e200 0 END",
-    "a bright light": "LIGHTS POINT position 0 0 5 Intensity 1e308 0 0 END",
     "a bright light a little away": "LIGHTS POINT position 0 0 5e9 Intensity 1e12 0 0 END",
-    "a long direction": "LIGHTS POINT position 0 0 5 CONE direction 0 1e200 0 END",
-    "a short direction": "LIGHTS POINT position 0 0 5 CONE direction 0 1e-200 0 END",
-    "a steep spot": "LIGHTS POINT position 0 0 5 SPOT exponent 1e300 END",
     "a light around VRP": "LIGHTS AREA position 0 0 5 raio 6 END",
-    "background": "BACKGROUND 1e300 0 0 END",
-    "ambient": "AMBIENT 1e300 0 0 END",
-    "air": "AIR-INDEX 1e-300 END",
     "a slope": solid("m = 1e-200"),
-    "an exponent": solid("n = 1e300"),
-    "an index": solid("material dieletrico n-refr = 1e300"),
-    "an absorption": solid("material condutor n-refr = 1 k-abs = 1e300"),
-    "ka": solid("ka = 1e300"),
-    "a window": "VIEW WINDOW -1 -1 1 1e308 END",
-    "an eye": "VIEW OBS 0 0 1e200 END",
     "a tall window": "VIEW WINDOW -1e-3 -1 1e-3 1 RESOLUTION 60000 4000 OBS 0 0 1 END",
-    "a turn": solid(transform="ROTATE-X (1e300)"),
-    "a move": solid(transform="TRANSLATE (1e300 0 0)"),
     "scales": solid(transform="SCALE (1e14 1e14 1e14) SCALE (1e14 1e14 1e14)"),
     "scales of squares": solid(transform="SCALE (1e15 1e15 1e15) " * 20),
     "small scales": solid(transform="SCALE (1e-15 1e-15 1e-15) " * 20),
-    "a small scale": solid(transform="SCALE (1e-160 1 1)"),
     "a needle": solid(transform="SCALE (1e-7 1e-7 1e7)"),
-    "a texture": "TEXTURE t-x fractal scale = 1e300 END",
     "an empty name": 'CSG-TREE SPHERE 0 "" SURFACE 0 TRANSFORM 0 END',
     "an empty background": 'BACKGROUND 0 0 0 "" END',
     "a long name": f"CSG-TREE SPHERE 0 {'a' * 300}.png SURFACE 0 TRANSFORM 0 END",
     "a long path": f'BACKGROUND 0 0 0 "{"a/" * 5000}x.png" END',
     "NUL in a name": 'CSG-TREE SPHERE 0 "a\0.png" SURFACE 0 TRANSFORM 0 END',
 }
+
+
+def test_no_number_of_the_language_is_beyond_single_precision():
+    for word in WORDS:
+        if word.takes.count and not isinstance(word.takes, Flags):
+            assert not any(map(word.takes.allow, ("1e39", "-1e39", "inf", "-inf", "nan"))), word
 
 
 @pytest.mark.parametrize("target", ["prosim", "stock"])
@@ -121,19 +106,9 @@ def test_names_that_xml_cannot_hold_are_errors(name, tmp_path):
     with pytest.raises(SceneError, match="XML cannot hold"):
         prosim_scene.translate(path)
     prosim_scene.check(path)
-    image = tmp_path / os.fsdecode(name + b".png")
-    image.write_bytes(b"\x89PNG\r\n\x1a\n")
-    scene = tmp_path / "s.scn"
-    scene.write_text(
-        f'BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END', errors="surrogateescape"
-    ) if b"\n" not in name else 0
+    (tmp_path / os.fsdecode(name + b".png")).write_bytes(b"\x89PNG\r\n\x1a\n")
     if b"\x01" in name:
-        with pytest.raises(SceneError, match=r"1:18: the path .* cannot stand in XML"):
+        scene = tmp_path / "s.scn"
+        scene.write_text(f'NAME: "a--b & c" BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END')
+        with pytest.raises(SceneError, match=r"1:35: the path .* cannot stand in XML"):
             prosim_scene.translate(scene)
-
-
-def test_comments_are_printable(tmp_path):
-    path = tmp_path / "s.scn"
-    path.write_text('NAME: "a--b & <c" LIGHTS END'.replace("<", ""))
-    root = ET.parse(prosim_scene.translate(path)).getroot()
-    assert root.tag == "scene"

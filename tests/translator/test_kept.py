@@ -1,6 +1,5 @@
 """What a translation leaves to the next one."""
 
-import exact_csg
 import numpy as np
 import prosim_scene
 import pytest
@@ -88,57 +87,3 @@ def test_what_vanishes_is_said_each_time(tmp_path):
         with pytest.warns(prosim_scene.SceneWarning, match="nothing is seen of SPHERE 2"):
             prosim_scene.translate(path, tmp_path / "kept", define={"turn": turn}, kept=kept)
     assert kept.made == 1
-
-
-class Edited:
-    """Random solids on a grid, with many faces in common, of which one changes at a time."""
-
-    def __init__(self, seed):
-        self.rng = np.random.default_rng([seed, 16])
-        self.nodes = exact_csg.tree(self.rng, 14, "+++-")
-        self.leaves = [self.leaf() for _ in range(14)]
-
-    def leaf(self):
-        shape = exact_csg.SHAPES[self.rng.choice(4, p=[0.6, 0.15, 0.15, 0.1])]
-        size, place = self.rng.choice([0.5, 1, 2], 3), self.rng.integers(-5, 6, 3) / 2
-        material = ["lambertiano", "condutor ouro", "dieletrico n-refr = 1.5"][self.rng.choice(3, p=[0.8, 0.1, 0.1])]
-        return shape, f"SCALE ({exact_csg.numbers(size)}) TRANSLATE ({exact_csg.numbers(place)})", material
-
-    def edit(self, kind):
-        present = [n for n in self.nodes if not isinstance(n, str)]
-        number, new = int(self.rng.choice(present)), len(self.leaves)
-        if kind == "change":
-            self.leaves[number] = self.leaf()
-            return
-        if kind == "remove":
-            at = next(
-                i for i, pair in enumerate(zip(self.nodes, self.nodes[1:])) if [type(n) for n in pair] == [str, int]
-            )
-            del self.nodes[at : at + 2]
-            return
-        self.leaves.append(self.leaf())
-        if kind == "append":
-            self.nodes = ["+", *self.nodes, new]
-        else:
-            at = self.nodes.index(number)
-            self.nodes[at : at + 1] = ["-", number, new]
-
-    def text(self):
-        lines = ["VIEW OBS 3 4 15 WINDOW -4 -3 4 3 RESOLUTION 60 45", "LIGHTS POINT position 0 9 9", "CSG-TREE"]
-        lines += [n if isinstance(n, str) else f"{self.leaves[n][0]} {n}" for n in self.nodes]
-        for i, (_, place, material) in enumerate(self.leaves):
-            if i in self.nodes:
-                lines += [f"SURFACE {i} material {material} kd = 0.{1 + i % 3}", f"TRANSFORM {i} {place}"]
-        return "\n".join([*lines, "END", ""])
-
-
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("seed", [pytest.param(0), pytest.param(1, marks=pytest.mark.slow)])
-def test_an_edited_tree_is_translated_as_if_nothing_had_been_kept(tmp_path, seed):
-    path, kept, edited = tmp_path / "s.scn", prosim_scene.Kept(), Edited(seed)
-    for kind in ["change", "append", "change", "insert", "remove", "change"]:
-        path.write_text(edited.text())
-        prosim_scene.translate(path, tmp_path / "kept", kept=kept)
-        prosim_scene.translate(path, tmp_path / "anew")
-        assert files(tmp_path / "kept") == files(tmp_path / "anew")
-        edited.edit(kind)

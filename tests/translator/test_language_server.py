@@ -1,7 +1,6 @@
 """The language server, as an editor speaks with it."""
 
 import asyncio
-import gc
 import pickle
 import random
 import re
@@ -13,7 +12,6 @@ import prosim_scene
 import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
-from prosim_scene import language_server as server
 from prosim_scene.language_server import ENCODINGS, Opened
 from pygls.exceptions import JsonRpcException
 from test_editor import SCENE, large
@@ -204,16 +202,6 @@ async def test_of_many_keystrokes_the_last_is_published(editor):
         editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [change]))
     (wrong,) = await told(editor)
     assert wrong.range.end.character == 11
-
-
-async def test_no_garbage_is_looked_for_at_the_end(monkeypatch):
-    """It took half a second after a session in which nothing was opened, and two after a long scene."""
-    monkeypatch.setattr(server.server, "start_io", lambda: None)
-    try:
-        server.language_server.callback()
-        assert gc.get_freeze_count() > 0
-    finally:
-        gc.unfreeze()
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """The page docs/python.md: its examples, and what the plugins import."""
 
 import ast
+import html
 import re
 from pathlib import Path
 
@@ -32,3 +33,10 @@ def test_plugins_import_nothing_but_what_is_public():
                 names = [alias.name for alias in node.names if alias.name not in (*prosim_scene.__all__, "extras")]
                 others += [(path.name, node.module, names)] if names or node.module != "prosim_scene" else []
     assert not others
+
+
+def test_a_scene_shows_itself_in_its_own_language():
+    scene = prosim_scene.parse(prosim_scene.read(ROOT / "examples/palito.scn"), "palito.scn")
+    shown = scene._repr_html_()
+    text = html.unescape(shown.removeprefix("<pre>").removesuffix("</pre>"))
+    assert shown.startswith("<pre>NAME: palito") and prosim_scene.parse(text, "shown") == scene

@@ -130,17 +130,10 @@ def test_a_window_that_does_not_fit_its_resolution_is_said(given, word, shape, o
 
 def test_window_sensor_and_crop(variant):
     film = {"type": "hdrfilm", "width": 30, "height": 20, "filter": {"type": "box"}}
-    full = mi.load_dict({"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5, "film": film})
-    crop = mi.load_dict(
-        {
-            "type": "prosim_window",
-            "left": -0.3,
-            "right": 1.2,
-            "bottom": -2,
-            "top": 0.5,
-            "film": {**film, "crop_offset_x": 6, "crop_offset_y": 5, "crop_width": 15, "crop_height": 10},
-        }
-    )
+    window = {"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5}
+    full = mi.load_dict({**window, "film": film})
+    cropped = {**film, "crop_offset_x": 6, "crop_offset_y": 5, "crop_width": 15, "crop_height": 10}
+    crop = mi.load_dict({**window, "film": cropped})
     a, _ = full.sample_ray(0, 0.5, mi.Point2f((6 + 0.25 * 15) / 30, (5 + 0.5 * 10) / 20), mi.Point2f(0))
     b, _ = crop.sample_ray(0, 0.5, mi.Point2f(0.25, 0.5), mi.Point2f(0))
     assert dr.allclose(a.d, b.d, atol=1e-6)
@@ -160,17 +153,11 @@ def test_window_sensor_and_crop(variant):
         ("OBS 0 5 0 VRP 0 0 0 VUP 0 1 0", "VUP is parallel to VPN"),
         ("OBS 0 0 5 VRP 0 0 0 VUP 0 0 0", "VUP has length 0"),
         ("OBS 0 0 5 WINDOW 1 0 1 5", "is empty"),
-        ("OBS 0 0 5 WINDOW 0 5 1 -5", "is empty"),
-        ("RESOLUTION 0 10", "expected a whole number"),
-        ("RESOLUTION 10.5 10", "expected a whole number"),
-        ("RESOLUTION 65536 65536", "too many pixels"),
-        ("OBS 0 0 5 WINDOW -1e308 -1 1e308 1", "a magnitude of 1e\\+15 at most"),
         ("OBS 0 0 5 WINDOW -1e8 -1 1e8 1", "too large or too small"),
         ("OBS 0 0 5 WINDOW 1 1 1.000000001 2", "too large or too small"),
         ("OBS 0 0 5 VPN 0 0 1e-200", "VPN has length 0"),
         ("OBS 0 0 5 VUP 0 1e-200 0", "VUP has length 0"),
         ("OBS 0 0 1e-200 VRP 0 0 0", "OBS and VRP are the same point"),
-        ("OBS 0 0 1e200", "a magnitude of 1e\\+15 at most"),
     ],
 )
 def test_degenerate_views_are_errors(view, reason, tmp_path):

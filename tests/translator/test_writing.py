@@ -85,14 +85,20 @@ def test_meshes_of_earlier_translations_are_removed_and_no_others(scene):
 
 @pytest.mark.parametrize(
     "obstacle, message",
-    [("s-meshes", "stands where the folder of the meshes goes"), ("s.xml", "is no translation and is not overwritten")],
+    [
+        ("s-meshes", "stands where the folder of the meshes goes"),
+        ("s.xml", "is no translation and is not overwritten"),
+        ("link to nowhere", "stands where the folder of the meshes goes"),
+    ],
 )
 def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle, message):
-    (scene.parent / obstacle).write_bytes(b"mine")
+    if obstacle == "link to nowhere":
+        (scene.parent / "s-meshes").symlink_to(scene.parent / "nowhere")
+    else:
+        (scene.parent / obstacle).write_bytes(b"mine")
     before = everything(scene.parent)
-    with pytest.raises(SceneError, match=message) as error:
+    with pytest.raises(SceneError, match=message):
         prosim_scene.translate(scene, tolerance=1)
-    assert str(scene.parent / obstacle) in str(error.value)
     assert everything(scene.parent) == before
 
 
@@ -227,12 +233,6 @@ def test_a_linked_folder_of_meshes_stays_and_the_error_says_what_is_wrong(scene,
     assert (scene.parent / "s-meshes").is_symlink() and not os.listdir(two_disks)
 
 
-def test_a_link_to_nowhere_in_the_place_of_the_meshes_is_an_error(scene):
-    (scene.parent / "s-meshes").symlink_to(scene.parent / "nowhere")
-    with pytest.raises(SceneError, match="link to nowhere, stands where the folder of the meshes goes"):
-        prosim_scene.translate(scene, tolerance=1)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
 def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch):
     import fcntl
@@ -265,22 +265,17 @@ def test_the_meshes_of_a_loaded_scene_live_as_long_as_its_dictionary(scene, tmp_
 
 
 @pytest.mark.parametrize(
-    "option, expected",
+    "option, values",
     [
-        ({"tolerance": "x"}, "tolerance is 'x'; expected a number of pixels above 0"),
-        ({"tolerance": float("nan")}, "tolerance is nan"),
-        ({"resolution": 5}, "resolution is 5; expected width and height"),
-        ({"resolution": ("a", "b")}, "resolution is ('a', 'b')"),
-        ({"resolution": (8, float("inf"))}, "resolution is (8, inf)"),
-        ({"resolution": (8.0, 6)}, "resolution is (8.0, 6)"),
-        ({"resolution": (8, 6, 3)}, "resolution is (8, 6, 3)"),
-        ({"samples": "many"}, "samples is 'many'"),
-        ({"samples": float("nan")}, "samples is nan"),
-        ({"samples": [3]}, "samples is [3]"),
-        ({"target": ["prosim"]}, "target is ['prosim']; expected one of prosim, stock"),
-        ({"light_units": {}}, "light_units is {}"),
+        ("tolerance", [0, float("nan"), "x"]),
+        ("resolution", [5, (0, 1), (65536, 65536), ("a", "b"), (8, float("inf")), (8.0, 6), (8, 6, 3)]),
+        ("samples", [0, 1001, "many", float("nan"), [3]]),
+        ("target", ["pov", ["prosim"]]),
+        ("light_units", ["lumen", {}]),
     ],
 )
-def test_an_option_of_the_wrong_type_is_a_scene_error(scene, option, expected):
-    with pytest.raises(SceneError, match=re.escape(expected)):
-        prosim_scene.check(scene, **option)
+def test_a_wrong_option_is_a_scene_error(scene, option, values):
+    for value in values:
+        for function in (prosim_scene.translate, prosim_scene.load, prosim_scene.check):
+            with pytest.raises(SceneError, match=re.escape(f"{option} is {value!r}; expected ")):
+                function(scene, **{option: value})

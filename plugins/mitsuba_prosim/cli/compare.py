@@ -24,6 +24,8 @@ SUFFIXES = (".html", ".json")
 #: Pixels a side that SSIM needs.
 LEAST = 7
 
+CACHE = click.Path(file_okay=False, path_type=Path)
+
 #: What the summary says of the light of a section.
 LIGHT = {
     "paths": "all paths of light, without the ambient term",
@@ -40,20 +42,8 @@ LIGHT = {
 @takes("variant", "samples", "light_units", "tolerance")
 @option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Measured runs of each; medians are shown.")
 @option("Comparison", "--levels", type=LEVELS, default="2,3,4,6,9", help="Square roots of the curves' sample counts.")
-@option(
-    "Comparison",
-    "--reference-seconds",
-    type=Number(0),
-    default=60,
-    help="Seconds for each reference; a cached one is continued.",
-)
-@option(
-    "Comparison",
-    "--cache",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of references.",
-    show_default="mitsuba-prosim/references in the user's cache folder",
-)
+@option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Time for each reference, or more of it.")
+@option("Comparison", "--cache", type=CACHE, help="Folder of references.", show_default="in the user's cache folder")
 def compare(
     job: Job, a: str, b: str, rounds: int, levels: tuple[int, ...], reference_seconds: float, cache: Path | None
 ) -> None:

@@ -30,7 +30,7 @@ from .progress import FilmProgress, warn
 from .workers import Workers
 
 if TYPE_CHECKING:
-    from ..parallel.executor import DaskExecutor, ImageTask
+    from ..parallel.executor import DaskExecutor
 
 #: The metadata of a frame's EXR that has its :func:`digest`.
 DIGEST = "prosim.digest"
@@ -89,6 +89,8 @@ class Film:
                     self.count(frame, result)
             except click.ClickException as error:
                 raise type(error)(f"frame {self.number}: {error.message}") from None
+            except RuntimeError as error:  # of the cluster
+                raise click.ClickException(str(error)) from None
             return "interrupted" if self.signals else getattr(workers.dask, "gone", None)
 
     def missing(self, folder: Path) -> Iterator[Frame]:
@@ -135,13 +137,19 @@ class Film:
 
         Raises the error of a frame when those before it are written.
         """
+        from ..parallel.bundle import SceneBundle
+        from ..parallel.executor import ImageTask
+
         asked: dict[ImageTask, Frame] = {}
         errors: list[click.ClickException] = []
 
         def images() -> Iterator[ImageTask]:
             try:
                 for frame in frames:
-                    image = self.image_task(frame, size)
+                    output.check(frame.stem, SUFFIXES, size, [frame.file.path, *frame.file.sources()])
+                    with wrong_input():
+                        bundle = SceneBundle.of(frame.file, self.job.sensor)
+                    image = ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))
                     asked[image] = frame
                     yield image
             except click.ClickException as error:
@@ -157,16 +165,6 @@ class Film:
                 yield frame, Result(report, black=image.black)
         if errors and not dask.gone:
             raise errors[0]
-
-    def image_task(self, frame: Frame, size: int) -> ImageTask:
-        """A frame as it is sent to a worker."""
-        from ..parallel.bundle import SceneBundle
-        from ..parallel.executor import ImageTask
-
-        output.check(frame.stem, SUFFIXES, size, [frame.file.path, *frame.file.sources()])
-        with wrong_input():
-            bundle = SceneBundle.of(frame.file, frame.job.sensor)
-        return ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))
 
     def count(self, frame: Frame, result: Result) -> None:
         """Counts a frame that was rendered, and prints its report."""
@@ -238,11 +236,7 @@ def render(job: Job, stem: Path) -> None:
     if given := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(given)}=... and --frames both define ${min(given)}; give one of them.")
     film = Film(job, stem)
-    try:
-        interruption = film.render()
-    except RuntimeError as error:
-        raise click.ClickException(str(error)) from None
-    if interruption:
-        click.echo(f"{film.report()}; {interruption}. The same command continues with the others.")
-        sys.exit(1)
-    click.echo(film.report())
+    interruption = film.render()
+    end = f"; {interruption}. The same command continues with the others." if interruption else ""
+    click.echo(film.report() + end)
+    sys.exit(bool(interruption))

@@ -18,11 +18,23 @@ from ..engine.checkpoint import Checkpoint
 from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
+from ..transport.layers import KINDS
 from . import options
 from .options import Integer, Number
 
 #: Fields that become parameters of the integrator, and options of the translator.
-INTEGRATOR = ("caustics", "max_level", "threshold", "noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
+INTEGRATOR = (
+    "caustics",
+    "max_level",
+    "layers",
+    "threshold",
+    "noise",
+    "noise_99",
+    "noise_999",
+    "time",
+    "max_samples",
+    "adaptive",
+)
 LANGUAGE = ("light_units", "tolerance", "allow_outside")
 
 #: Fields that say when an image is good enough.
@@ -62,6 +74,9 @@ class Job:
 
     output: str | None = _output(
         click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="beside the input"
+    )
+    layers: str | None = _output(
+        click.Choice(KINDS[1:]), "Write layers to the EXR too, whose sum is the image; see prosim mix."
     )
     exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
     keep: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
@@ -236,6 +251,7 @@ CONFLICTS = (
     ),
     ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
     ("snapshots", "denoise part frames", "--snapshots shows a single image as its samples are; leave out the other."),
+    ("layers", "denoise", "--denoise changes the image, and --layers are parts of the raw one; give one of them."),
     ("frames", "part", "--part is for single images. Let each machine render some of the --frames: 0:24, 24:48."),
     ("frames", "view", "--view is for single images. To see one frame: -D frame=7 instead of --frames."),
 )

@@ -27,14 +27,7 @@ BY_FIRST = ("neighbours", "thesis")
 TARGET = ("noise", "time", "noise_99", "noise_999", "max_samples", "adaptive")
 
 #: Decorator: the option of commands that open a state.
-scene_option = option(
-    "Scene",
-    "--scene",
-    "moved",
-    type=SCENE_FILE,
-    help="Path of the scene, if it was moved.",
-    show_default="where it was, or beside the state",
-)
+scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path of the scene, if it was moved.")
 
 
 @click.command(cls=Command)

@@ -13,6 +13,8 @@ from .job import Command, Job, takes
 from .options import option, wrong_input
 from .output import folder
 
+TARGETS = click.Choice(["prosim", "stock"])
+
 
 @click.command(cls=Command)
 @click.argument("scene", type=LANGUAGE_FILE)
@@ -31,13 +33,8 @@ from .output import folder
 def translate(job: Job, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
     place = folder(job.output)
-    options: dict[str, Any] = {
-        "target": target,
-        "define": job.definitions,
-        "resolution": job.resolution,
-        "samples": job.samples,
-        **job.language,
-    }
+    options: dict[str, Any] = {"define": job.definitions, "resolution": job.resolution, "samples": job.samples}
+    options |= job.language | {"target": target}
     with wrong_input():
         if check:
             prosim_scene.check(job.scene, **options)
@@ -63,7 +60,7 @@ def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
         if not check:
             try:
                 prosim_scene.rewrite(scene, text)
-            except prosim_scene.SceneError as error:
+            except prosim_scene.SceneError as error:  # of the disk
                 raise click.ClickException(str(error)) from None
         click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
     if check and tidy:

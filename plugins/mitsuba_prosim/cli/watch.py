@@ -21,7 +21,20 @@ from .log import log
 from .options import Integer, need, option
 
 #: Options of files, films and other processes, which it does not have.
-LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "overwrite", "workers", "cluster", "part")
+LEFT_OUT = (
+    "output",
+    "layers",
+    "exposure",
+    "keep",
+    "view",
+    "crop",
+    "frames",
+    "fps",
+    "overwrite",
+    "workers",
+    "cluster",
+    "part",
+)
 
 
 @click.command(cls=Command)

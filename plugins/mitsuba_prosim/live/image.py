@@ -85,7 +85,7 @@ class ProgressiveImage:
 
 
 class DenoisedImage(ProgressiveImage):
-    """An image of two halves, as :func:`.halves.halves` has them, which is denoised in the end. Raises ValueError for a
+    """An image of two halves, which is denoised in the end. Raises ValueError for a
     film that stores no colours.
     """
 

@@ -175,7 +175,7 @@ class Pages:
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
         if not (x < width and y < height):
-            raise HTTPException(404)
+            return JSONResponse({})  # the page shows a larger image still
         found: dict[str, Any] = {
             name: picture.at(x, y, (width, height)) for name, picture in self._publisher.pictures.items()
         }

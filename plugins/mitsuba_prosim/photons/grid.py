@@ -34,7 +34,7 @@ class Landed:
     #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
     flux: mi.Spectrum
     #: Whether it has landed, after at least one specular surface.
-    lies: mi.Bool
+    valid: mi.Bool
     #: Whether it counts within :data:`WIDE` pixel widths, as the light of its glossy lobe varies slowly.
     wide: mi.Bool
     #: On glossy surfaces: density of photons there (:attr:`.Start.density`) ...
@@ -73,7 +73,7 @@ class Photons:
         size = dr.width(map_of) // maps
         buckets = 1 << max(4, (size - 1).bit_length())
         mask = dr.opaque(mi.UInt32, buckets - 1)
-        there = dr.compress(landed.lies)
+        there = dr.compress(landed.valid)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # one that lies far away
         of_each = [landed.p, landed.d, landed.flux, dr.select(landed.wide, mi.Float(WIDE), 1)]

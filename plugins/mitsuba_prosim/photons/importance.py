@@ -44,7 +44,7 @@ class Importance:
         si = scene.ray_intersect(ray)
         start = Start(ray, mi.Spectrum(1), mi.Float(0), dr.zeros(mi.PositionSample3f), dr.zeros(mi.EmitterPtr, RAYS))
         beyond, _ = walk(start, combine(mi.UInt32(0), i))
-        through = dr.select(beyond.lies, dr.sqrt(dr.minimum(dr.max(beyond.flux), 1)) * dr.inv_pi, 0)
+        through = dr.select(beyond.valid, dr.sqrt(dr.minimum(dr.max(beyond.flux), 1)) * dr.inv_pi, 0)
         entries = np.concatenate([np.array(self._entry(p)) for p in (si.p, beyond.p)])
         reflectances = np.concatenate([np.array(reflectance(si)), np.array(through)]).astype(np.float64)
         self.seen = np.bincount(entries, reflectances**2, minlength=ENTRIES)
@@ -63,7 +63,7 @@ class Importance:
         entries = [self._entry(one.p) for one in kinds]
         for one, entry in zip(kinds, entries):
             area = dr.square(grid.edge(self._level(one.p)))
-            per_area = np.array(dr.select(one.lies, dr.max(one.flux) / area, 0))
+            per_area = np.array(dr.select(one.valid, dr.max(one.flux) / area, 0))
             self.irradiance += np.bincount(np.array(entry), per_area, minlength=ENTRIES)
         self.rounds += 1
         radiance = self.reflectances * self.irradiance / self.rounds
@@ -72,8 +72,8 @@ class Importance:
         for one, entry in zip(kinds, entries):
             width = self.footprint.width(one.p)
             added = dr.max(one.flux) / (dr.square(width) * dr.select(one.wide, WIDE, 1))
-            seen = dr.gather(mi.Float, weights, entry, one.lies)
-            result += dr.select(one.lies, seen * dr.square(added), 0)
+            seen = dr.gather(mi.Float, weights, entry, one.valid)
+            result += dr.select(one.valid, seen * dr.square(added), 0)
         return np.array(result, dtype=np.float64)
 
     def _entry(self, p: mi.Point3f) -> mi.UInt32:

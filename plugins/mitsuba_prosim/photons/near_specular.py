@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..optics.nested import all_shapes
 from ..sampling.hash import combine, hash32
@@ -14,9 +14,6 @@ from ..sampling.nrook import to_unit
 from ..transport import lobes
 from ..transport.scattering import sample_lobe
 from ..transport.workarounds import is_inseparable
-
-if TYPE_CHECKING:
-    import numpy as np
 
 #: A surface is near-specular if nine in ten rays of its lobe have a density per solid angle above both limits: this
 #: multiple of the roughest surface's, and this density, which a metal of m = 0.11 has, or glass of 0.25.
@@ -44,8 +41,6 @@ class NearSpecular:
     @classmethod
     def of(cls, scene: mi.Scene) -> NearSpecular:
         """The near-specular BSDFs of ``scene``, instances included."""
-        import numpy as np  # slow to import, and not needed before the first image
-
         bsdfs = dict.fromkeys(shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None)
         glossy = [b for b in bsdfs if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
         if len(glossy) < 2:
@@ -78,8 +73,6 @@ def density_of_rays(identities: list[int]) -> np.ndarray:
 
     The surfaces are seen at 45°, anywhere on their textures.
     """
-    import numpy as np
-
     count = len(identities)
     i = dr.arange(mi.UInt32, RAYS * count)
     bsdf = dr.gather(mi.BSDFPtr, dr.reinterpret_array(mi.BSDFPtr, mi.UInt32(identities)), i // RAYS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -12,7 +11,7 @@ import mitsuba as mi
 from ..compat import INSTANCE
 from ..light.table import Lights
 from . import lobes
-from .layers import Layers, layers_of
+from .layers import layers_of
 from .media import absorbs_any
 from .ray import Ray
 from .scattering import Scattering
@@ -84,7 +83,6 @@ class PhotonMaps(Protocol):
         """
 
 
-@dataclass(frozen=True)
 class Context:
     """``scene`` under ``settings``.
 
@@ -93,84 +91,45 @@ class Context:
     is in, or None. ``photons``: find the light that reaches surfaces through specular ones; None if the rays find it.
     """
 
-    scene: mi.Scene
-    settings: Settings
-    attached: bool
-    around: mi.Medium | None
-    photons: PhotonMaps | None
-    lights: Lights
-    #: To which layer light belongs.
-    layers: Layers
-    #: How its BSDFs are sampled and evaluated.
-    scattering: Scattering
-    #: Union of the ``mi.BSDFFlags`` of all surfaces.
-    flags: int
-    #: Whether anything absorbs light on its way, see :mod:`.media`.
-    absorbs: bool
-    #: Those of the lobes with a ray of their own that may be glossy.
-    glossy: tuple[mi.BSDFContext, ...]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         scene: mi.Scene,
         settings: Settings,
         attached: bool = False,
         around: mi.Medium | None = None,
         photons: PhotonMaps | None = None,
-    ) -> Context:
-        """Gathers the facts about ``scene`` that matter under ``settings``."""
+    ) -> None:
         warn_of_dim_lobes(scene)
-        lights, flags = Lights(scene, choose=not settings.follows_tree), scene_flags(scene)
-        scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
-        absorbs = absorbs_any(scene, around)
-        if settings.diffuse_bounces < 0:
-            glossy = {"everything": lobes.everything()}
-        elif settings.follows_tree:
-            glossy = {"GlossyReflection": lobes.reflected(), "GlossyTransmission": lobes.refracted()}
-            glossy = {name: lobe for name, lobe in glossy.items() if lobes.has_any(flags, name)}
-        else:
-            glossy = {"specular": lobes.specular()} if lobes.has_any(flags, *lobes.GLOSSY) else {}
-        return cls(
-            scene,
-            settings,
-            attached,
-            around,
-            photons,
-            lights,
-            layers_of(settings.layers, settings, lights, photons is not None),
-            scattering,
-            flags,
-            absorbs,
-            tuple(glossy.values()),
+        self.scene, self.settings, self.attached, self.around = scene, settings, attached, around
+        self.photons = photons
+        self.lights = Lights(scene, choose=not settings.follows_tree)
+        #: To which layer light belongs.
+        self.layers = layers_of(settings.layers, settings, self.lights, photons is not None)
+        #: How BSDFs are sampled and evaluated.
+        self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
+        #: Whether anything absorbs light on its way, see :mod:`.media`.
+        self.absorbs = absorbs_any(scene, around)
+        #: Union of the ``mi.BSDFFlags`` of all surfaces: whether any has a specular reflection, a specular
+        #: transmission, smooth lobes lit from both sides.
+        self.flags = scene_flags(scene)
+        self.reflects, self.refracts, self.both_sides = (
+            bool(lobes.has_any(self.flags, *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.BOTH_SIDES)
         )
-
-    @functools.cached_property
-    def reflects(self) -> bool:
-        """Whether any surface has a specular reflection."""
-        return bool(lobes.has_any(self.flags, *lobes.REFLECTED))
-
-    @functools.cached_property
-    def refracts(self) -> bool:
-        """Whether any surface has a specular transmission."""
-        return bool(lobes.has_any(self.flags, *lobes.REFRACTED))
-
-    @functools.cached_property
-    def both_sides(self) -> bool:
-        """Whether light from both of its sides reaches any surface's smooth lobes."""
-        return bool(lobes.has_any(self.flags, *lobes.BOTH_SIDES))
-
-    @functools.cached_property
-    def mis_lobes(self) -> tuple[mi.BSDFContext, ...]:
-        """The lobes lit by light sampling and by their own rays, with MIS."""
-        return self.glossy if self.settings.diffuse_bounces < 0 or not self.lights.only_points else ()
-
-    @functools.cached_property
-    def light_lobes(self) -> mi.BSDFContext | None:
-        """The lobes lit by light sampling alone, as they have no ray of their own that may meet a source; or None."""
-        if self.settings.diffuse_bounces < 0:
-            return None
-        return lobes.diffuse() if self.mis_lobes else lobes.everything()
+        #: Those of the lobes with a ray of their own that may be glossy.
+        self.glossy: tuple[mi.BSDFContext, ...]
+        if settings.diffuse_bounces < 0:
+            self.glossy = (lobes.everything(),)
+        elif settings.follows_tree:
+            of_rays = zip(lobes.GLOSSY, (lobes.reflected(), lobes.refracted()))
+            self.glossy = tuple(lobe for name, lobe in of_rays if lobes.has_any(self.flags, name))
+        else:
+            self.glossy = (lobes.specular(),) if lobes.has_any(self.flags, *lobes.GLOSSY) else ()
+        #: The lobes lit by light sampling and by their own rays, with MIS; and those lit by light sampling alone, as no
+        #: ray of theirs may meet a source, or None.
+        self.mis_lobes = self.glossy if settings.diffuse_bounces < 0 or not self.lights.only_points else ()
+        self.light_lobes = None
+        if settings.diffuse_bounces >= 0:
+            self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.everything()
 
     @property
     def photon_mis(self) -> PhotonMIS | None:

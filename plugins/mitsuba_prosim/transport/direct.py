@@ -43,7 +43,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
         L = lamp_light(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), other_pdf, probability)
     if lights.sky is not None and context.light_lobes is not None:
         value = sky_light(context, vertex, points, first_space + lights.lamps)
-        L = L.plus(value, layers.of(ray, "diffuse") if layers.splits_lobes else layers.direct(ray, lights.lamps))
+        L = L.plus(value, layers.of(ray, "diffuse", lambda: lights.lamps))
     return L
 
 
@@ -81,15 +81,15 @@ def lamp_light(
             pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
         f = f + f_lobe * dr.select(ds.delta, 1, mis(pdf, pdf_lobe))
     f = context.scattering.or_all_lobes(f, si, bsdf, wo, lit, vertex.inseparable)
-    if not context.layers.splits_lobes:
+    layers, glossy = context.layers, context.layers.of(ray, "glossy", lambda: lamp.k)
+    if not layers.splits_lobes:
         (value,) = unless_in_shadow(context, vertex, ds.p, [f * weight], lit)
-        return context.layers.none().plus(value, context.layers.direct(ray, lamp.k))
+        return layers.none().plus(value, glossy)
     if not context.mis_lobes:
         diffuse = bsdf.eval(lobes.diffuse(), si, wo, lit)
     diffuse = dr.select(vertex.inseparable, f, diffuse)
     value, diffuse = unless_in_shadow(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
-    L = context.layers.none().plus(value, context.layers.direct(ray, lamp.k))
-    return L.moved(diffuse, context.layers.direct(ray, lamp.k), context.layers.of(ray, "diffuse"))
+    return layers.none().plus(value, glossy).moved(diffuse, glossy, layers.of(ray, "diffuse"))
 
 
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:

@@ -29,7 +29,6 @@ class State:
     throughput: mi.Spectrum
     normal: mi.Normal3f
     active: mi.Bool
-    hit: mi.Bool
     level: mi.UInt32
     sampler: mi.Sampler
     #: What the ray goes through, where the scene has media.
@@ -69,7 +68,7 @@ def features(
             albedo = albedo + dr.select(seen, throughput * dr.clip(emitter.eval(si, seen), 0, 1), 0)
         surface = active & si.is_valid()
         if idle(surface):
-            return State(ray, albedo, throughput, state.normal, surface, state.hit, state.level, state.sampler, medium)
+            return State(ray, albedo, throughput, state.normal, surface, state.level, state.sampler, medium)
         first = surface & (state.level == 0)
         hidden = first & si.shape.is_emitter() if hide_emitters else mi.Bool(False)
         surface, first = but_not(surface, hidden), but_not(first, hidden)
@@ -87,7 +86,6 @@ def features(
             throughput,
             dr.select(first, facing, state.normal),
             going | hidden,
-            state.hit | first,
             dr.select(hidden, 0, state.level + 1),
             state.sampler,
             medium,
@@ -99,14 +97,13 @@ def features(
         mi.Spectrum(1),
         mi.Normal3f(0),
         mi.Bool(active),
-        mi.Bool(False),
         mi.UInt32(0),
         sampler,
         mi.MediumPtr(around) if media and dr.is_jit_v(mi.Float) else around,
     )
     (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
     albedo = dr.select(dr.all(dr.isfinite(state.albedo)), dr.clip(state.albedo, 0, 1), 0)
-    return albedo, state.normal, state.hit
+    return albedo, state.normal, dr.squared_norm(state.normal) > 0
 
 
 def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:

@@ -14,14 +14,13 @@ leaves. So it belongs to the layer of that vertex.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
-from ..light.strategy import Emitter
 from ..light.table import Lights
 
 if TYPE_CHECKING:
@@ -84,18 +83,10 @@ class Layers:
         """No radiance."""
         return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
 
-    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:
-        """The layer of the radiance of ``emitter``, which ``ray`` meets."""
-        return 0
-
-    def direct(self, ray: Ray, k: Any) -> Layer:
-        """The layer of direct light of the source number ``k`` at the vertex that ``ray`` meets; by glossy lobes where
-        the layers split lobes.
+    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:
+        """The layer of a ``term`` at the vertex that ``ray`` meets: "emitted", "background", "ambient", "diffuse",
+        "glossy" or "caustics". ``source``: returns the number of the source that the light comes from.
         """
-        return 0
-
-    def of(self, ray: Ray, term: str) -> Layer:
-        """The layer of another term at that vertex: "background", "ambient", "diffuse" or "caustics"."""
         return 0
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:
@@ -108,31 +99,15 @@ class Layers:
 class ByLight(Layers):
     """A layer for each source, the background and the ambient term."""
 
-    def __init__(self, names: Sequence[str], lights: Lights) -> None:
-        super().__init__(names)
-        self.lights = lights
-
-    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:  # noqa: D102
-        return self.lights.number_of(emitter, active)
-
-    def direct(self, ray: Ray, k: Any) -> Layer:  # noqa: D102
-        return k
-
-    def of(self, ray: Ray, term: str) -> Layer:  # noqa: D102
-        return self.names.index(term)
+    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:  # noqa: D102
+        return self.names.index(term) if term in ("background", "ambient") else source()
 
 
 class ByLevel(Layers):
     """A layer for each level."""
 
-    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:  # noqa: D102
-        return dr.maximum(ray.level, 1) - 1
-
-    def direct(self, ray: Ray, k: Any) -> Layer:  # noqa: D102
-        return ray.level
-
-    def of(self, ray: Ray, term: str) -> Layer:  # noqa: D102
-        return ray.level
+    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:  # noqa: D102
+        return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
 
 
 class ByTerm(Layers):
@@ -144,15 +119,11 @@ class ByTerm(Layers):
         """The number of the layer of this name."""
         return mi.UInt32(self.names.index(term))
 
-    def emission(self, ray: Ray, emitter: Emitter, active: mi.Bool) -> Layer:  # noqa: D102
-        found = dr.select((ray.level == 1) & ray.uses_mis, self.number("glossy"), ray.branch)
-        return dr.select(ray.level == 0, self.number("emitted"), found)
-
-    def direct(self, ray: Ray, k: Any) -> Layer:  # noqa: D102
-        return self.of(ray, "glossy")
-
-    def of(self, ray: Ray, term: str) -> Layer:  # noqa: D102
-        return dr.select(ray.level == 0, self.number(term), ray.branch)
+    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:  # noqa: D102
+        beyond = ray.branch
+        if term == "emitted":
+            beyond = dr.select((ray.level == 1) & ray.uses_mis, self.number("glossy"), beyond)
+        return dr.select(ray.level == 0, self.number(term), beyond)
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:  # noqa: D102
         if diffuse:
@@ -188,7 +159,7 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
         raise ValueError(
             f'prosim: parameter "layers" is "lights", but {len(names)} layers are more than {MOST}; leave it out.'
         )
-    return ByLight(names, lights)
+    return ByLight(names)
 
 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:

@@ -40,7 +40,7 @@ class Transport:
             settings = replace(settings, diffuse_bounces=UNLIMITED)
         #: The photons that must have been emitted before samples are taken.
         self.caustics = caustics
-        self._context = Context.of(scene, settings, attached, around, caustics)
+        self._context = Context(scene, settings, attached, around, caustics)
         self._radiance = tree.radiance if settings.follows_tree else path.radiance
         #: Names of the channels of the layers, and whether there are any.
         self.aov_names = [f"{name}.{letter}" for name in self._context.layers.names for letter in "RGB"]

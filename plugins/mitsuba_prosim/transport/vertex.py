@@ -122,7 +122,9 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
         weight = context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, weight, active)
-    return dr.select(active, L * weight, 0), context.layers.emission(ray, emitter, active)
+    return dr.select(active, L * weight, 0), context.layers.of(
+        ray, "emitted", lambda: lights.number_of(emitter, active)
+    )
 
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:

@@ -6,7 +6,7 @@ has an id of its own, which manifold3d carries to the triangles of the result.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,8 +54,10 @@ def whole(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
     return Boundary(mesh.vertices, mesh.triangles, leaves, first + mesh.facets, sign, inside, outside)
 
 
-def joined(boundaries: Collection[Boundary]) -> Boundary:
+def joined(boundaries: Sequence[Boundary]) -> Boundary:
     """All triangles of boundaries, of which there is one at least."""
+    if len(boundaries) == 1:
+        return boundaries[0]
     begin = np.cumsum([0, *(len(b.vertices) for b in boundaries)])
     triangles = np.concatenate([b.triangles + first for b, first in zip(boundaries, begin)])
     columns = zip(*((b.vertices, b.leaf, b.facet, b.sign, b.inside, b.outside) for b in boundaries))
@@ -89,7 +91,7 @@ class Ids:
         )
 
 
-def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> list[Boundary]:
+def boundaries(bodies: dict[int, Body | None], ids: Ids, fresnel: Collection[int]) -> list[Boundary]:
     """The surfaces to render, of ``bodies`` by their media. These are numbers in their order of precedence.
 
     An opaque solid is bounded by its whole surface. A dielectric gives way to opaque solids, and to dielectrics that
@@ -103,7 +105,7 @@ def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> l
     layers: list[tuple[int, Body]] = []  # a medium, and the union of all up to it
     interfaces: dict[int, list[Boundary]] = {medium: [] for medium in bodies}
     for medium, body in sorted(bodies.items()):
-        if checked(body.manifold).is_empty():
+        if body is None or checked(body.manifold).is_empty():
             continue
         known = [other for other, _ in layers if other != OPAQUE or fresnel]
         if total and known:
@@ -118,7 +120,7 @@ def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> l
         width = 2 * body.planes.step
         touched = any(  # and not in seams alone
             (
-                (heights(face.vertices, face.triangles) > width)
+                (heights(face.vertices[face.triangles]) > width)
                 & (medium != OPAQUE or np.isin(face.leaf, list(fresnel)))
             ).any()
             for face in interfaces[medium]
@@ -130,8 +132,8 @@ def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> l
     return result
 
 
-def heights(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Heights of triangles (n, 3) over their longest sides: those in a seam of coincident faces have none."""
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+def heights(triangles: np.ndarray) -> np.ndarray:
+    """Heights of triangles (n, 3, 3) over their longest sides: those in a seam of coincident faces have none."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
     longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))

@@ -190,8 +190,8 @@ def _faces(
             i = table.of_leaf[some[0]]
             boundaries.append(media.whole(table.meshes[i], some[0], table.first[i], media_of[some[0]]))
             continue
-        values = {m: csg.evaluate(part, partial(body, medium=m)) for m in {media_of[n] for n in some if not cut[n]}}
-        boundaries += media.boundaries({m: value for m, value in values.items() if value}, ids, fresnel)
+        present = {media_of[number] for number in some if not cut[number]}
+        boundaries += media.boundaries({m: csg.evaluate(part, partial(body, medium=m)) for m in present}, ids, fresnel)
     if not boundaries:
         nothing = Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int))
         return SurfaceMesh(nothing, np.empty(0, int), np.empty(0, int), [], np.empty(0, bool))
@@ -224,12 +224,12 @@ def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> Surfac
         keys = corner_keys(some.triangles * len(codes) + kind[start : start + CHUNK, None], face, found, alone)
         alone += int(found.alone.sum())
         normals = found.normals * some.sign[:, None, None]
-        columns.append([keys, positions + table.origin, normals, found.uv])
-    keys, positions, normals, uv = map(np.concatenate, zip(*columns))
+        columns.append([keys, normals.astype("f4"), found.uv.astype("f4"), media.heights(positions) > 2 * table.step])
+    keys, normals, uv, high = map(np.concatenate, zip(*columns))
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
-    triangles = Triangles(positions[triangle, at], normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
-    high = media.heights(boundary.vertices, boundary.triangles) > 2 * table.step
+    positions = boundary.vertices[boundary.triangles[triangle, at]] + table.origin
+    triangles = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
     seen = np.bincount(kind[high], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)
     kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))

@@ -7,11 +7,11 @@ import numpy as np
 
 from ..camera import Camera, camera_of, warn_of_distortion
 from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
-from ..kept import Kept
 from ..language.document import Document
 from ..model import Leaf, Scene
 from ..nodes import Comment, Default, Node
 from ..options import Options
+from ..output import Kept
 from . import TARGETS, Target, lights, materials
 from .context import LARGEST, Context, check, check_transforms, meshes
 from .materials import MediumInterface

@@ -1,0 +1,71 @@
+"""``prosim mix``: the lamps of a rendered image, dimmed and coloured."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+import numpy as np
+import OpenEXR
+
+from ..denoising.layers import of_channels
+from ..scene import images
+from . import output
+from .image import SUFFIXES
+from .job import Command, Job, takes
+from .options import Form, InputError
+
+#: Difference of an image and the sum of its layers, over the brightest value: that of half precision.
+ROUNDING = 0.01
+
+FACTOR = Form(
+    "LAYER=FACTOR",
+    "lamp1=0.5, or lamp1=1,0.8,0.6 for red, green and blue",
+    r"(\w+)=([^,=]+)(?:,([^,=]+),([^,=]+))?",
+    lambda name, *factors: (name, np.array([float(factor) for factor in factors if factor], dtype=np.float32)),
+)
+
+
+@click.command(cls=Command)
+@click.argument("image", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("factors", nargs=-1, required=True, type=FACTOR, metavar="LAYER=FACTOR...")
+@takes("output", "exposure", "variant")
+def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> None:
+    """Recombine the layers of IMAGE, an EXR by prosim render --layers.
+
+    Each LAYER is multiplied by its FACTOR, a number or three of them (red, green, blue); the others stay as they are.
+    The output is an EXR, which can be mixed again, and a PNG.
+    """
+    with OpenEXR.File(str(image), separate_channels=True) as file:
+        header = {name: str(value) for name, value in file.header().items() if name.startswith("prosim.")}
+        planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
+    layers = [name[:-2] for name in planes if re.fullmatch(r".+\.R", name)]
+    if not layers or not all(is_sum(planes, layers, letter) for letter in "RGB"):
+        raise InputError(
+            f"{image} is not the sum of its layers ({', '.join(layers) or 'none'}); render it with --layers lights."
+        )
+    for name, factor in factors:
+        if name not in layers:
+            raise InputError(f"{image} has no layer '{name}'; it has {', '.join(layers) or 'none'}. See --layers.")
+        for letter, value in zip("RGB", np.broadcast_to(factor, 3)):
+            planes[f"{name}.{letter}"] = planes[f"{name}.{letter}"] * value
+    for letter in "RGB":
+        planes[letter] = total(planes, layers, letter)
+    header["prosim.mix"] = ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
+    stem = output.stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
+    output.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
+    ordered = {name: planes[name] for name in sorted(planes, key=lambda name: ("." in name, "RGBA".find(name)))}
+    contents = images.encode(of_channels(ordered), header, job.exposure or 0.0)
+    click.echo(" and ".join(map(str, output.save(stem, contents))))
+
+
+def total(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> np.ndarray:
+    """The sum of one colour of the ``layers``."""
+    return np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
+
+
+def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:
+    """Whether one colour of the image is the sum of the ``layers``."""
+    image = planes.get(letter, np.zeros(1))
+    return bool(np.abs(total(planes, layers, letter) - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))

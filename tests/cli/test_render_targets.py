@@ -106,16 +106,18 @@ def test_a_signal_is_heard_within_seconds_in_a_long_pass(scene):
 def test_snapshots_are_images_of_one_render(scene):
     """Their own error and counts are in the metadata; the last image is that of a render without them."""
     scene.write_text(NOISY)
-    assert prosim("render", scene, "--noise", 0.001, "-o", scene.with_name("alone")).exit_code == 0
-    assert prosim("render", scene, "--snapshots", "0.02,0.002,0.001").exit_code == 0
-    images = {name: mi.Bitmap(str(scene.with_name(f"{scene.stem}.{name}.exr"))) for name in ("0.02", "0.002", "0.001")}
+    assert prosim("render", scene, "--noise", 0.0001, "-o", scene.with_name("alone")).exit_code == 0
+    assert prosim("render", scene, "--snapshots", "0.001,0.0002,0.0001").exit_code == 0
+    images = {
+        name: mi.Bitmap(str(scene.with_name(f"{scene.stem}.{name}.exr"))) for name in ("0.001", "0.0002", "0.0001")
+    }
     found = {name: image.metadata() for name, image in images.items()}
     assert all(float(found[name]["prosim.noise"]) <= float(name) for name in found)
     counts = [float(header["prosim.samples"]) for header in found.values()]
     assert counts == sorted(counts) and counts[0] < counts[-1]
     last = pixels(scene.with_suffix(".exr"))
     assert (last == pixels(scene.with_name("alone.exr"))).all() and (
-        last == pixels(scene.with_name("scene.0.001.exr"))
+        last == pixels(scene.with_name("scene.0.0001.exr"))
     ).all()
 
 

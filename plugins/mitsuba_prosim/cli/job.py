@@ -275,7 +275,7 @@ def job_of(asked: dict[str, Any]) -> Job:
             )
     if (snapshots := asked.get("snapshots")) and not given & set(TARGETS):
         seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]
-        asked |= {"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))}
+        asked.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
     warnings.simplefilter("always", prosim_scene.SceneWarning)
     asked["definitions"] = dict(asked.get("definitions", ()))
     if "variant" in asked:

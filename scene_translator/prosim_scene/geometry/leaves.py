@@ -99,7 +99,7 @@ class Leaves:
         # Boxes of different surfaces are moved apart, so that all are looked at together.
         apart = np.unique(surface, return_inverse=True)[1] * 2 * np.ptp([low[:, 0], high[:, 0]])
         group = components(low + np.outer(apart, [1, 0, 0]), high + np.outer(apart, [1, 0, 0]))
-        order = np.argsort([-np.linalg.norm(self.solids[i].to_world[:3, :3]) for i in solid], kind="stable")
+        order = np.argsort(-_sizes(self.solids)[solid], kind="stable")
         _, largest, number = np.unique(group[order], return_index=True, return_inverse=True)
         result = np.empty_like(order)
         result[order] = order[largest][number]
@@ -126,7 +126,7 @@ class Leaves:
         triangles = np.concatenate([np.empty((0, 3), int), *(meshes[i].triangles + ends[i] for i in sharing)])
         facets = np.concatenate([np.empty(0, int), *(meshes[i].facets + self.first[i] for i in sharing)])
         on = surface[facets] >= 0
-        rank = np.argsort(np.argsort([-np.linalg.norm(s.to_world[:3, :3]) for s in self.solids], kind="stable"))
+        rank = np.argsort(np.argsort(-_sizes(self.solids), kind="stable"))
         bearer = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
         self.planes = Planes.of(vertices, triangles[on], facets[on], surface, bearer, self.step)
         vertices = self.planes.settled(vertices, triangles[on], facets[on])
@@ -151,6 +151,11 @@ class Leaves:
         normals = result.normals @ inverse[:, :, :3]  # by the inverse's transpose
         length = np.linalg.norm(normals, axis=2, keepdims=True)
         return replace(result, normals=normals * (1 / np.where(length > 0, length, 1)))
+
+
+def _sizes(solids: Sequence[Solid]) -> np.ndarray:
+    """How large solids are against one another, (n,)."""
+    return np.asarray(np.linalg.norm([s.to_world[:3, :3] for s in solids], axis=(1, 2)))
 
 
 def _checked_matrices(document: Document, indices: Sequence[int]) -> np.ndarray:

@@ -6,8 +6,12 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
+
+from mitsuba_prosim.live.viewer import Viewer
+from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
 
 #: Its path; None where there is none.
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -52,8 +56,49 @@ def watching(scene, *options):
                     os.kill(process.pid, signal.SIGKILL)
 
 
+@contextmanager
+def running(path, opened=lambda: None, **options):
+    """A viewer in a thread, whose publisher has a reader and lists what it published as ``said``.
+
+    ``opened`` is called when the scene has been read, before the viewer has it.
+    """
+
+    def opener():
+        file = SceneFile(path, path.parent / "scratch")
+        scene = file.load()
+        opened()
+        return file, scene, pick_sensor(scene, 0)
+
+    viewer = Viewer(path, opener, **options)
+    publisher, publish = viewer.publisher, viewer.publisher.publish
+    publisher.readers, publisher.said = 1, []
+
+    def published(pictures=None, **changes):
+        publish(pictures, **changes)
+        publisher.said.append((publisher.state, publisher.pictures))
+
+    publisher.publish = published
+    thread = threading.Thread(target=viewer.run)
+    thread.start()
+    try:
+        yield viewer
+        assert thread.is_alive()
+    finally:
+        viewer.requests.close()
+        thread.join(30)
+        assert not thread.is_alive()
+
+
+def save(viewer, path, text):
+    """Saves, and waits until the scene is opened again."""
+    path.write_text(text)
+    saves = viewer.publisher.state.saves
+    viewer.requests.save()
+    until(lambda: viewer.publisher.state.saves != saves)
+
+
 def until(condition):
     end = time.monotonic() + 60
     while not condition():
         assert time.monotonic() < end, "nothing came of it"
-        time.sleep(0.02)
+        time.sleep(0.005)

@@ -1,15 +1,10 @@
 """What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
 
-import threading
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
-from little import LITTLE, until
+from little import LITTLE, running, save, until
 from mitsuba_prosim.compare.scenes import lit
 from mitsuba_prosim.live.image import ProgressiveImage
-from mitsuba_prosim.live.viewer import Viewer
-from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
 
 pytestmark = pytest.mark.slow
 
@@ -18,31 +13,8 @@ XML = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><film type=
 <shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape><emitter type="constant"/></scene>"""
 
 
-@contextmanager
-def running(path):
-    def opener():
-        file = SceneFile(path, path.parent / "scratch")
-        scene = file.load()
-        return file, scene, pick_sensor(scene, 0)
-
-    viewer = Viewer(path, opener)
-    thread = threading.Thread(target=viewer.run)
-    thread.start()
-    try:
-        yield viewer
-        assert thread.is_alive()
-    finally:
-        viewer.requests.close()
-        thread.join(30)
-
-
 def is_(viewer, doing, saves=0):
     until(lambda: viewer.publisher.state.doing == doing and viewer.publisher.state.saves == saves)
-
-
-def save(viewer, path, text):
-    path.write_text(text)
-    viewer.requests.save()
 
 
 def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
@@ -111,7 +83,7 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
             lit(scene, scene.integrator().background)  # as prosim compare has it
 
 
-def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkeypatch):
+def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path):
     """Where there is a crop window, and so no picture before the first wave; and channels that path's has not."""
     path = tmp_path / "scene.xml"
     window = '<integer name="crop_width" value="4"/><integer name="crop_height" value="3"/></film>'
@@ -120,14 +92,9 @@ def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path, monkey
     with running(path) as viewer:
         viewer.requests.change(compared=True)
         until(lambda: viewer.publisher.state.doing == "done" and viewer.publisher.state.compared)
-        before, say, seen = dict(viewer.publisher.state.pictures), viewer.publisher.publish, []
-
-        def heard(*said, **changes):
-            say(*said, **changes)
-            seen.append(dict(viewer.publisher.state.pictures))
-
-        monkeypatch.setattr(viewer.publisher, "publish", heard)
+        before, count = dict(viewer.publisher.state.pictures), len(viewer.publisher.said)
         save(viewer, path, path.read_text().replace('z="5"', 'z="6"'))
         is_(viewer, "done", 1)
+        seen = [state.pictures for state, _ in viewer.publisher.said[count:]]
     later = [pictures for pictures in seen if pictures["own"] != before["own"]]
     assert "path" in later[-1] and before["path"] not in [pictures.get("path") for pictures in later]

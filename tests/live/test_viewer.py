@@ -2,71 +2,26 @@
 
 import itertools
 import threading
-import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import LITTLE
+from little import LITTLE, running, save, until
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Local
 from mitsuba_prosim.live import image as images
 from mitsuba_prosim.live import throttle
 from mitsuba_prosim.live.files import Files
 from mitsuba_prosim.live.image import ProgressiveImage
-from mitsuba_prosim.live.publisher import Publisher
 from mitsuba_prosim.live.requests import Requests
-from mitsuba_prosim.live.viewer import Viewer
-from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
+from mitsuba_prosim.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.slow
 
 RED, BLUE = LITTLE, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6")
 LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
-
-
-class Seen(Publisher):
-    """A publisher that keeps what was published, and that somebody reads."""
-
-    def __init__(self, state):
-        super().__init__(state)
-        self.readers, self.said = 1, []
-
-    def publish(self, pictures=None, **changes):
-        super().publish(pictures, **changes)
-        self.said.append((self.state, self.pictures))
-
-
-@contextmanager
-def running(path, monkeypatch, tmp_path, opened=lambda: None, **options):
-    """``opened`` is called when the scene has been read, and nobody knows it yet."""
-    monkeypatch.setattr("mitsuba_prosim.live.viewer.Publisher", Seen)
-
-    def opener():
-        file = SceneFile(path, tmp_path / "scratch")
-        scene = file.load()
-        opened()
-        return file, scene, pick_sensor(scene, 0)
-
-    viewer = Viewer(path, opener, **options)
-    thread = threading.Thread(target=viewer.run)
-    thread.start()
-    try:
-        yield viewer
-    finally:
-        viewer.requests.close()
-        thread.join(30)
-        assert not thread.is_alive()
-
-
-def until(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing came of it"
-        time.sleep(0.005)
 
 
 def final(viewer, take="own"):
@@ -89,14 +44,6 @@ def is_done(viewer):
     return lambda: viewer.publisher.state.doing == "done"
 
 
-def save(viewer, path, text):
-    """Saves, and waits until it is opened."""
-    path.write_text(text)
-    viewer.requests.save()
-    saves = viewer.publisher.state.saves
-    until(lambda: viewer.publisher.state.saves != saves)
-
-
 @pytest.fixture
 def all_portions_seen(monkeypatch):
     """However small and quick they are."""
@@ -109,7 +56,7 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
     """Within a wave each pixel is that of its end, or that of before; nothing is compiled for it."""
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
-    with running(path, monkeypatch, tmp_path) as viewer:
+    with running(path) as viewer:
         viewer.publisher.readers = 0  # nothing is drawn within a pass
         until(is_done(viewer))
         assert [len(layers) for layers in seen(viewer).values()] == [1, 3, 3]
@@ -163,7 +110,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
             free.release()
 
     monkeypatch.setattr(ProgressiveImage, "step", alone)
-    with running(path, monkeypatch, tmp_path) as viewer:
+    with running(path) as viewer:
         until(is_done(viewer))
         red = final(viewer)
         assert red[20, 30, 0] > red[20, 30, 2]
@@ -199,14 +146,14 @@ def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypa
     path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
     wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
     mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
-    with running(path, monkeypatch, tmp_path) as viewer, viewer.files.watched(viewer.requests.save):
+    with running(path) as viewer, viewer.files.watched(viewer.requests.save):
         until(lambda: "'pictures/wood.png' does not exist" in (viewer.publisher.state.error or ""))
         wood.parent.mkdir()
         wood.write_bytes(stream.raw_buffer()[:40])
         until(lambda: viewer.publisher.state.saves > 0 and viewer.publisher.state.doing == "failed")
         wood.write_bytes(stream.raw_buffer())
         until(is_done(viewer))
-        assert {path, wood} <= viewer.files.known and not viewer.files.missing
+        assert {path, wood} <= viewer.files.known
 
 
 def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
@@ -225,7 +172,7 @@ def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
         with pytest.raises(RuntimeError) as error:
             SceneFile(scene, tmp_path).load()
         files.failed(str(error.value))
-        assert tmp_path / name.replace("$it", "bunny") in files.missing <= files.known
+        assert tmp_path / name.replace("$it", "bunny") in files.known
         assert other in files.known  # that it is included is known by the error alone
 
 
@@ -234,7 +181,7 @@ def test_words_that_name_what_can_be_no_file(tmp_path):
     (loop := tmp_path / "loop.png").symlink_to("loop.png")
     files = Files(tmp_path / "scene.xml")
     files.failed('"loop.png" is no image; At "wo\0od.xml" (line 1, col 2)')
-    assert files.missing == {loop, tmp_path / "scene.xml"} and all("\0" not in str(path) for path in files.known)
+    assert loop in files.known and all("\0" not in str(path) for path in files.known)
 
 
 def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
@@ -250,7 +197,7 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
         until(lambda: viewers)
         opened()
 
-    with running(path, monkeypatch, tmp_path, wait_for_viewer) as viewer:
+    with running(path, wait_for_viewer) as viewer:
         viewers.append(viewer)
         until(lambda: viewer.publisher.state.saves == 1 and is_done(viewer)())
         assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
@@ -265,7 +212,7 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
 
 def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):
     path.write_text(LONG)
-    with running(path, monkeypatch, tmp_path) as viewer:
+    with running(path) as viewer:
         until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))
         viewer.requests.change(stopped=True)
         until(lambda: viewer.publisher.state.doing == "stopped")
@@ -314,7 +261,7 @@ def test_compared_within_a_wave(variant_rgb, path, tmp_path, monkeypatch, all_po
 
     monkeypatch.setattr(ProgressiveImage, "step", stepped)
     asked += [("prosim", True)]
-    with running(path, monkeypatch, tmp_path) as viewer:
+    with running(path) as viewer:
         until(is_done(viewer))
         first, path_first = final(viewer), final(viewer, "path")
         begun = next(k for k, (_, pictures) in enumerate(viewer.publisher.said) if "path" in pictures)
@@ -356,7 +303,7 @@ def test_the_part_that_is_done_never_falls(
     all_portions_seen(1500)
     monkeypatch.setattr("mitsuba_prosim.live.viewer.REPORT", 0)
     requested = threading.Event()
-    with running(path, monkeypatch, tmp_path, requested.wait) as viewer:
+    with running(path, requested.wait) as viewer:
         viewer.requests.change(compared=compared)
         requested.set()
         until(is_done(viewer))
@@ -381,7 +328,7 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
     mi.util.write_bitmap(str(wood), np.full((2, 2, 3), 0.5), write_async=False)
     for sensor in ("prosim_window", "perspective"):
         path.write_text(xml.replace("SENSOR", sensor))
-        with running(path, monkeypatch, tmp_path) as viewer:
+        with running(path) as viewer:
             until(is_done(viewer))
             state = viewer.publisher.state
             assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
@@ -393,7 +340,7 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             assert "<matrix" in viewer.publisher.state.view
             assert not np.array_equal(final(viewer), before)
     path.write_text(xml)  # there is no sensor of this name
-    with running(path, monkeypatch, tmp_path) as viewer:
+    with running(path) as viewer:
         until(lambda: viewer.publisher.state.error)
         quoted, caret = viewer.publisher.state.error.splitlines()[-2:]
         assert quoted[caret.index("^") :].startswith('sensor type="SENSOR"')
@@ -403,7 +350,7 @@ def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch, all_porti
     """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image, of more and more."""
     all_portions_seen(1500)
     pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
-    with running(path, monkeypatch, tmp_path, denoise=True) as viewer:
+    with running(path, denoise=True) as viewer:
         until(is_done(viewer))
         whole = [layers["samples"] for layers in seen(viewer).values() if set(layers) == {"final", "error", "samples"}]
         assert len(whole) > 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(whole))

@@ -27,15 +27,12 @@ def test_defaults(variant_rgb):
 
 
 @pytest.mark.parametrize("value", (2.7, 0, -1, 9, math.nan, math.inf, True, "three"))
-def test_whole_rejects(variant_rgb, value):
+def test_numbers_out_of_range_are_rejected(variant_rgb, value):
     with pytest.raises(ValueError, match=r'prosim_thing: parameter "n" is .*; allowed: a whole number >= 1 and <= 8\.'):
         whole(properties(n=value), "n", 5, 1, 8)
-
-
-@pytest.mark.parametrize("value", (0.0, -1, 3.1, math.nan, math.inf, -math.inf, False, "0.5"))
-def test_number_rejects(variant_rgb, value):
-    with pytest.raises(ValueError, match=r'prosim_thing: parameter "x" is .*; allowed: a number > 0 and <= 3\.'):
-        number(properties(x=value), "x", 1.0, 0, 3, open_below=True)
+    if value != 2.7:
+        with pytest.raises(ValueError, match=r'"n" is .*; allowed: a number > 0 and <= 8\.'):
+            number(properties(n=value), "n", 1.0, 0, 8, open_below=True)
 
 
 def test_number_without_bounds_is_still_finite(variant_rgb):
@@ -60,7 +57,4 @@ def test_choice_rejects(variant_rgb):
 def test_errors_name_the_plugin_and_its_id(variant_rgb):
     props = properties()
     props.set_id("lamp")
-    assert (
-        str(reject(props, "x", MISSING, "a number"))
-        == '"lamp" (prosim_thing): parameter "x" is missing; allowed: a number.'
-    )
+    assert str(reject(props, "x", MISSING, "a")) == '"lamp" (prosim_thing): parameter "x" is missing; allowed: a.'

@@ -1,7 +1,7 @@
-"""A scene's picture while the scene is written, on a local page; and an image in progress in a notebook.
+"""Live views: a local page that shows a scene while it is edited, and a progressive image in a notebook.
 
-``viewer``: the one thread that renders; ``requests``: what any other thread asks of it; ``publisher``: the state that
-every page reads; ``image``: images in progress; ``loaded_scene``: a scene file that is open; ``camera``: how a view
-moves; ``files``: when the scene's files change; ``picture``: an image as the page gets it; ``throttle``: how often
-it is drawn; ``server``: the page's server, and who may ask it. ``notebook``: the same without a page.
+``viewer``: the thread that renders; ``requests``: requests of other threads; ``publisher``: the state that pages read;
+``image``: progressive images; ``loaded_scene``: an open scene file; ``camera``: camera motion; ``files``: changes of
+the scene's files; ``picture``: an image for the page; ``throttle``: the rate of drawing; ``server``: the page's
+server and its access rules; ``notebook``: the view in a notebook.
 """

@@ -1,4 +1,4 @@
-"""A view that is moved, and how to say it in a scene."""
+"""A camera that moves, and its text for a scene."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from prosim_scene import View
 
-#: A view goes so many times farther from what it turns around than the scene's own at most, and comes so many times
-#: nearer: beyond, single precision tells nothing apart.
+#: The largest factor by which the distance to the pivot differs from the scene's own view: single precision allows no
+#: more.
 FARTHEST = 1e5
 
-#: A view never looks steeper up or down than this, in degrees: beyond, up and down would change places.
+#: The steepest direction up or down, in degrees: beyond, up and down would change places.
 STEEPEST = 89.0
 
 
@@ -31,16 +31,16 @@ class Camera:
 
     @property
     def eye(self) -> np.ndarray:
-        """Where it is."""
+        """The position of the eye."""
         return np.asarray(self.to_world[:3, 3])
 
     @property
     def pivot(self) -> np.ndarray:
-        """The point that it turns around."""
+        """The point that it rotates about."""
         return np.asarray(self.eye + self.distance * self.to_world[:3, 2])
 
     def orbited(self, right: float, up: float) -> Camera:
-        """Gone around the pivot, by degrees to the right and up."""
+        """The camera after a rotation about the pivot, by degrees to the right and up."""
         level = np.degrees(np.arcsin(np.clip(-self.to_world[:3, 2] @ self.up, -1, 1)))
         # Where it is steeper already it may stay so, but gets no steeper.
         low, high = min(-STEEPEST, level), max(STEEPEST, level)
@@ -52,14 +52,14 @@ class Camera:
         return replace(self, to_world=moved @ self.to_world)
 
     def panned(self, right: float, up: float) -> Camera:
-        """Moved so that what it sees at the pivot moves, by parts of the width and of the height of the picture."""
+        """The camera after a translation by fractions of the image's width and height at the pivot."""
         width, height = self.across
         moved = self.to_world.copy()
         moved[:3, 3] += self.distance * (right * width * moved[:3, 0] - up * height * moved[:3, 1])
         return replace(self, to_world=moved)
 
     def dollied(self, factor: float) -> Camera:
-        """So many times as far from the pivot, within :data:`FARTHEST`."""
+        """The camera with another distance from the pivot, by a factor within :data:`FARTHEST`."""
         home = self.home or self.distance
         distance = min(max(factor * self.distance, home / FARTHEST), home * FARTHEST)
         moved = self.to_world.copy()
@@ -68,7 +68,7 @@ class Camera:
 
 
 def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
-    """The 3x3 matrix of a turn about a unit axis (Rodrigues)."""
+    """The 3x3 matrix of a rotation about a unit axis (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(degrees)
@@ -82,7 +82,7 @@ def nearest_axis(direction: np.ndarray) -> np.ndarray:
 
 
 def as_view(view: View, home: Camera, moved: Camera) -> str:
-    """``view``, that of ``home``, as the statement VIEW that ``moved`` has."""
+    """The statement VIEW of ``moved``; ``view`` is that of ``home``."""
     size = float(np.abs([view.eye, view.vrp]).max())
     motion = moved.to_world @ np.linalg.inv(home.to_world)
 
@@ -103,11 +103,11 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
 
 
 def as_xml(moved: Camera) -> str:
-    """What ``moved`` is in Mitsuba's XML."""
+    """The transform of ``moved`` in Mitsuba's XML."""
     rows = "\n            ".join(numbers(row) for row in moved.to_world)
     return f'<transform name="to_world">\n    <matrix value="{rows}"/>\n</transform>'
 
 
 def numbers(values: np.ndarray | tuple[float, ...], size: float = 0.0) -> str:
-    """Numbers in seven digits, as many as single precision has; what is nothing beside ``size`` is 0."""
+    """Numbers in seven digits, those of single precision; what is negligible beside ``size`` is 0."""
     return " ".join(format(0.0 if abs(v) < 1e-7 * size else float(v) + 0.0, ".7g") for v in values)

@@ -1,4 +1,4 @@
-"""The files that a scene is made of, and when they change."""
+"""The files of a scene, and their changes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from time import perf_counter as clock
 
 from ..scene import errors
 
-#: Seconds between two looks at the files; they take at most this share of the time.
+#: Seconds between two polls, at least, and the share of the time that they may take.
 EVERY, SHARE = 0.02, 0.02
 
 #: What is quoted, as its second group; the apostrophe of "the scene's" is no quote.
@@ -35,7 +35,7 @@ def stamp(path: Path) -> Stamp:
 
 
 class Files:
-    """The files that the scene at ``path`` is made of, as far as they are known. Any thread may use it."""
+    """The files of the scene at ``path``. Any thread may use it."""
 
     def __init__(self, path: Path) -> None:
         self._scene, self._lock = path, threading.Lock()
@@ -43,20 +43,15 @@ class Files:
 
     @property
     def known(self) -> frozenset[Path]:
-        """All of them, those too that are named by the error of a scene which can't be opened."""
+        """All of them, also those that the error of a scene names which can't be opened."""
         return frozenset(self._stamps)
 
-    @property
-    def missing(self) -> frozenset[Path]:
-        """Those that were not there at the last look."""
-        return frozenset(path for path, stamped in self._stamps.items() if stamped is None)
-
     def opened(self, files: Iterable[Path]) -> None:
-        """The scene was opened, and is made of ``files``, wherever they lie."""
+        """The scene was opened, and uses ``files``."""
         self._set({place for path in [self._scene, *files] for place in places(path)})
 
     def failed(self, words: str) -> None:
-        """The scene can't be opened; ``words`` say why."""
+        """The scene can't be opened; ``words`` are the error."""
         self._set({*self._stamps, *named(words, self._scene)})
 
     def _set(self, files: set[Path]) -> None:
@@ -71,8 +66,8 @@ class Files:
 
     @contextmanager
     def watched(self, tell: Callable[[], None]) -> Iterator[None]:
-        """Calls ``tell``, in a thread, after each change, when nothing changes any more. By looking: a notification of
-        the system's would have to be for folders, which come and go, and some disks have none.
+        """Calls ``tell``, in a thread, after each change, when the files stay the same. It polls: notifications of the
+        system are for folders, which come and go, and some disks have none.
         """
         end = threading.Event()
 

@@ -1,4 +1,4 @@
-"""Images in progress: that of the scene's integrator, denoised or not, and that of Mitsuba's path tracer."""
+"""Progressive images: by the scene's integrator, denoised or not, and by Mitsuba's path tracer."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from ..sampling.hash import combine, hash32
 from ..transport.scattering import disperses
 from .picture import of_render, over
 
-#: Seconds that a work item takes, about. Between two of them the viewer hears of new requests.
+#: Seconds of a work item, about. Between two of them the viewer reads new requests.
 SECONDS = 0.4
 
 
 class ProgressiveImage:
-    """An image in progress. ``spp``: samples per pixel, 0 for those of the integrator."""
+    """A progressive image. ``spp``: samples per pixel, 0 for those of the integrator."""
 
     def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
         self.done = False
-        #: Whether there is more than :meth:`layers` has returned.
+        #: Whether there are samples that :meth:`layers` has not returned.
         self.new = False
-        #: Progress, 0 to 1. It never falls: an estimate of it that has become worse is not shown.
+        #: Progress, 0 to 1, which never falls, although its estimate may.
         self.part = 0.0
         self.render: Any = None
         self._steps = self._run()
         self._coarse: np.ndarray | None = None
 
     def step(self) -> bool:
-        """Takes another work item; returns whether a pass over the image is complete."""
+        """Renders a work item; returns whether a pass over the image is complete."""
         step = next(self._steps, None)
         self.done = step is None
         if step is None:
@@ -53,12 +53,13 @@ class ProgressiveImage:
         yield from self.render
 
     def begin(self, seed: int, spp: int = 0, **how: Any) -> Any:
-        """A :class:`.Render` by short work items."""
+        """A :class:`.Render` with short work items."""
         return self.integrator.progressive(self.scene, self.sensor, seed, spp, executor=Local(SECONDS), **how)
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
-        """The image so far, as :class:`.Picture` has it. Within the first pass ``final`` alone, with that of
-        :meth:`coarse`, or black, where there are no samples. None where there is nothing new within a pass.
+        """The layers of a :class:`.Picture` of the image so far; None before the render has begun.
+
+        During the first pass ``final`` only: pixels without a sample are those of :meth:`coarse`, or black.
         """
         now = self.taken()
         if now is None:
@@ -68,16 +69,16 @@ class ProgressiveImage:
         return now if known.all() else {"final": over(known, now["final"], self._coarse)}
 
     def taken(self) -> dict[str, np.ndarray] | None:
-        """The samples so far, as :func:`.of_render` has them; None where there is nothing new."""
+        """The layers of the samples so far, see :func:`.of_render`; None before the render has begun."""
         return None if self.render is None else of_render(self.render)
 
     def reached(self) -> Any:
-        """How far it came, as :class:`.Reached`."""
+        """Its samples, noise and seconds, a :class:`.Reached`."""
         return self.render.reached
 
     def coarse(self) -> np.ndarray:
-        """The colours of one sample of each pixel, to be shown before there are others; to be called while the film has
-        few pixels. Behind glass that disperses, a sample has one wavelength: a pixel gets a row of a pattern.
+        """A first image by one sample per pixel; call it while the film has few pixels. With dispersion a pixel gets a
+        sample per wavelength of the spectrum.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
@@ -87,8 +88,8 @@ class ProgressiveImage:
 
 
 class DenoisedImage(ProgressiveImage):
-    """An image of two halves, as :func:`.halves.halves` has them, which is denoised in the end. Raises ValueError for a
-    film that stores no colours.
+    """An image of two halves, see :func:`.halves.halves`, which is denoised at the end. Raises ValueError for a film
+    without colours.
     """
 
     def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
@@ -100,14 +101,14 @@ class DenoisedImage(ProgressiveImage):
         self._noise = nan
 
     def taken(self) -> dict[str, np.ndarray] | None:
-        """By both halves; in the end also ``raw`` and ``denoised``, of which the final one is mixed."""
+        """The layers of both halves; at the end also ``raw`` and ``denoised``, which the final image mixes."""
         if self._final:
             return self._final
         now = super().taken()
         return both(self._first, now) if now is not None and self._first else now
 
     def reached(self) -> Any:
-        """How far both halves came; the noise is known once they are denoised."""
+        """Samples and seconds of both halves, and the noise, which is known when they are denoised."""
         now = self.render.reached
         return replace(halves.together(self._reached, now) if self._reached else now, noise=self._noise)
 
@@ -133,7 +134,7 @@ class DenoisedImage(ProgressiveImage):
 
 
 def both(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Two independent images together, each pixel by the samples that it has in either."""
+    """The layers of two independent images together, weighted by the samples of each pixel."""
     samples = first["samples"] + second["samples"]
     share = second["samples"] / samples
     return {
@@ -144,7 +145,7 @@ def both(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> d
 
 
 def progressive(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
-    """``integrator``, within ``prosim_adaptive`` if it renders as a whole, and its samples per pixel."""
+    """``integrator``, wrapped by ``prosim_adaptive`` if it is not progressive, and its samples per pixel."""
     from ..engine.integrator import ProgressiveIntegrator
 
     if isinstance(integrator, ProgressiveIntegrator):
@@ -154,7 +155,7 @@ def progressive(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]
 
 
 def name(integrator: Any) -> str:
-    """The name of an integrator, or of the one within it."""
+    """The name of an integrator, or of its nested one."""
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # one of ours
         return str(integrator.name())
@@ -162,7 +163,7 @@ def name(integrator: Any) -> str:
 
 
 def not_compared(integrator: Any) -> str | None:
-    """Why an image can't be compared with that of ``path``, if it can't."""
+    """The reason why an image can't be compared with that of ``path``, or None."""
     if name(integrator) == "path":
         return "this is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):
@@ -171,9 +172,7 @@ def not_compared(integrator: Any) -> str | None:
 
 
 def by_path(own: ProgressiveImage) -> ProgressiveImage:
-    """The image of Mitsuba's ``path``, sampled as ``own`` is, and lit by its background, which is no source to
-    ``prosim``. The two may take turns.
-    """
+    """The image by Mitsuba's ``path``, with the sampling of ``own``, and its background as an emitter."""
     sampling = asdict(own.integrator.sampling)
     path = create("prosim_adaptive", nested=create("path"), channels=own.integrator.channels, **sampling)
     scene, background = own.scene, getattr(own.integrator, "background", None)

@@ -1,4 +1,4 @@
-"""An image that converges in a notebook."""
+"""A progressive image in a notebook."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from .image import ProgressiveImage, progressive
 from .picture import HUES, LAYERS, Picture, coloured, palest
 from .throttle import Throttle
 
-#: Seconds that the notebook has for itself after each work item.
+#: Seconds that other tasks of the notebook get after each work item.
 BREATH = 0.005
 
-#: Effort of zlib for a picture that will be replaced soon.
+#: Effort of zlib for an image that is replaced soon.
 PASSING = 1
 
-#: Map -> what it is called beside its scale.
+#: Map -> its title beside the scale.
 MAPS = {"error": "Standard error of the luminance", "samples": "Samples of a pixel"}
 
 
-#: Cell of a notebook -> its last run, and the views that this has made. They are stopped when the cell is run again, as
-#: nobody can see or stop them any more.
+#: Cell of a notebook -> its last run, and the views of this run. Running the cell again removes them from the screen,
+#: so they are stopped then.
 _made: dict[str, tuple[str, WeakSet[View]]] = {}
 
 
@@ -56,17 +56,17 @@ def show(
     ``exposure``
         Of what is shown, in stops.
 
-    Returns at once: the image grows while the notebook has nothing else to do. ``await view``, or ``view.wait()``,
-    which keeps the notebook busy, wait for its end, and to interrupt the kernel meanwhile is to stop it; where there is
-    no notebook, that is done before it returns. In the end a picture, or what has gone wrong, takes the place of the
-    buttons, and stays in the saved notebook; ``view.image`` is the linear image, ``view.layers`` has the maps of
-    ``error`` and ``samples`` beside it. An image whose cell is run again is stopped.
+    Returns at once: the image is rendered while the notebook is idle. ``await view`` waits for the end, and so does
+    ``view.wait()``, which keeps the notebook busy; interrupting the kernel stops the image. Without a notebook the
+    function returns at the end. Then an image, or an error, replaces the buttons, and the notebook saves it.
+    ``view.image`` is the linear image, ``view.layers`` also has the maps ``error`` and ``samples``. Running the cell
+    again stops the image.
 
     Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants and where no variant is set,
     and what the scene's maker raises.
     """
     if mi.variant() is None:
-        raise RuntimeError("show: no variant is set; set one before, as by mi.set_variant('llvm_ad_rgb').")
+        raise RuntimeError("show: no variant is set; set one before, such as mi.set_variant('llvm_ad_rgb').")
     if str(mi.variant()).startswith("scalar"):
         raise RuntimeError("show: scalar variants do not render progressively; use an llvm or cuda variant.")
     if isinstance(scene, (str, Path)):
@@ -87,9 +87,7 @@ def show(
 
 
 def stop_earlier(view: View) -> None:
-    """Stops the views that earlier runs of this cell have made. Does nothing outside of a notebook, and where it does
-    not tell its cells.
-    """
+    """Stops the views of earlier runs of this cell, if the notebook identifies its cells."""
     from IPython import get_ipython
 
     request: dict[str, Any] = getattr(get_ipython(), "get_parent", dict)()
@@ -106,7 +104,7 @@ def stop_earlier(view: View) -> None:
 
 
 class View:
-    """An image in progress in a notebook; :func:`show` makes it."""
+    """A progressive image in a notebook; :func:`show` makes it."""
 
     def __init__(self, image: ProgressiveImage, exposure: float) -> None:
         try:
@@ -120,30 +118,30 @@ class View:
         self._image, self._factor = image, np.float32(2**exposure)
         self._picture: Picture | None = None
         self._stopped, self._throttle = False, Throttle()
-        self._words_in_the_end: str | None = None
-        self._wrong: str | None = None
+        self._final_text: str | None = None
+        self._error: str | None = None
         self._begun = time.perf_counter()
         self._steps = self._render()
         self._shown = widgets.Image(format="png", layout=widgets.Layout(max_width="100%"))
         self._layer = widgets.ToggleButtons(options=[(name.capitalize(), name) for name in LAYERS], value="final")
         self._layer.observe(lambda _: self._draw(), names="value")
         self._part = widgets.FloatProgress(min=0, max=1, layout=widgets.Layout(width="12em"))
-        self._said = widgets.Label("compiling kernels")
+        self._label = widgets.Label("compiling kernels")
         stop = widgets.Button(description="Stop", icon="stop")
         stop.on_click(lambda _: self.stop())
         # Above the picture, however high it is; a line that is too long for the cell becomes two.
-        controls = widgets.HBox([stop, self._part, self._said, self._layer], layout={"flex_flow": "row wrap"})
+        controls = widgets.HBox([stop, self._part, self._label, self._layer], layout={"flex_flow": "row wrap"})
         self._scale = widgets.HTML()
         self._box = widgets.VBox([controls, self._scale, self._shown], layout={"align_items": "flex-start"})
         self._place = display(self._box, display_id=True)
 
     def __repr__(self) -> str:
-        return f"<{self._words_in_the_end or self._said.value}>"
+        return f"<{self._final_text or self._label.value}>"
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
-        """The image as it was drawn last, ``final`` (height, width, 3), linear, and the maps ``error``, the standard
-        error of its luminance, and ``samples`` (height, width); empty before the first pass is complete.
+        """The image that was drawn last: ``final`` (height, width, 3), linear, and the maps ``error``, the standard
+        error of its luminance, and ``samples`` (height, width). Empty before the first pass is complete.
         """
         return dict(self._picture.layers) if self._picture is not None else {}
 
@@ -155,25 +153,25 @@ class View:
         return self._picture.layers["final"]
 
     def stop(self) -> None:
-        """Ends it with what there is; before the first pass is complete, with nothing."""
+        """Ends the render and keeps the image, if the first pass is complete."""
         self._stopped = True
 
     def wait(self) -> View:
-        """Renders to the end, without pause. Ctrl-C, or to interrupt the kernel, stops it."""
+        """Renders to the end. Ctrl-C, or interrupting the kernel, stops the image."""
         with self._ended():
             for _ in self._steps:
                 pass
         return self
 
     def __await__(self) -> Generator[Any, None, View]:
-        """Waits for the end, while the notebook does other things. To interrupt the kernel stops it."""
+        """Waits for the end, while the notebook runs other tasks. Interrupting the kernel stops the image."""
         if self.task is not None:
             yield from self.task.__await__()
             self._finish()  # once more, from the cell that waits: what runs a notebook may hear no other
         return self
 
     async def converge(self) -> None:
-        """Renders to the end, work item by work item; to cancel it stops it."""
+        """Renders work item by work item; cancelling the task stops the image."""
         with self._ended():
             try:
                 for _ in self._steps:
@@ -183,11 +181,11 @@ class View:
 
     @contextmanager
     def _ended(self) -> Iterator[None]:
-        """Says in the end what there is, or what has gone wrong."""
+        """Shows the final image at the end, or the error."""
         try:
             yield
         except Exception as error:
-            self._wrong = session.message(error)
+            self._error = session.message(error)
             raise
         finally:
             self._finish()
@@ -202,7 +200,7 @@ class View:
             yield
 
     def _look(self) -> None:
-        """Draws the image so far; within the first pass only as a preview, black where there are no samples."""
+        """Draws the image so far; during the first pass a preview, black where there are no samples."""
         with self._throttle.drawing():
             layers = self._image.layers() or {}
             if set(LAYERS) <= set(layers):
@@ -210,7 +208,7 @@ class View:
                 self._draw()
             elif layers:
                 self._shown.value = self._png(layers["final"], PASSING)
-                self._said.value = f"the first pass, {time.perf_counter() - self._begun:.1f} s"
+                self._label.value = f"the first pass, {time.perf_counter() - self._begun:.1f} s"
 
     def _png(self, values: np.ndarray, effort: int = -1) -> bytes:
         if values.ndim == 2:
@@ -225,37 +223,37 @@ class View:
         values = self._picture.layers[layer]
         self._shown.value = self._png(values, PASSING)
         self._scale.value = scale(MAPS[layer], values) if layer in MAPS else ""
-        self._said.value = self._words()
+        self._label.value = self._text()
 
-    def _words(self) -> str:
+    def _text(self) -> str:
         assert self._picture is not None
         mean = float(self._picture.layers["samples"].mean())
         return f"{mean:.1f} samples a pixel, {time.perf_counter() - self._begun:.1f} s"
 
-    def _last_words(self) -> str:
-        if self._wrong is not None:
-            return f"not rendered: {self._wrong}"
+    def _end_text(self) -> str:
+        if self._error is not None:
+            return f"not rendered: {self._error}"
         if self._picture is None:
             return "stopped before the first pass"
-        return ("stopped: " if self._stopped else "") + self._words()
+        return ("stopped: " if self._stopped else "") + self._text()
 
     def _finish(self) -> None:
-        """Leaves a still picture, in the place of what needs the kernel."""
-        if self._words_in_the_end is None:
-            self._words_in_the_end = self._last_words()
+        """Replaces the widgets, which need the kernel, by a still image."""
+        if self._final_text is None:
+            self._final_text = self._end_text()
             self._box.close()
         if self._place is None:  # there is no IPython that runs
             return
-        still = {"text/plain": self._words_in_the_end}
-        if self._picture is not None and self._wrong is None:
+        still = {"text/plain": self._final_text}
+        if self._picture is not None and self._error is None:
             still["image/png"] = base64.b64encode(self._png(self._picture.layers["final"])).decode()
-        self._place.update(still, metadata={"image/png": {"alt": self._words_in_the_end}}, raw=True)
+        self._place.update(still, metadata={"image/png": {"alt": self._final_text}}, raw=True)
 
 
 @contextmanager
 def interrupting(stop: Callable[[], None]) -> Iterator[None]:
-    """Calls ``stop`` where the kernel is interrupted, and lets the work item come to its end: an exception in the midst
-    of what Dr.Jit traces would leave that unfinished.
+    """Calls ``stop`` if the kernel is interrupted, and lets the work item end: an exception would leave an unfinished
+    trace in Dr.Jit.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -268,7 +266,7 @@ def interrupting(stop: Callable[[], None]) -> Iterator[None]:
 
 
 def scale(what: str, values: np.ndarray) -> str:
-    """What the colours of a map mean, as HTML: its middle is a quarter of its end, by the square root."""
+    """The scale of a map as HTML. The middle is a quarter of the end, as colours follow the square root."""
     hues = ", ".join("rgb({:.0f} {:.0f} {:.0f})".format(*255 * hue) for hue in HUES)
     white = palest(values)
     return (

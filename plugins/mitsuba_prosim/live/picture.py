@@ -1,4 +1,4 @@
-"""An image as the page gets it: linear, in layers."""
+"""An image for the page: linear, in layers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..engine.render import Render
 
-#: The layers that every picture of a whole size has.
+#: The layers of every picture but coarse ones.
 LAYERS = ("final", "error", "samples")
 
 #: The largest number that 16 bits of floating point hold.
@@ -33,9 +33,10 @@ class Picture:
         return width, height
 
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
-        """A layer row by row: colours in 16 bits a channel, maps in 32, little-endian; and what is said of it as
-        headers: ``X-White`` is what one pixel in a hundred exceeds, the luminance of colours, and ``X-Unit`` what
-        they count, a power of two: so few bits hold no picture that is a thousand times as dark, or bright, as white.
+        """The bytes of a layer, row by row, little-endian, and its headers. Colours have 16 bits per channel, maps 32.
+
+        ``X-White`` is the 99th percentile, of the luminance for colours. Colours are divided by ``X-Unit``, a power of
+        two, as 16 bits do not hold very dark and very bright images.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
@@ -54,8 +55,8 @@ class Picture:
         return content, {f"X-{name}": str(value) for name, value in facts.items()}
 
     def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
-        """The values by layer, at a pixel of a picture of ``size``; this one may be coarser. Nothing for what is not
-        finite.
+        """The values by layer at pixel (x, y) of an image of ``size``; this picture may be coarser. Values that are not
+        finite are None.
         """
         found: dict[str, list[float | None] | float | None] = {}
         x, y = x * self.size[0] // size[0], y * self.size[1] // size[1]
@@ -66,7 +67,7 @@ class Picture:
 
 
 def of_render(render: Render) -> dict[str, np.ndarray]:
-    """The :data:`LAYERS` of an image, 0 in all of them where it is not known yet."""
+    """The :data:`LAYERS` of a render, 0 at pixels without a sample."""
     counts = render.counts()
     known = counts > 0
     layers = {"final": colours(np.array(render.image())), "error": render.error(), "samples": counts.astype(np.float32)}
@@ -74,7 +75,7 @@ def of_render(render: Render) -> dict[str, np.ndarray]:
 
 
 def over(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
-    """A layer's ``values`` where they are ``known``, shape (height, width); elsewhere what was seen ``before``, maybe
+    """A layer's ``values`` where they are ``known``, shape (height, width); elsewhere those of ``before``, which may be
     coarser, or 0.
     """
     mask = known[..., None] if values.ndim == 3 else known
@@ -84,35 +85,35 @@ def over(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None
     return np.where(mask, values, before[np.ix_(rows, columns)])
 
 
-#: From nothing to much: dark blue, violet, red, orange, pale yellow, each lighter than the one before.
+#: The colours of a map from 0 up: dark blue, violet, red, orange, pale yellow.
 HUES = np.array([(8, 8, 48), (92, 20, 122), (205, 55, 70), (248, 156, 40), (252, 250, 190)], dtype=np.float32) / 255
 
 
 def palest(values: np.ndarray) -> float:
-    """What the palest colour of a map means, and more: what one pixel in a hundred exceeds."""
+    """The value of the palest colour of a map: its 99th percentile."""
     most = float(np.percentile(values, 99))
     return most if math.isfinite(most) and most > 0 else 1.0
 
 
 def coloured(values: np.ndarray) -> np.ndarray:
-    """A map, shape (height, width), in colours as a screen shows them, shape (height, width, 3): by its square root, as
-    far as what one pixel in a hundred exceeds.
+    """A map, shape (height, width), as colours of the screen, shape (height, width, 3), by the square root of the value
+    over :func:`palest`.
     """
     place = np.sqrt(np.clip(np.nan_to_num(values) / palest(values), 0, 1))
     return np.stack([np.interp(place, np.linspace(0, 1, len(HUES)), hue) for hue in HUES.T], axis=2)
 
 
 def colours(image: np.ndarray) -> np.ndarray:
-    """Red, green and blue of a developed image, shape (height, width, channels), of which grey ones have one."""
+    """Red, green and blue of a developed image, shape (height, width, channels), which may be grey."""
     image = image.astype(np.float32, copy=False)
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
 
 
 def power_of_two(value: float) -> float:
-    """The nearest that is not above a positive number, and one that 32 bits of floating point hold."""
+    """The largest power of two not above a positive number, within the range of single precision."""
     return 2.0 ** min(max(math.frexp(value)[1] - 1, -100), 100)
 
 
 def finite(value: float) -> float | None:
-    """The number, or None for what JSON can't say."""
+    """The number, or None if it is not finite, which JSON can't express."""
     return float(value) if math.isfinite(value) else None

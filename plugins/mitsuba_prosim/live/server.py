@@ -29,18 +29,18 @@ from .viewer import Viewer
 #: Seconds that a page waits for the thread that renders.
 PATIENCE = 60.0
 
-#: Exposure -> contents of the picture's files by their suffix; called by the thread that renders.
+#: Exposure -> contents of the image's files by suffix; the thread that renders calls it.
 Encoder = Callable[[float], dict[str, bytes]]
 
-#: What a gesture does to the camera, by two numbers.
+#: Gestures -> the camera after them; their arguments are two numbers.
 GESTURES: dict[str, Callable[[Camera, float, float], Camera]] = {
     "orbit": lambda camera, x, y: camera.orbited(x, y),
     "pan": lambda camera, x, y: camera.panned(x, y),
     "dolly": lambda camera, x, _: camera.dollied(x),
 }
 
-#: The names that a browser on this machine, or at the other end of a tunnel, has for it. A page of another site whose
-#: own name leads here is refused by this.
+#: Names of this machine in a browser here or at the other end of a tunnel. Other names are refused, as another site may
+#: have made its own name lead here.
 HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?")
 
 HEADERS = {
@@ -53,7 +53,7 @@ HEADERS = {
 
 
 def bound(port: int) -> socket.socket:
-    """A socket on this machine's own address; any free port for 0. Raises OSError."""
+    """A socket at 127.0.0.1; port 0: any free one. Raises OSError."""
     result = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -67,7 +67,7 @@ def bound(port: int) -> socket.socket:
 
 @contextmanager
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
-    """Serves the page in a thread of its own, for a while; yields its address."""
+    """Serves the page in a thread; yields its address."""
     token = secrets.token_urlsafe(24)
     routes = Pages(viewer, encode).routes()
     config = uvicorn.Config(
@@ -93,7 +93,7 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
 
 
 class Guard:
-    """Lets a request pass that comes by a name of this machine, from no other site's page, and knows the token."""
+    """Refuses requests without the token, by another host name, or from another site's page."""
 
     def __init__(self, app: Any, token: str) -> None:
         self.app, self.token = app, token
@@ -122,14 +122,14 @@ class Guard:
             or (origin is not None and origin != f"http://{host}")
             or not secrets.compare_digest(given.encode(), self.token.encode())
         ):
-            refusal = PlainTextResponse("Refused: open the address that prosim watch has printed.\n", 403)
+            refusal = PlainTextResponse("Refused: open the address that prosim watch printed.\n", 403)
             await refusal(scope, receive, sealed)
             return
         await self.app(scope, receive, sealed)
 
 
 class Pages:
-    """The answers to every page; ``encode`` makes the files that are saved."""
+    """The answers to the page; ``encode`` makes the files to save."""
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
         self._requests, self._publisher, self._encode = viewer.requests, viewer.publisher, encode
@@ -163,7 +163,7 @@ class Pages:
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
-        """A layer of a picture, as :meth:`.Picture.packed` has it."""
+        """A layer of a picture; see :meth:`.Picture.packed`."""
         picture, name = self._publisher.pictures.get(request.path_params["take"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
@@ -171,7 +171,7 @@ class Pages:
         return Response(content, media_type="application/octet-stream", headers=facts)
 
     async def pixel(self, request: Request) -> Response:
-        """The values of a pixel, and the surface there."""
+        """The values of a pixel, and its surface."""
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
         if not (x < width and y < height):
@@ -184,7 +184,7 @@ class Pages:
         return JSONResponse(found)
 
     async def save(self, request: Request) -> Response:
-        """A file of the picture, made at an exposure."""
+        """A file of the image, with an exposure."""
         suffix = f".{request.path_params['suffix']}"
         exposure = number(request, "exposure", 64.0)
         if not self._publisher.pictures or suffix not in (".exr", ".png"):
@@ -220,7 +220,7 @@ class Pages:
 
 
 def number(request: Request, name: str, most: float) -> float:
-    """A number of a request, within ``most`` of 0, which it is if it is left out. Raises HTTPException."""
+    """A parameter of a request, at most ``most`` from 0, which is the default. Raises HTTPException."""
     try:
         value = float(request.query_params.get(name, "0"))
     except ValueError:

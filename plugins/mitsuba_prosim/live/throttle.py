@@ -1,4 +1,4 @@
-"""Limits how much of the time goes into drawing."""
+"""Limits the share of the time that drawing takes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter as clock
 
-#: Seconds from one picture to the next, at least; and the share of the time that pictures may take.
+#: Seconds between two pictures, at least, and the share of the time that they may take.
 EVERY, SHARE = 0.1, 0.03
 
 
 class Throttle:
-    """True when another picture is due: the longer it takes to draw one, the less often."""
+    """True when the next picture is due. Pictures that take longer to draw are drawn less often."""
 
     def __init__(self) -> None:
         self._next = 0.0
@@ -21,7 +21,7 @@ class Throttle:
 
     @contextmanager
     def drawing(self) -> Iterator[None]:
-        """Surrounds what draws a picture, whether it was due or not."""
+        """Surrounds the drawing of a picture, due or not."""
         begun = clock()
         yield
         now = clock()

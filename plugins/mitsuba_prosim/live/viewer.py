@@ -1,4 +1,4 @@
-"""The thread that renders what is requested."""
+"""The thread that renders the requested image."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ REPORT = 0.1
 
 
 class Viewer:
-    """Renders what :attr:`requests` ask of the scene at ``path``, which ``opener`` opens, and publishes it. ``spp``:
-    samples per pixel, 0 for those of the scene; ``denoise``: whether the image is denoised in the end.
+    """Renders and publishes the image that :attr:`requests` ask for, of the scene at ``path``, which ``opener`` opens.
+
+    ``spp``: samples per pixel, 0 for those of the scene; ``denoise``: whether the final image is denoised.
     """
 
     def __init__(self, path: Path, opener: Opener, spp: int = 0, seed: int = 0, denoise: bool = False) -> None:
@@ -65,7 +66,7 @@ class Viewer:
     def run(self) -> None:
         """Renders until :meth:`.Requests.close`."""
         gc.collect()
-        gc.freeze()  # after each change of the scene only younger objects are looked through
+        gc.freeze()  # collections after each change of the scene then visit only younger objects
         try:
             while True:
                 request = self.requests.wait(self._idle)
@@ -74,10 +75,8 @@ class Viewer:
                 self.requests.run_calls(self._scene)
                 try:
                     self._serve(request)
-                except (RuntimeError, TypeError, ValueError, OSError, MemoryError) as error:
-                    self._fail(request, error)
                 except Exception as error:  # noqa: BLE001 (whatever a scene and its plugins do, the next save is awaited)
-                    self._fail(request, RuntimeError(f"{type(error).__name__}: {error}"))
+                    self._fail(request, error)
         finally:
             self._images, self._scene, self._integrator = {}, None, None
             gc.unfreeze()
@@ -92,7 +91,7 @@ class Viewer:
         return all(image.done for image in self._images.values())
 
     def _serve(self, request: Request) -> None:
-        """Does the next thing for a request."""
+        """Takes the next step towards a request."""
         if request.saves != self._shown.saves:
             self._open(request)
         elif self._scene is None or request == self._shown:
@@ -103,11 +102,11 @@ class Viewer:
         else:
             self._pause_or_compare(request)
 
-    # ---------------------------------------------------------------- another scene, or another view
+    # ---------------------------------------------------------------- a new scene or view
 
     def _open(self, request: Request) -> None:
         """Opens the scene again."""
-        # The kernels of an image hold the materials of all scenes that there are, so the last one has to go.
+        # Kernels contain the materials of all loaded scenes, so the last scene has to go.
         self._scene, self._images, self.requests.home = None, {}, None
         self._shown, self._seconds = replace(self._shown, saves=request.saves), 0.0
         self.publisher.publish(doing="opening", saves=request.saves)
@@ -170,7 +169,7 @@ class Viewer:
     # ---------------------------------------------------------------- work item after work item
 
     def _step(self) -> None:
-        """Another work item of the image that has waited longest."""
+        """Renders a work item of the image that has waited longest."""
         if self._shown.stopped or self._done() or self._scene is None:
             return
         begun = time.perf_counter()
@@ -222,7 +221,9 @@ class Viewer:
 
     def _fail(self, request: Request, error: BaseException) -> None:
         self._images, self._shown = {}, request
-        missing, words = not self._path.exists(), with_nearest(session.message(error))
+        expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
+        words = with_nearest(session.message(error)) if expected else f"{type(error).__name__}: {error}"
+        missing = not self._path.exists()
         if self._scene is None:
             self.files.failed(words)
         self.publisher.publish(

@@ -238,8 +238,8 @@ def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> Surfac
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
     """The media on the sides of a face in its :class:`MeshKey`; ``own`` is the medium of its leaf. An opaque face has
-    the outer medium if it ``reflects`` by Fresnel's equations. The face of a dielectric that cuts an opaque solid stays one
-    of a dielectric.
+    the outer medium if it ``reflects`` by Fresnel's equations. A dielectric's face stays one where it cuts an opaque
+    solid.
     """
     if own == media.OPAQUE:
         return own, outside if reflects else media.AIR

@@ -252,13 +252,23 @@ class Sphere(Primitive):
         return Corners(p, np.stack([u, v], axis=2), pole)
 
 
-class Cylinder(Primitive):
+class _OfRevolution(Primitive):
+    """A solid of revolution about z, of radius 1; face 0 is its side."""
+
+    box = np.array([[-1.0, -1, 0], [1, 1, 1]])
+    curved = 0
+
+    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        size = longest_axis(linear[..., :2])
+        center = linear[..., 2] / 2
+        return size, center, np.linalg.norm(center, axis=-1) + size
+
+
+class Cylinder(_OfRevolution):
     """Face 0 is the side, 1 the disc at z = 1, 2 that at z = 0."""
 
     name = "cylinder"
     quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
-    box = np.array([[-1.0, -1, 0], [1, 1, 1]])
-    curved = 0
     lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
@@ -284,22 +294,15 @@ class Cylinder(Primitive):
     def count(self, segments: int) -> int:
         return 4 * max(segments, MIN_SEGMENTS) - 4
 
-    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        size = longest_axis(linear[..., :2])
-        center = linear[..., 2] / 2
-        return size, center, np.linalg.norm(center, axis=-1) + size
-
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         return around_an_axis(p, face, p * [1, 1, 0], {1: 1, 2: -1})
 
 
-class Cone(Primitive):
+class Cone(_OfRevolution):
     """Face 0 is the side, 1 the disc at z = 1."""
 
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
-    box = np.array([[-1.0, -1, 0], [1, 1, 1]])
-    curved = 0
     two_sheets = True
     lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
@@ -316,11 +319,6 @@ class Cone(Primitive):
 
     def count(self, segments: int) -> int:
         return 2 * max(segments, MIN_SEGMENTS) - 2
-
-    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        size = longest_axis(linear[..., :2])
-        center = linear[..., 2] / 2
-        return size, center, np.linalg.norm(center, axis=-1) + size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         side = around_an_axis(p, face, p * [1, 1, -1], {1: 1})

@@ -37,7 +37,7 @@ class MeshFile(Primitive):
     quadrics = np.empty((0, 4, 4))
 
     def __init__(self, data: bytes) -> None:
-        """Raises ValueError with what is wrong with the file."""
+        """Reads the content of a file. Raises ValueError, which says why it is no solid."""
         self.name = f"mesh {hashlib.sha256(data).hexdigest()}"
         try:
             points, index, normals, uv = _ply(data) if data[:3] == b"ply" else _obj(data.decode("latin-1"))

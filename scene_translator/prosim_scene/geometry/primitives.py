@@ -16,8 +16,8 @@ from manifold3d import Manifold
 from ..camera import Camera
 
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # around a circle
-#: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer
-#: than so many segments.
+#: A solid outside the window may be visible in a mirror, or by its shadow: its tolerance is larger by this factor, and
+#: its segments are at most these.
 UNSEEN_TOLERANCE, UNSEEN_SEGMENTS = 10.0, 128
 #: A ball that is longer than wide by more than this is as fine as if it were not: that is too coarse near its ends
 #: alone, and manifold3d takes minutes for two such balls with many triangles.
@@ -65,7 +65,7 @@ class Primitive(ABC):
     box: np.ndarray
     #: The curved face, if it has one.
     curved: ClassVar[int | None] = None
-    #: It is round in so many of the axes: 2 about z, 3 about the origin.
+    #: The number of axes in which it is round: 2 about z, 3 about the origin.
     axes: ClassVar[int] = 2
     #: Whether its quadric has a second sheet, at z < 0.
     two_sheets: ClassVar[bool] = False
@@ -127,7 +127,7 @@ class Primitive(ABC):
 
 
 def box_corners(box: np.ndarray) -> np.ndarray:
-    """The eight corners of a box that is given by its min and max corner."""
+    """The corners (8, 3) of a box (2, 3), its min and max corner."""
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
 
 

@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import create
-from .plan import area, index_within, inside, pixels
+from .plan import area, index_within, pixels
 
 if TYPE_CHECKING:
     from .accumulators import Accumulators, FilmState
@@ -125,16 +125,18 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
     own = [mi.Float(accumulators.count) if name == "samples" else accumulators.error(plan.n) for name in own_aovs]
     dr.eval(share, own)
     totals = [mi.Float(0) for _ in names]
+    own_index = mi.Int32(index_within(outer, x, y))
+    first_x, first_y, last_x, last_y, width = (dr.opaque(mi.Int32, v) for v in (*plan.region, outer[2] - outer[0]))
     for dy in reversed(offsets):
         for dx in reversed(offsets):
-            there = inside(plan.region, x - dx, y - dy)
-            source = index_within(outer, x - dx, y - dy)
+            sx, sy = x - dx, y - dy
+            there = (sx >= first_x) & (sx < last_x) & (sy >= first_y) & (sy < last_y)
+            source = mi.UInt32(own_index - dy * width - dx)
             weight = dr.gather(mi.Float, share, source, there)
             place = ((dy + reach) * (2 * reach + 1) + dx + reach) * len(names)
             for c, sums in enumerate(accumulators.sums[place : place + len(names)]):
                 totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, there)
-    source = index_within(outer, x, y)
-    totals += [totals[names.index("W")] * dr.gather(mi.Float, values, source) for values in own]
+    totals += [totals[names.index("W")] * dr.gather(mi.Float, values, mi.UInt32(own_index)) for values in own]
     values = dr.empty(mi.Float, area(plan.window) * len(totals))
     index = dr.arange(mi.UInt32, area(plan.window)) * len(totals)
     for c, total in enumerate(totals):

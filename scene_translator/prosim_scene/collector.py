@@ -9,8 +9,8 @@ from contextlib import contextmanager
 def paused() -> Iterator[None]:
     """Pauses the collector.
 
-    It would look at all objects again and again while a scene is read, for a third of the time; nothing that is made
-    there refers to itself.
+    It would search all objects again and again while a scene is read, for a third of the time; none of the new objects
+    refers to itself.
     """
     enabled = gc.isenabled()
     gc.disable()

@@ -12,8 +12,7 @@ from pathlib import Path
 from .language.analysis import SIZE_LIMIT, too_large
 from .language.diagnostics import SceneError
 
-#: How the name of an unfinished file begins. It says nothing of what that becomes, so it is never too long where the
-#: other is not.
+#: The beginning of the name of an unfinished file. The name is short, so that it is never too long.
 PART = ".prosim-part-"
 
 
@@ -30,28 +29,28 @@ def read(path: str | PathLike[str]) -> str:
         text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    if "\0" in text[:2]:  # every other byte of what is most likely UTF-16 without its mark
-        raise SceneError(f"{path}: this is no text in UTF-8; expected it saved in that encoding", str(path))
+    if "\0" in text[:2]:  # most likely UTF-16 without its mark
+        raise SceneError(f"{path}: this is no text in UTF-8; save it in that encoding", str(path))
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def rewrite(path: str | PathLike[str], text: str) -> None:
-    """Puts ``text`` in the place of a scene file's own, all of it or nothing.
+    """Replaces the text of a scene file, all of it or nothing.
 
-    The file keeps its permissions, and a symbolic link stays one: what it leads to is rewritten. Raises SceneError
-    where that cannot be done; the file is then as it was.
+    The file keeps its permissions; of a symbolic link the target is rewritten. Raises SceneError if the file cannot be
+    written; it is then unchanged.
     """
     try:
-        os.stat(path)  # one that is gone is not made
+        os.stat(path)  # a missing file is an error
         replace(Path(path), text.encode("utf-8"))
     except OSError as error:
         raise SceneError(f"{path}: {error.strerror or error}; the file is as it was", str(path)) from None
 
 
 def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
-    """Replaces the file ``path``, or what this link leads to, by one with ``content`` and the same permissions.
+    """Replaces the file ``path``, or the target of this link, by one with ``content`` and the same permissions.
 
-    The new file is written to ``folder`` first, or beside ``path``: by default, for a link, and where ``folder`` is on
+    The new file is written to ``folder`` first, or beside ``path``: by default, for a link, and if ``folder`` is on
     another disk. Raises OSError; then nothing has changed.
     """
     if path.is_symlink():
@@ -61,7 +60,7 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
     try:
         with open(part, "xb") as file:
             file.write(content)
-        with suppress(OSError):  # there is no old one, or no mode on such a disk
+        with suppress(OSError):  # there is no old file, or the disk has no permissions
             part.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(part, path)
     except BaseException as error:
@@ -72,8 +71,6 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
 
 
 def refuse_special(path: Path) -> None:
-    """Raises OSError where there is something that is neither a file nor a folder: a file in its place would be no
-    device any more, for nobody.
-    """
+    """Raises OSError for a path that is neither a file nor a folder: replacing it would remove a device or a pipe."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))

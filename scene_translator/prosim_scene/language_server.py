@@ -177,7 +177,13 @@ def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams) -> None:
 def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
     """Changes a document, and publishes the diagnostics when nothing has been typed for a moment."""
     document = ls.documents[params.text_document.uri]
-    document.change(params.content_changes[-1].text, params.text_document.version)
+    for change in params.content_changes:
+        text = change.text
+        if isinstance(change, lsp.TextDocumentContentChangePartial):  # of a client that ignores the kind of sync
+            start = document.offset(change.range.start)
+            end = max(start, document.offset(change.range.end))
+            text = document.text[:start] + text + document.text[end:]
+        document.change(text, params.text_document.version)
     document.pending = asyncio.get_running_loop().call_later(DELAY, ls.diagnose, document, False)
 
 

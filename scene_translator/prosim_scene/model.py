@@ -1,4 +1,4 @@
-"""The scene as typed, immutable values. Where they stand in the text is the matter of ``language.document``."""
+"""The scene as typed, immutable values. ``language.document`` has their places in the text."""
 
 import html
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ GREY: Vector = (0.5, 0.5, 0.5)
 class Light:
     """A source (5.2): a sphere, or a point whose ``radius`` is virtual."""
 
-    kind: str  # "area" or "point"; or "sky": an image all around, which has nothing of what follows but that
+    kind: str  # "area" or "point"; or "sky": an image all around, the only other value of which is ``image``
     position: Vector = (0.0, 0.0, 0.0)
     intensity: Vector = (65535.0, 65535.0, 65535.0)  # 65535 is 1.0
     radius: float = 1.0
@@ -53,7 +53,7 @@ class Operator:
 
 @dataclass(frozen=True)
 class Texture:
-    """What stands in one of a primitive's two texture slots: a name (t-...) or an image file."""
+    """The texture in one of a primitive's two slots: a name (t-...) or an image file."""
 
     name: str | None = None
     image: str | None = None
@@ -75,7 +75,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Surface:
-    """Optics of a primitive. What the text does not give is None; the defaults depend on the material."""
+    """Optics of a primitive. Values that the text does not give are None; their defaults depend on the material."""
 
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
     metal: str | None = None  # one of Mitsuba's tables
@@ -86,7 +86,7 @@ class Surface:
     eta: Vector | None = None
     k: Vector | None = None
     abbe: float | None = None  # Abbe number, beside eta
-    transmittance: Vector | None = None  # of what lies inside, over ``thickness``
+    transmittance: Vector | None = None  # of the inside, over the distance ``thickness``
     thickness: float = 1.0
     exponent: float | None = None  # roughness as a Phong exponent ...
     slope: float | None = None  # ... or as the RMS slope of Beckmann's distribution; neither: ideally smooth
@@ -142,5 +142,5 @@ class Scene:
     text: str = field(default="", compare=False, repr=False)
 
     def _repr_html_(self) -> str:
-        """In a notebook a scene shows itself in its own language."""
+        """The text of the scene, for notebooks."""
         return f"<pre>{html.escape(self.text or repr(self))}</pre>"

@@ -1,4 +1,4 @@
-"""A Mitsuba scene as nested dictionaries, those of ``mi.load_dict``, with what only XML can say."""
+"""A Mitsuba scene as nested dictionaries, those of ``mi.load_dict``, with comments and defaults for XML."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ Node = dict[str, Any]
 
 @dataclass(frozen=True)
 class Default:
-    """A value that the user may set on Mitsuba's command line: ``-D name=value``."""
+    """A value that the user can set on Mitsuba's command line: ``-D name=value``."""
 
     name: str
     value: int | float

@@ -202,6 +202,10 @@ async def test_of_many_keystrokes_the_last_is_published(editor):
         editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [change]))
     (wrong,) = await told(editor)
     assert wrong.range.end.character == 11
+    part = lsp.TextDocumentContentChangePartial(lsp.Range(lsp.Position(0, 0), lsp.Position(0, 9)), "")
+    editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [part]))
+    (wrong,) = await told(editor)
+    assert wrong.range.end.character == 2
 
 
 @pytest.mark.slow

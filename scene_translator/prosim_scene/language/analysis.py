@@ -206,11 +206,11 @@ def _indices(document: Document) -> Iterator[SceneError]:
     """Primitives without SURFACE or TRANSFORM, one for each index."""
     given = [path for path in document.spans if len(path) == 2]
     surfaces, transforms = ({key for field, key in given if field == one} for one in ("surfaces", "transforms"))
-    told = set()
+    seen = set()
     for number, leaf in enumerate(document.scene.csg):
-        if not isinstance(leaf, Leaf) or (leaf.index, leaf.within) in told:
+        if not isinstance(leaf, Leaf) or (leaf.index, leaf.within) in seen:
             continue
-        told.add((leaf.index, leaf.within))
+        seen.add((leaf.index, leaf.within))
         indices = leaf.index, *leaf.within
         lack = [listing(f"SURFACE {i}" for i in indices)] * surfaces.isdisjoint(indices)
         lack += [f"TRANSFORM {i}" for i in indices if i not in transforms]
@@ -222,12 +222,12 @@ def _indices(document: Document) -> Iterator[SceneError]:
 
 
 def _textures(document: Document) -> Iterator[SceneError]:
-    scene, told = document.scene, set[str]()
+    scene, seen = document.scene, set[str]()
     for number, leaf in enumerate(scene.csg):
         for slot, texture in enumerate(leaf.textures if isinstance(leaf, Leaf) else ()):
             path = "csg", number, "textures", slot
-            if texture and texture.name and texture.name not in scene.patterns and texture.name not in told:
-                told.add(texture.name)
+            if texture and texture.name and texture.name not in scene.patterns and texture.name not in seen:
+                seen.add(texture.name)
                 names = list(dict.fromkeys([*BUILT_IN, *scene.patterns]))
                 reason = f"unknown texture {quote(texture.name)}; expected {listing(names[:20])}, an image file or NULL"
                 yield document.error(reason + nearest(texture.name, [*names, *ALIASES]), *path, code="unknown-name")

@@ -103,7 +103,7 @@ class Reader:
         """Reads all statements."""
         begun = False  # whether ``token`` is the keyword of the next statement
         while len(self.errors) <= MOST and not self.ended:
-            told, skipped = len(self.errors), self.skipped
+            before, skipped = len(self.errors), self.skipped
             self.keyword = self.token if begun else START
             try:
                 if not begun:
@@ -114,10 +114,10 @@ class Reader:
                 self.store(getattr(self, self.keyword.role.lower())())
             except SceneError as error:
                 begun = False
-                self.errors[told:] = [error]
+                self.errors[before:] = [error]
                 self.skip(error)
             if self.scanner.undefined:
-                self.undefined(told, skipped)
+                self.undefined(before, skipped)
         cut = len(self.errors) > MOST
         self.skipped, self.ended = self.skipped or cut, self.ended or cut or self.token.role == "END"
         if self.token.role == "END" and (rest := self.scanner.rest()):
@@ -141,15 +141,15 @@ class Reader:
             self.tokens.pop()
         self.skipped, self.ended, self.token = True, after is None, START
 
-    def undefined(self, told: int, skipped: bool) -> None:
+    def undefined(self, before: int, skipped: bool) -> None:
         """Reports the names without values in a statement, each once, instead of the errors in the statement's values.
 
         They are not reported after a statement that was ``skipped``: it may have been their definition.
         """
-        known = {one.reason for one in self.errors[:told]}
+        known = {one.reason for one in self.errors[:before]}
         new = {one.reason: one for one in reversed(self.scanner.undefined) if one.reason not in known}
-        kept = [one for one in self.errors[told:] if self.skipped or one.code in SYNTAX]
-        self.errors[told:] = kept if skipped else [*new.values(), *kept]
+        kept = [one for one in self.errors[before:] if self.skipped or one.code in SYNTAX]
+        self.errors[before:] = kept if skipped else [*new.values(), *kept]
         self.scanner.undefined, self.has_undefined = [], True
 
     # ---- Tokens
@@ -397,14 +397,14 @@ class Reader:
         if normalise(token.text) in words.ROWS:
             reason = f"found {quote(token.text)}, a word of the language; expected a name of its own"
             self.report(token.span, reason, "name")
-        told, nodes = len(self.errors), self.tree()
-        if not nodes and len(self.errors) == told:
+        before, nodes = len(self.errors), self.tree()
+        if not nodes and len(self.errors) == before:
             self.report(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
         return nodes
 
     def tree(self) -> tuple[model.Operator | model.Leaf, ...]:
         """Operators and primitives in prefix order; the nodes of a named solid stand in the place of its name."""
-        told, first = len(self.errors), len(self.tokens)
+        before, first = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
         role = self.next(TREE)
         while role not in NEXT:
@@ -418,9 +418,9 @@ class Reader:
         for token in self.tokens[first:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
-        if len(self.errors) == told:
+        if len(self.errors) == before:
             self.check_tree([isinstance(node, model.Operator) for node in nodes])
-        return tuple(nodes) if len(self.errors) == told else ()
+        return tuple(nodes) if len(self.errors) == before else ()
 
     def check_tree(self, operators: list[bool]) -> None:
         """Reports the first node after the tree is complete, or an operator that lacks operands."""

@@ -72,9 +72,9 @@ class Scanner:
         """
         text, match = self.source.text, PIECE.match
         while found := match(text, self.position):
-            kind = found.lastgroup or ""
-            start, self.position = found.span(kind)
-            piece = found[kind]
+            kind, group = found.lastgroup or "", found.lastindex or 0
+            start, self.position = found.span(group)
+            piece = found[group]
             if kind == "number":
                 token = Token("NUMBER", piece, start, self.position)
             elif kind == "word":

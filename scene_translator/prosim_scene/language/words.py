@@ -46,7 +46,7 @@ class Numbers:
         return f"{zero}{kind}{magnitude}{least}{self.high:.10g} at most"
 
     def fit(self, count: int) -> bool:
-        """Whether so many values may follow."""
+        """Whether this is an allowed count of values."""
         return count == self.count or (self.channels and count == 1)
 
     def allow(self, text: str) -> bool:
@@ -367,7 +367,7 @@ def canonical(role: str, name: str = "") -> str:
 
 
 def meanings(role: str) -> list[str]:
-    """What may stand where the grammar expects ``role``, in messages."""
+    """The words that fit where the grammar expects ``role``, for messages."""
     return [MEANINGS[role]] if role in MEANINGS else [word.canonical for word in of_role(role)]
 
 

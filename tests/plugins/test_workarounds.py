@@ -133,7 +133,7 @@ def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other
     assert dr.grad(params[key])[0] == pytest.approx(0.5 * (1 - through), rel=5e-3)
 
 
-def test_a_map_around_a_blend_that_dims_is_told_of(variant_rgb, monkeypatch):
+def test_a_map_around_a_blend_that_dims_gives_a_warning(variant_rgb, monkeypatch):
     """And two maps within a blend, as the warning says, leave the mirror its share."""
     said = []
     monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
@@ -148,7 +148,7 @@ def test_a_map_around_a_blend_that_dims_is_told_of(variant_rgb, monkeypatch):
             mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}})
         )
     assert [level for level, _ in said] == [mi.LogLevel.Warn]
-    assert "'card'" in said[0][1] and "Put the blendbsdf outside" in said[0][1]
+    assert "'card'" in said[0][1] and "into each BSDF of the blendbsdf" in said[0][1]
     mean, _ = quarters((good, WHOLE, MIRROR, MIRROR), -1, {"type": "constant", "radiance": 1.0}, samples=8)
     assert mean[0] == pytest.approx(0.6 * mean[1] + 0.4, abs=0.02)
     assert len(said) == 1

@@ -175,7 +175,7 @@ class Dielectric(Material):
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         return self._sample(ctx, si, sample1, sample2, active)
 
-    def sample_carried(
+    def sample_dispersed(
         self,
         ctx: mi.BSDFContext,
         si: mi.SurfaceInteraction3f,

@@ -55,7 +55,7 @@ def described(role: str) -> str:
     return kind + (", denoised" if role.endswith(" denoised") else "")
 
 
-def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
+def number(value: float | None, form: str = ".3g") -> str:
     """A number in the format of the page."""
     import markupsafe
 
@@ -65,7 +65,7 @@ def number(value: float | None, form: str = ".3g", unit: str = "") -> str:
     text = f"{value:{form}}"
     if "e" in text:
         text = np.format_float_positional(float(text), trim="-")
-    return markupsafe.Markup('<data value="{}">{}</data>{}').format(repr(value), text, unit)
+    return markupsafe.Markup('<data value="{}">{}</data>').format(repr(value), text)
 
 
 def data_uri(content: bytes, kind: str) -> str:

@@ -199,7 +199,7 @@ class Area(mi.Emitter):
         return self.pdf_texture(ps.uv, active) if self.textured else self.get_shape().pdf_position(ps, active)
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-        """A point drawn in proportion to the texture, and its density per area."""
+        """A point sampled in proportion to the texture, and its density per area."""
         uv, pdf = self.radiance.sample_position(sample, active)
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active & (pdf > 0))
         ps = mi.PositionSample3f(si)
@@ -210,7 +210,7 @@ class Area(mi.Emitter):
         return ps
 
     def pdf_texture(self, uv: mi.Point2f, active: mi.Bool) -> mi.Float:
-        """Density per area with which `sample_texture` draws the point at ``uv``."""
+        """Density per area with which `sample_texture` samples the point at ``uv``."""
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
         pdf = self.radiance.pdf_position(uv, active) / dr.maximum(stretch, 1e-30)

@@ -1,4 +1,4 @@
-"""What a source emits: its radiance or intensity, and wavelengths drawn from its spectrum."""
+"""Emission of sources: radiance or intensity, and wavelengths sampled from its spectrum."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def read_emission(props: mi.Properties, name: str, default: float) -> mi.Texture
 @overload
 def read_emission(props: mi.Properties, name: str) -> mi.Texture | None: ...
 def read_emission(props, name, default=None):
-    """The texture of what is emitted; None if it is absent and there is no ``default``.
+    """The texture of the emission; None if the parameter is absent and has no ``default``.
 
     Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative. In
     spectral variants Mitsuba turns texels into the coefficients of spectra, of any sign; of those only NaN is told.
@@ -47,7 +47,7 @@ def read_emission(props, name, default=None):
 def sample_spectrum(
     texture: mi.Texture, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
 ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
-    """Wavelengths drawn from ``texture``, stratified, and their weight; in colour, its value."""
+    """``(wavelengths, weight)``: sampled from ``texture``, stratified; in colour, its value."""
     wavelengths = dr.zeros(type(si.wavelengths))
     if len(wavelengths):
         wavelengths = mi.sample_shifted(sample)

@@ -20,7 +20,7 @@ from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from .strategy import Index, Receiver
 
-#: Rays that are drawn from each lamp to measure its power, place and directions.
+#: Number of rays that are sampled from each lamp to measure its power, place and directions.
 RAYS = 256
 
 #: Bounds of the errors of an importance: the least cosine at the receiver, the least share of a lamp's power that goes
@@ -140,16 +140,16 @@ def models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     near = [k for k, emitter in enumerate(emitters) if is_near(emitter)]
     rays = {}
     try:
-        rays = dict(zip(near, zip(*draw(scene, [emitters[k] for k in near], emitted_ray))))
+        rays = dict(zip(near, zip(*sample_lamps(scene, [emitters[k] for k in near], emitted_ray))))
     except RuntimeError:
-        # Dr.Jit asks all emitters of the process together, and one of them emits no rays.
+        # Dr.Jit calls all emitters of the process together, and one of them emits no rays.
         for k in near:
             with contextlib.suppress(RuntimeError):
-                rays[k] = tuple(array[0] for array in draw(scene, [emitters[k]], emitted_ray, together=False))
+                rays[k] = tuple(array[0] for array in sample_lamps(scene, [emitters[k]], emitted_ray, together=False))
     for k, (power, origins, directions) in rays.items():
         rows[k] = near_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
-    rows[far, 4] = np.square(FAR * size) * draw(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
+    rows[far, 4] = np.square(FAR * size) * sample_lamps(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
     # Powers are compared as the light in the scene, at its radius from what is near.
     scale = np.where(np.isin(np.arange(len(emitters)), list(rays)), size, FAR * size) ** 2
     least = LEAST_POWER * (rows[:, 4:6].sum(1) / scale).mean()
@@ -183,11 +183,11 @@ def near_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, s
     return np.array([*center, radius, flux * even / 2, flux * (1 - even) * (exponent + 1), exponent, *axis])
 
 
-def draw(
+def sample_lamps(
     scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any], together: bool = True
 ) -> list[np.ndarray]:
     """Power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, the same each time: arrays
-    (emitters, rays), (emitters, rays, 3) twice. ``together``: whether one call of Dr.Jit asks all emitters.
+    (emitters, rays), (emitters, rays, 3) twice. ``together``: whether one call of Dr.Jit samples all emitters.
     """
     count = len(emitters) * RAYS
     if not emitters:
@@ -196,11 +196,11 @@ def draw(
         i, emitter = dr.arange(mi.UInt32, count), emitters[0]
         if together:
             emitter = dr.gather(mi.EmitterPtr, emitter_pointers(scene, emitters), i // RAYS)
-        drawn = sample(scene, emitter, combine(hash32(dr.opaque(mi.UInt32, 0)), i % RAYS))
-        columns = [np.array(array, dtype=float).T for array in drawn]
+        samples = sample(scene, emitter, combine(hash32(dr.opaque(mi.UInt32, 0)), i % RAYS))
+        columns = [np.array(array, dtype=float).T for array in samples]
     else:
-        drawn = [sample(scene, e, combine(hash32(0), i)) for e in emitters for i in range(RAYS)]
-        columns = [np.array(column, dtype=float) for column in zip(*drawn)]
+        samples = [sample(scene, e, combine(hash32(0), i)) for e in emitters for i in range(RAYS)]
+        columns = [np.array(column, dtype=float) for column in zip(*samples)]
     # Arrays of size 1 are broadcast.
     power, *vectors = (np.broadcast_to(column, (count, *column.shape[1:])) for column in columns)
     power = np.where(np.isfinite(power), np.maximum(power, 0), 0)

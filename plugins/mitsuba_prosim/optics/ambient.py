@@ -1,7 +1,7 @@
 """The reflectance of ambient light of any BSDF, through Mitsuba's adapters.
 
 A material states it as the BSDF attribute ``ambient``. Mitsuba's ``mask``, ``blendbsdf``, ``bumpmap`` and ``normalmap``
-do not pass on the attributes of the BSDFs within, so those are asked themselves.
+do not pass on the attributes of the BSDFs within: these are evaluated directly.
 """
 
 from __future__ import annotations

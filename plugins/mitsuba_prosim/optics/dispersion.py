@@ -1,6 +1,6 @@
 """Indices of refraction that depend on the wavelength: formulas of Cauchy and Sellmeier, Abbe numbers, glasses by name.
 
-Wavelengths are in nm for those who ask, and in µm within the formulas, as catalogues have them.
+Wavelengths are in nm; the formulas compute in µm, as catalogues do.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ D, F, C = 587.5618, 486.1327, 656.2725
 #: wavelengths show there.
 RGB = (635.0, 544.0, 437.0)
 
-#: What a formula is asked for (nm); beyond this it is taken at the nearer end.
+#: Range of the formulas (nm); wavelengths beyond it count as the nearer end.
 SHORTEST, LONGEST = 300.0, 1000.0
 
 #: B1, C1, B2, C2, ... of Sellmeier's formula. bk7 (N-BK7), f2, sf10, sf11 and lasf9 (N-LASF9): Schott, Optical Glass,
@@ -93,7 +93,7 @@ class Indices:
 
     @classmethod
     def read(cls, props: mi.Properties) -> Indices:
-        """Those that ``props`` give, see :func:`read`; of glass in air where they give none."""
+        """The indices that ``props`` give, see :func:`read`; glass in air by default."""
         return cls(read(props, "int", "bk7"), read(props, "ext", "air"))
 
     @property
@@ -133,7 +133,7 @@ def read(props: mi.Properties, side: str, default: float | str) -> float | Dispe
     """The index on a ``side`` ("int" or "ext") of an interface: ``<side>_ior`` alone, which is one number; or what
     depends on the wavelength: ``<side>_ior`` with ``<side>_abbe``, or ``<side>_cauchy``, ``_sellmeier``, ``_material``.
 
-    Raises ValueError for what is wrong.
+    Raises ValueError for wrong values.
     """
     ior = side + "_ior"
     ways = [f"{side}_{way}" for way in ("material", "cauchy", "sellmeier", "abbe")]
@@ -194,7 +194,9 @@ def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
 
 
 def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-    """``(k, rest)``: one of the probabilities ``p`` by the number ``sample``, and what is left of that, in [0, 1]."""
+    """``(k, rest)``: an index chosen with the probabilities ``p`` by the number ``sample``, and the rest of that
+    number, stretched to [0, 1].
+    """
     k, below, width, total = mi.UInt32(0), mi.Float(0), mi.Float(p[0]), mi.Float(p[0])
     for j in range(1, len(p)):
         further = (sample >= total) & (p[j] > 0)

@@ -2,7 +2,7 @@
 
 A distribution is a pair of functions. ``D(m, roughness)`` is the density of facets per solid angle around the normal
 ``m`` (local frame, m.z > 0), normalised so that the integral of D(m) m.z over the hemisphere is 1 (the thesis leaves
-that pi to equation 3.1). ``polar(u, roughness)`` draws the polar angle of a facet from D(m) m.z, as (sine, cosine),
+that pi to equation 3.1). ``polar(u, roughness)`` samples the polar angle of a facet from D(m) m.z, as (sine, cosine),
 from ``u`` in [0, 1): it grows with u, so that strata stay strata.
 """
 
@@ -19,7 +19,7 @@ from . import cosine
 
 
 class Distribution(NamedTuple):
-    """A distribution, and how a plugin's parameters speak of it."""
+    """A distribution, and the plugin parameters that select it."""
 
     name: str  #: value of the parameter ``distribution``
     parameter: str  #: what its roughness is called

@@ -36,13 +36,13 @@ class Pigmented(Material):
         raise NotImplementedError
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        """A direction drawn from the specular lobe."""
+        """A sampled direction of the specular lobe."""
         raise NotImplementedError
 
     def specular_eval_pdf(
         self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
-        """The specular lobe times the cosine of ``wo``, and the density with which it is drawn."""
+        """The specular lobe times the cosine of ``wo``, and its density."""
         raise NotImplementedError
 
     def enabled(self, ctx: mi.BSDFContext) -> tuple[bool, bool]:
@@ -111,7 +111,7 @@ class Pigmented(Material):
             lobe, density = self.specular_eval_pdf(si, wo, active)
             value += lobe
             pdf += p * density
-        # prb divides what is left of a path's radiance by this value. Where a channel has no pigment and the lobe has
+        # prb divides the remaining radiance of a path by this value. Where a channel has no pigment and the lobe has
         # ended, that would be a rounding error over 1e-30; a value of 0 it leaves out.
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)

@@ -1,6 +1,6 @@
 """The parameters that materials share: reflectances, roughness, indices of refraction, metals.
 
-Each function reads from the plugin's ``props`` and raises ValueError for what is wrong.
+Each function reads from the plugin's ``props`` and raises ValueError for wrong values.
 """
 
 from __future__ import annotations

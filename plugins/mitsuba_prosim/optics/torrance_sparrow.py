@@ -25,7 +25,7 @@ def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Fl
 
 
 def sample(wi: mi.Vector3f, u: mi.Point2f, facets: Distribution, roughness: mi.Float) -> mi.Normal3f:
-    """Draws the normal of a facet visible from ``wi`` (local, wi.z > 0), from ``u`` in the unit square."""
+    """Samples the normal of a facet visible from ``wi`` (local, wi.z > 0), from ``u`` in the unit square."""
     return mi.Normal3f(visible.sample(wi, u, facets.polar, roughness))
 
 

@@ -14,7 +14,7 @@ import mitsuba as mi
 
 
 def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
-    """Draws phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``u`` in [0, 1), ``t`` >= 0.
+    """Samples phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``u`` in [0, 1), ``t`` >= 0.
 
     Where the partner facet is turned away (t cos phi > 1) the density is constant; elsewhere its integral leads to
     Kepler's equation, phi + t sin phi = y, solved by two of Halley's steps from the root that a linear density would
@@ -39,7 +39,7 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
 
 
 def sample(wi: mi.Vector3f, u: mi.Point2f, polar: Callable, roughness: mi.Float) -> mi.Vector3f:
-    """Draws a facet visible from ``wi`` (local, wi.z > 0) from ``u`` in the unit square.
+    """Samples a facet visible from ``wi`` (local, wi.z > 0) from ``u`` in the unit square.
 
     ``polar`` is a distribution's function of that name. Returns a unit vector in the upper hemisphere.
     """

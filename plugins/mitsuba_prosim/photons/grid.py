@@ -117,7 +117,7 @@ def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
 
 
 def level_of(reach: mi.Float) -> mi.Int32:
-    """The grid in which what is within ``reach`` of a point lies in two cells along each axis."""
+    """The grid in which the surroundings of a point within ``reach`` lie in at most two cells along each axis."""
     return mi.Int32(dr.floor(SIZES * dr.log2(reach)))
 
 

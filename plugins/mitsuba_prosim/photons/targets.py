@@ -17,7 +17,7 @@ from ..transport.workarounds import is_inseparable
 #: Most spheres; where there are more surfaces, neighbours share one.
 MOST = 64
 
-#: By how much they are larger than what is within, for rounding.
+#: Radius of a sphere over that of its contents, for rounding.
 MARGIN = 1 + 1e-4
 
 
@@ -31,7 +31,7 @@ class Targets:
 
     @classmethod
     def of(cls, scene: mi.Scene, tree: bool = False) -> Targets | None:
-        """Those around the specular surfaces of ``scene``; None where there is none. ``tree``: of :class:`.Walk`."""
+        """Spheres around the specular surfaces of ``scene``; None if there are none. ``tree``: see :class:`.Walk`."""
         spheres = [sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         if not spheres:
             return None
@@ -123,7 +123,7 @@ def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Po
 
 
 def aimed_by(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Point2f:
-    """The point in [0, 1)² by which :func:`direction` draws ``d``."""
+    """The point in [0, 1)² by which :func:`direction` samples ``d``."""
     local = frame(x, center).to_local(d)
     scale = dr.rsqrt(dr.maximum(versine(x, center, radius) * (1 + local.z), 1e-30))
     return mi.warp.uniform_disk_to_square_concentric(mi.Point2f(local.x, local.y) * scale)

@@ -1,4 +1,4 @@
-"""What a denoiser is told of a view: the colour of what a person sees there, and how it faces."""
+"""Features of a view for denoising: the albedo and the normal of the visible surface, through glass and mirrors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEEPEST, LEAST = 6, 0.01
 
 @dataclass
 class State:
-    """Where a ray is. ``sampler``: what the points are drawn from."""
+    """State of the loop along a ray. ``sampler``: the source of the points."""
 
     ray: mi.Ray3f
     albedo: mi.Spectrum
@@ -43,12 +43,12 @@ def features(
     hide_emitters: bool = False,
     around: mi.Medium | None = None,
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
-    """``(albedo, normal, hit)`` of the camera ray ``ray``: albedo in [0, 1], and the shading normal of what it meets
-    first, on the viewer's side, 0 where that is nothing.
+    """``(albedo, normal, hit)`` of the camera ray ``ray``: albedo in [0, 1], and the shading normal of the first
+    surface, on the viewer's side; 0 where there is no surface.
 
-    The albedo is that of the diffuse lobes, by one sample, and what is seen in the specular ones, weighted by what they
-    reflect or let through. Sources and the sky are as bright as they are, at most 1; with ``hide_emitters`` the camera
-    looks past them. ``around``: the medium that it is in.
+    The albedo is that of the diffuse lobes, by one sample, plus that seen in the specular lobes, times their
+    reflectance or transmittance. Sources and the sky have their radiance, at most 1; with ``hide_emitters`` the camera
+    does not see them. ``around``: the medium of the camera.
     """
     media = around is not None or any(True for _ in media_of(scene))
     scattering = Scattering.of(scene, separate=False)
@@ -73,8 +73,8 @@ def features(
         hidden = first & si.shape.is_emitter() if hide_emitters else mi.Bool(False)
         surface, first = but_not(surface, hidden), but_not(first, hidden)
         facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
-        scattered, _ = draw(si, diffuse, state.sampler, surface, scattering)
-        weight, d = draw(si, specular, state.sampler, surface, scattering)
+        scattered, _ = sample_albedo(si, diffuse, state.sampler, surface, scattering)
+        weight, d = sample_albedo(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
         throughput = dr.select(hidden, throughput, throughput * weight)
         if media:
@@ -113,13 +113,13 @@ def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
     return mi.Color3f(albedo.x) if mi.is_monochromatic else mi.Color3f(albedo)
 
 
-def draw(
+def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f]:
-    """``(weight, direction)`` of a sample of the ``lobe`` of what was met; weight 0 where it has none.
+    """``(weight, direction)`` of a sample of the ``lobe`` at ``si``; weight 0 where the surface has no such lobe.
 
-    Some BSDFs sample other lobes than they are asked for: such a sample counts for the turn of its own lobe.
-    Dispersive glass refracts all wavelengths the same way here, as a clipped albedo is no mean.
+    Some BSDFs sample other lobes than requested: such a sample is dropped, as its own lobe is sampled as well.
+    Dispersive glass refracts all wavelengths in one direction here, as a clipped albedo is no mean.
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
     bs, weight, belongs = scattering.sample(lobe, si, si.bsdf(), choice, point, None, active)

@@ -1,7 +1,7 @@
 """What glass and water absorb of the light that goes through them (Hall 1988, chapter 6 of the thesis): Beer's law.
 
-What lies inside a shape is said by its ``mi.Medium``. Here a medium is everywhere the same and only absorbs; others,
-which scatter, are passed by as if they were not there.
+The ``mi.Medium`` of a shape describes its inside. Here a medium is homogeneous and only absorbs; those that scatter are
+ignored.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import mitsuba as mi
 
 from ..optics.nested import all_shapes
 
-#: Wavelengths (nm) at which a medium is asked whether it scatters.
-ASKED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)
+#: Wavelengths (nm) at which the scattering of a medium is tested.
+TESTED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)
 
 #: Length of a ray that meets nothing: whatever absorbs leaves nothing of it.
 ENDLESS = 1e30
 
 
 def absorbs_any(scene: mi.Scene, around: mi.Medium | None) -> bool:
-    """Whether a medium of ``scene``, or that ``around`` the camera, absorbs; warns of those that are passed by."""
+    """Whether a medium of ``scene``, or that ``around`` the camera, absorbs; warns of media that are ignored."""
     media = dict.fromkeys([*media_of(scene), *([] if around is None else [around])])
     absorbing = [medium for medium in media if only_absorbs(medium)]
     if len(absorbing) < len(media):
         others = ", ".join(repr(medium.id()) for medium in media if medium not in absorbing)
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: light is not scattered: the media {others} are taken for empty. Allowed are homogeneous ones "
-            'whose albedo is 0, which absorb; "volpath" renders others.',
+            f"prosim: the media {others} scatter light or are not homogeneous, and are ignored. Give homogeneous media "
+            'with albedo 0, or render with "volpath".',
         )
     return bool(absorbing)
 
@@ -46,10 +46,10 @@ def only_absorbs(medium: mi.Medium) -> bool:
     """Whether ``medium`` is everywhere the same and scatters nothing."""
     if not medium.is_homogeneous():
         return False
-    for i in range(0, len(ASKED), 4):
+    for i in range(0, len(TESTED), 4):
         mei = dr.zeros(mi.MediumInteraction3f)
         if mi.is_spectral:
-            mei.wavelengths = mi.UnpolarizedSpectrum(ASKED[i : i + 4])
+            mei.wavelengths = mi.UnpolarizedSpectrum(TESTED[i : i + 4])
         sigma_s, _, _ = medium.get_scattering_coefficients(mei, True)
         if dr.any(sigma_s != 0, axis=None):
             return False
@@ -59,7 +59,7 @@ def only_absorbs(medium: mi.Medium) -> bool:
 def transmittance(
     medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum | float:
-    """Share of the light that is left after the length ``t`` in ``medium``, which may be none: 1."""
+    """Transmittance along the length ``t`` in ``medium``; 1 without a medium."""
     if medium is None:  # in scalar variants
         return 1.0
     mei = dr.zeros(mi.MediumInteraction3f)
@@ -72,8 +72,8 @@ def transmittance(
 def beyond(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
-    """The medium of a ray that leaves ``si`` in the direction ``d``, and came in ``medium``: the same one where the
-    surface says nothing of media.
+    """The medium of a ray that leaves ``si`` in the direction ``d`` and arrived in ``medium``: the same one where the
+    surface has no media.
     """
     if not dr.is_jit_v(mi.Float):
         return si.target_medium(d) if active and si.is_medium_transition() else medium
@@ -83,8 +83,8 @@ def beyond(
 def before(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
-    """The medium in which a camera ray of direction ``d`` comes to ``si``: ``medium``, the sensor's own, or, if it has
-    none, what the surface has on that side.
+    """The medium in which a camera ray of direction ``d`` meets ``si``: the sensor's ``medium``, or, if it has none,
+    that of the surface on that side.
     """
     if not dr.is_jit_v(mi.Float):
         return beyond(si, medium, -d, active) if medium is None else medium

@@ -1,4 +1,4 @@
-"""Kajiya's paths: at each surface one ray goes on, also from a diffuse component (section 4.2.3)."""
+"""Kajiya's paths: each surface continues one ray, also from a diffuse component (section 4.2.3)."""
 
 from __future__ import annotations
 

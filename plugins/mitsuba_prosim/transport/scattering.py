@@ -70,7 +70,7 @@ class Scattering:
             bs, weight = sample_lobe(lobe, si, bsdf, choice, point, throughput, active)
         else:
             bs, weight = bsdf.sample(lobe, si, choice, point, active)
-        # thindielectric samples lobes that it is not asked for: these have a ray of their own.
+        # thindielectric samples lobes outside of the type mask: these have a ray of their own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
         if not self.any_inseparable or inseparable is None or idle(active & inseparable):
             return bs, weight, belongs
@@ -149,7 +149,7 @@ def sample_lobe(
     def sample(one: mi.BSDF, weights: list[mi.Float] | None, *args: Any) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         if getattr(one, "disperses", False):
             si, choice, point, active = args
-            return one.sample_carried(lobe, si, choice, point, weights, active)
+            return one.sample_dispersed(lobe, si, choice, point, weights, active)
         return workarounds.sample(lobe, one, *args)
 
     return dispatch(bsdf, sample, weights, si, choice, point, active)

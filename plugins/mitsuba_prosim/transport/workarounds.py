@@ -1,24 +1,24 @@
-"""Workarounds for plugins of Mitsuba 3.9 that do not sample or evaluate the lobes that they are asked for.
+"""Workarounds for plugins of Mitsuba 3.9 whose sampling or evaluation ignores the type mask of the ``BSDFContext``.
 
 ``mask``
-    samples nothing but its null lobe when it is asked for others alone. So it is always asked for that too. This can go
+    samples only its null lobe if the mask lacks that lobe. So :func:`sample` always requests it as well. This can go
     when ``mask.sample`` follows the type mask.
 ``blendbsdf``
-    takes the probability of an ideal lobe for a density and mixes it with densities of smooth lobes, so that light is
-    lost or added. So :func:`sample` asks for the ideal or the smooth lobes, each with probability 1/2. If one of the
-    two has no separable lobes, :func:`sample_leaves` samples both itself. It also knows no derivative of ideal lobes by
-    the weight: :func:`blend_share`. All of this can go when ``blendbsdf`` keeps the two kinds of densities apart.
+    mixes the probability of an ideal lobe with densities of smooth lobes, which loses or adds light. So :func:`sample`
+    requests the ideal or the smooth lobes, each with probability 1/2. If one of the two BSDFs has no separable lobes,
+    :func:`sample_leaves` samples both itself. The derivative of ideal lobes by the weight is missing too:
+    :func:`blend_share`. All of this can go when ``blendbsdf`` separates the two kinds of densities.
 ``bumpmap``, ``normalmap``
-    do not tell how they turn the surface, so that no blend inside can be sampled like that: :func:`warn_of_dim_lobes`.
-    It goes with the workaround for ``blendbsdf``.
+    do not expose how they turn the surface, so that a blend inside cannot be sampled like that:
+    :func:`warn_of_dim_lobes`. It goes with the workaround for ``blendbsdf``.
 ``thindielectric``
-    samples a lobe that it is not asked for. :meth:`.Scattering.sample` drops such samples; that can go when
+    samples lobes outside of the type mask. :meth:`.Scattering.sample` drops such samples; that can go when
     ``thindielectric.sample`` follows the type mask.
 ``principled``, ``principledthin``, ``hair``
-    evaluate all lobes together whatever they are asked for. Light sampling takes them as a whole, and
+    evaluate all lobes together, whatever the type mask is. Light sampling evaluates all their lobes, and
     :func:`belongs_to` sorts their samples by lobe. This can go when their ``eval`` and ``pdf`` follow the type mask.
 ``Scene.ray_intersect(skip_area_emitters)``
-    counts distances from the last emitter and knows no ``maxt``. :func:`past_emitters` can go when these are right.
+    measures distances from the last emitter and ignores ``maxt``. :func:`past_emitters` can go when both are right.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def any_mixed(scene: mi.Scene) -> bool:
 
 
 def warn_of_dim_lobes(scene: mi.Scene) -> None:
-    """Warns of ideal lobes that are darker than their share: a ``bumpmap`` or ``normalmap`` does not say which way it
-    turns a surface, so that what is mixed within cannot be sampled one by one.
+    """Warns of ideal lobes that are too dark: a ``bumpmap`` or ``normalmap`` does not expose how it turns the surface,
+    so that a blend inside cannot be sampled leaf by leaf.
     """
     everything = lobes.everything()
     dim = [
@@ -56,9 +56,9 @@ def warn_of_dim_lobes(scene: mi.Scene) -> None:
     if dim:
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: the ideal lobes of {', '.join(map(repr, dim))} come out too dark: a bumpmap or normalmap holds a "
-            "blendbsdf that mixes them with what does not tell its lobes apart (principled and the like). Put the "
-            "blendbsdf outside, of two BSDFs with a bumpmap or normalmap each.",
+            f"prosim: the ideal lobes of {', '.join(map(repr, dim))} are too dark: a bumpmap or normalmap holds a "
+            "blendbsdf that mixes them with a BSDF without separable lobes, such as principled. Put a bumpmap or "
+            "normalmap into each BSDF of the blendbsdf instead.",
         )
 
 
@@ -73,7 +73,7 @@ def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 
 
 def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Whether all lobes of ``bsdf`` are asked for, and it blends a BSDF whose lobes are inseparable."""
+    """Whether ``lobe`` is all lobes, and ``bsdf`` blends ideal lobes with a BSDF without separable ones."""
     return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_inseparable(bsdf)
 
 
@@ -92,11 +92,11 @@ def sample(
         return sample_leaves(lobe, bsdf, si, choice, point, active)
     masks = any(_within(bsdf, MASK))
 
-    def part(asked: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        bs, weight = bsdf.sample(lobes.and_through(asked) if masks else asked, si, choice, point, active)
+    def part(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        bs, weight = bsdf.sample(lobes.and_through(requested) if masks else requested, si, choice, point, active)
         ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
         weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
-        bs.pdf = dr.select((bs.sampled_type & asked.type_mask) != 0, bs.pdf, 0)
+        bs.pdf = dr.select((bs.sampled_type & requested.type_mask) != 0, bs.pdf, 0)
         return bs, weight
 
     if not _mixes(lobe, bsdf):
@@ -115,8 +115,8 @@ def eval_pdf(
     if _needs_leaves(lobe, bsdf):
         return bsdf.eval_pdf(lobe, si, wo, active)
     half = _mixes(lobe, bsdf)
-    asked = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
-    f, pdf = bsdf.eval_pdf(lobes.and_through(asked) if any(_within(bsdf, MASK)) else asked, si, wo, active)
+    requested = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
+    f, pdf = bsdf.eval_pdf(lobes.and_through(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
     return f, pdf * 0.5 if half else pdf
 
 
@@ -207,7 +207,7 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
         first = blend_share(inner["bsdf_0"], si, (choice - w) / dr.maximum(1 - w, 1e-8), active)
         second = blend_share(inner["bsdf_1"], si, choice / dr.maximum(w, 1e-8), active)
         return dr.select(choice > w, (1 - weight) * first, weight * second)
-    if kind == MASK:  # which knows of the derivative by its own opacity
+    if kind == MASK:  # its own derivative by the opacity is right
         a = dr.clip(dr.detach(inner["opacity"].eval_1(si, active)), 0, 1)
         nested = blend_share(inner["nested_bsdf"], si, choice / dr.maximum(a, 1e-8), active)
         return dr.select(choice < a, nested, 1)

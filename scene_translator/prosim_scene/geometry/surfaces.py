@@ -103,11 +103,6 @@ def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 CHUNK = 1 << 16  # triangles at a time
 
 
-def uncached(_: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
-    """Calls ``make``."""
-    return make()
-
-
 @paused()
 def tessellate(
     document: Document,
@@ -116,7 +111,7 @@ def tessellate(
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
     fresnel: Callable[[Leaf], bool],
-    kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = uncached,
+    kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = lambda _, make: make(),
     meshes: Mapping[str, Primitive] | None = None,
 ) -> dict[MeshKey, Triangles]:
     """The surfaces of a document's scene.
@@ -154,7 +149,7 @@ def tessellate(
     filling -= {media.OPAQUE, media.AIR}
     _report_vanished(document, seen | np.isin(media_of, list(filling)))
     _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
-    shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
+    shown = {key: tuple(some) for key, some in alike.items() if faces.seen[some].any()}
     return dict(zip(shown, faces.chosen(list(shown.values()))))
 
 

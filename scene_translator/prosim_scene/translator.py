@@ -14,7 +14,7 @@ from .files import read
 from .language import document_of
 from .language.diagnostics import SceneError
 from .language.document import Document
-from .mitsuba.assemble import assemble, looking
+from .mitsuba.assemble import assemble, view_sensor
 from .model import Scene
 from .nodes import Comment, Node
 from .options import Options
@@ -164,13 +164,13 @@ class _FileName(str):
 def sensor(
     source: Document, kept: Kept | None = None, *, transform: Callable[[Any], Any] | None = None, **options: Any
 ) -> Node:
-    """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``, to look at what a translation has made of
-    the same solids; the options are those of :func:`load`. No solid is evaluated for it, and none becomes finer.
+    """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``: a new view of solids that are translated
+    already. The options are those of :func:`load`. No solid is evaluated for it, and none becomes finer.
 
     ``kept`` is what that translation has left: no face of it is cut off, however near or far it is. Raises
     :class:`SceneError` for a view that there can't be.
     """
-    return _plain(looking(source, Options(**options), kept), transform)
+    return _plain(view_sensor(source, Options(**options), kept), transform)
 
 
 def _plain(tree: Node, transform: Callable[[Any], Any] | None) -> Node:

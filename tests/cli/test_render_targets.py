@@ -101,3 +101,27 @@ def test_a_signal_is_heard_within_seconds_in_a_long_pass(scene):
         printed, _ = process.communicate(timeout=10)
     assert process.returncode == 1 and b"ended by a signal" in printed
     assert pixels(scene.with_suffix(".exr")).max(axis=2).min() > 0
+
+
+def test_snapshots_are_images_of_one_render(scene):
+    """Their own error and counts are in the metadata; the last image is that of a render without them."""
+    scene.write_text(NOISY)
+    assert prosim("render", scene, "--noise", 0.0001, "-o", scene.with_name("alone")).exit_code == 0
+    assert prosim("render", scene, "--snapshots", "0.001,0.0002,0.0001").exit_code == 0
+    images = {
+        name: mi.Bitmap(str(scene.with_name(f"{scene.stem}.{name}.exr"))) for name in ("0.001", "0.0002", "0.0001")
+    }
+    found = {name: image.metadata() for name, image in images.items()}
+    assert all(float(found[name]["prosim.noise"]) <= float(name) for name in found)
+    counts = [float(header["prosim.samples"]) for header in found.values()]
+    assert counts == sorted(counts) and counts[0] < counts[-1]
+    last = pixels(scene.with_suffix(".exr"))
+    assert (last == pixels(scene.with_name("alone.exr"))).all() and (
+        last == pixels(scene.with_name("scene.0.0001.exr"))
+    ).all()
+
+
+@pytest.mark.parametrize("value, says", [("0.1,4s", "errors or times, not both"), ("0", "positive"), ("x", "X,X")])
+def test_snapshots_that_are_none(scene, value, says):
+    result = prosim("render", scene, "--snapshots", value)
+    assert result.exit_code == 2 and says in result.stderr

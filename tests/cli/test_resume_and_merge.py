@@ -127,8 +127,7 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
         ("--part 3/2", "part 3 of 2"),
         ("--part 3", "not of the form K/M"),
         ("--keep", "--keep needs prosim or prosim_adaptive"),
-        ("--denoise --keep", "--denoise renders two images"),
-        ("--denoise --part 1/2", "--denoise renders two images"),
+        ("--denoise --part 1/2", "--denoise needs the whole image"),
     ],
 )
 def test_wrong_use(scene, options, says):

@@ -27,7 +27,7 @@ def skins(text, tolerance=0.05):
         camera_of(document),
         tolerance,
         lambda leaf: assemble.medium(scene, leaf),
-        lambda leaf: assemble.look(scene, leaf),
+        lambda leaf: assemble.appearance(scene, leaf),
         lambda leaf: assemble.fresnel(scene, leaf),
     )
 
@@ -40,7 +40,7 @@ def solids(text, tolerance=0.05):
     scene = document_of(text, "test.scn").scene
     for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
-            looks.setdefault(assemble.look(scene, leaf), leaf.index)
+            looks.setdefault(assemble.appearance(scene, leaf), leaf.index)
             media.setdefault(assemble.medium(scene, leaf), leaf.index)
     return {
         looks[skin.material] if skin.outside is None else (looks[skin.material], media[skin.outside]): triangles

@@ -221,6 +221,8 @@ def test_a_file_that_cannot_be_read_is_a_scene_error(tmp_path):
         ("AMBIENT " + "9." + "9" * 1_000_000 + "%%", "not a number"),
         ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "at most"),
         ("(" * 1_000_000, "not closed"),
+        ("VIEW OBS " + "$x " * 100_000 + "END", "no value"),
+        ("VIEW OBS " + " ".join(f"$x{i}" for i in range(50_000)) + " END", "many more errors"),
         ("()" * 500_000 + "x", "unknown word"),
         ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
         ("\x00" * 1_000_000, "unknown word"),

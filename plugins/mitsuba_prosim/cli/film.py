@@ -239,4 +239,5 @@ def render(job: Job, stem: Path) -> None:
     interruption = film.render()
     end = f"; {interruption}. The same command continues with the others." if interruption else ""
     click.echo(film.report() + end)
-    sys.exit(bool(interruption))
+    if interruption:
+        sys.exit(1)

@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
 
+#: The estimated error of a denoised image is said to be uncertain from this relative standard error on.
+UNCERTAIN = 0.12
+
+
 @dataclass(frozen=True)
 class Task:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
@@ -135,7 +139,8 @@ class Result:
 def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     """The render of a job: an iterator of :class:`.Step`. ``how``: see :func:`.rendering.progressive`."""
     if job.denoise:
-        return halves.Rendering(scene, sensor, scene.integrator(), job.seed, job.spp or 0)
+        how = how if rendering.keeps(scene.integrator()) else {}
+        return halves.DenoisedRender(scene, sensor, scene.integrator(), job.seed, job.spp or 0, **how)
     return rendering.progressive(scene, sensor, job.seed, job.spp or 0, **how)
 
 
@@ -147,7 +152,8 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
     """
     job, film, is_frame = task.job, task.sensor.film(), bool(task.facts)
     writer = task.writer()
-    consumers: list[Any] = [one for one in (writer, shown and shown.update) if one]
+    snapshots = Snapshots(task)
+    consumers: list[Any] = [one for one in (writer, snapshots, shown and shown.update) if one]
     with interruptible(task.integrator.cancel) as signals:
         executor = workers.executor(task)
         begun = perf_counter()
@@ -158,6 +164,7 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
                 for consume in consumers:
                     consume(steps)
             steps.close()
+            snapshots(steps)
             if writer is not None:
                 writer(steps, last=True)
         except ValueError as error:
@@ -184,6 +191,33 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
         lines[0] = f"{lines[0]}, {report.interrupted(steps.reached)}"
         lines.append(f"To continue it: prosim resume {writer.path}" if writer else None)
     return Result("\n".join(filter(None, lines)), interruption, image.black)
+
+
+class Snapshots:
+    """Writes the image of a task, without suffix ``NAME``, to ``NAME.0.04.exr`` when its error is this small, or to
+    ``NAME.4s.exr`` after 4 seconds, with its true error, counts and time.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task, self.left, self.begun = task, sorted(task.job.snapshots or ()), perf_counter()
+
+    def __call__(self, steps: Any) -> None:
+        """Writes those that are due."""
+        reached, task = steps.reached if self.left else None, self.task
+        for text in [one for one in self.left if reached is not None and reached.least and due(one, reached)]:
+            self.left.remove(text)
+            steps.put()
+            facts = metadata(task.job, task.integrator, reached, False, perf_counter() - self.begun)
+            facts |= {"prosim.ended": f"snapshot {text}", "prosim.noise_at_most": f"{steps.noise_at_most():.6g}"}
+            exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
+            output.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
+
+
+def due(snapshot: str, reached: Reached) -> bool:
+    """Whether the error is as small as a snapshot says, or its time is over."""
+    if snapshot.endswith("s"):
+        return reached.seconds >= float(snapshot[:-1])
+    return reached.noise <= float(snapshot)
 
 
 def end_without_image(signals: Sequence[int], lost: str | None) -> NoReturn:
@@ -245,12 +279,12 @@ def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> N
     halves.check(film)
 
 
-def denoised(steps: halves.Rendering, film: mi.Film) -> tuple[mi.Bitmap, dict[str, str], str]:
+def denoised(steps: halves.DenoisedRender, film: mi.Film) -> tuple[mi.Bitmap, dict[str, str], str]:
     """The denoised image, its metadata, and a line of the report; of a render that was interrupted the first half."""
     both = steps.halves
     if both.second is None:
         return layers.undenoised(both), {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
-    result = both.denoised()
+    result = steps.denoised()
     raw, final = result.noise(result.raw_error), result.noise(result.final_error)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
@@ -258,7 +292,11 @@ def denoised(steps: halves.Rendering, film: mi.Film) -> tuple[mi.Bitmap, dict[st
         "prosim.denoised.noise": f"{final:.6g}",
         "prosim.denoised.raw_noise": f"{raw:.6g}",
     }
+    if steps.render is not None and (estimates := steps.render.state.estimates):
+        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, fast or not, noise
     line = f"denoised: noise about {final:.2g}, raw {raw:.2g}"
+    if both.uncertainty > UNCERTAIN:
+        line += ", uncertain: a few pixels have most of the error"
     if not film.rfilter().is_box_filter():
         line += " (the film's filter is wider than a pixel; a box filter suits a denoiser better)"
     return layers.bitmap(both, result), facts, line

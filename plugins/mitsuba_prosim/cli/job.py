@@ -41,7 +41,7 @@ LANGUAGE = ("light_units", "tolerance", "allow_outside")
 TARGETS = ("noise", "noise_99", "noise_999", "time")
 
 #: Fields that do not change the image.
-FILES = ("output", "denoise", "keep", "view", "verbose", "frames", "fps", "overwrite")
+FILES = ("output", "keep", "snapshots", "view", "verbose", "frames", "fps", "overwrite")
 RUNNING = (*FILES, "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
@@ -80,6 +80,9 @@ class Job:
     )
     exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
     keep: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
+    snapshots: tuple[str, ...] | None = _output(
+        options.SNAPSHOTS, "Also write NAME.0.04.exr, ... when the error is this small, or NAME.4s.exr after 4 s."
+    )
     view: tuple[str, int] | None = _output(options.VIEWER, "Show the image in tev while it is rendered.")
     verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
 
@@ -246,7 +249,8 @@ CONFLICTS = (
         "with --adaptive none; then prosim merge --keep, and prosim resume NAME.state.npz --noise X --adaptive graded. "
         "Where the machines are connected, --cluster does all that.",
     ),
-    ("denoise", "keep part", "--denoise renders two images, and --keep and --part store one; give one of them."),
+    ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
+    ("snapshots", "denoise part frames", "--snapshots shows a single image as its samples are; leave out the other."),
     ("layers", "denoise", "--denoise changes the image, and --layers are parts of the raw one; give one of them."),
     ("frames", "part", "--part is for single images. Let each machine render some of the --frames: 0:24, 24:48."),
     ("frames", "view", "--view is for single images. To see one frame: -D frame=7 instead of --frames."),
@@ -269,6 +273,9 @@ def job_of(asked: dict[str, Any]) -> Job:
             raise click.UsageError(
                 f"--{name.replace('_', '-')} is for scenes in the thesis's language; {scene} is XML."
             )
+    if (snapshots := asked.get("snapshots")) and not given & set(TARGETS):
+        seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]
+        asked.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
     warnings.simplefilter("always", prosim_scene.SceneWarning)
     asked["definitions"] = dict(asked.get("definitions", ()))
     if "variant" in asked:

@@ -94,6 +94,16 @@ def _frames(first: str, end: str | None, step: str | None) -> range:
     return frames
 
 
+def _snapshots(text: str) -> tuple[str, ...]:
+    """The errors, as they were written, or the times, which end in s; all positive."""
+    snapshots = tuple(text.split(","))
+    if len({one.endswith("s") for one in snapshots}) > 1:
+        raise ValueError("give errors or times, not both")
+    if not all(float(one.removesuffix("s")) > 0 for one in snapshots):
+        raise ValueError("errors and times are positive")
+    return snapshots
+
+
 def _levels(text: str) -> tuple[int, ...]:
     levels = sorted(set(map(int, text.split(","))))
     if len(levels) < 2:
@@ -110,6 +120,7 @@ CROP = Form(
 )
 PART = Form("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
 FRAMES = Form("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
+SNAPSHOTS = Form("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
 LEVELS = Form("N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)*)", _levels)
 DEFINITION = Form("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
 VIEWER = Form(

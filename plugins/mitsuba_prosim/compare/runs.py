@@ -59,7 +59,7 @@ class Contestant:
         """The number of samples of each pixel, shape (height, width); samplers round what they are asked for."""
         if self.counting is not None:
             if self.denoised:
-                return halves.halves(self.scene, self.sensor, self.counting, 0, self.spp).others()["samples"]
+                return halves.DenoisedRender(self.scene, self.sensor, self.counting, 0, self.spp).run().counts()
             return np.array(self.counting.render(self.scene, self.sensor, seed=0, spp=self.spp))[..., -1]
         sampler = self.sensor.sampler().clone()
         sampler.set_sample_count((self.spp + 1) // 2 if self.denoised else self.spp)

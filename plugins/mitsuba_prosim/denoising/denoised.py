@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -32,6 +33,18 @@ class Denoised:
         """
         light = displayed(self.final)
         return float(np.sqrt(np.mean((np.sqrt(light + error) - np.sqrt(light)) ** 2, dtype=np.float64)))
+
+    def errors(self) -> tuple[float, float, float]:
+        """RMS error of the displayed final image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, with
+        normal errors in each.
+        """
+        light = displayed(self.final)
+        deviation = (np.sqrt(light + self.final_error) - np.sqrt(light)).ravel()
+        deviation = deviation[:: max(1, deviation.size // 16384)]
+        normal = NormalDist()
+        errors = np.outer(deviation, [normal.inv_cdf(0.5 + (k + 0.5) / 128) for k in range(64)]).ravel()
+        tails = np.percentile(errors, [99, 99.9])
+        return self.noise(self.final_error), float(tails[0]), float(tails[1])
 
 
 def denoise(
@@ -66,12 +79,16 @@ def denoise(
     for name, feature in (("albedo", albedo), ("normal", normal)):
         if feature is not None and np.shape(feature) != (*first.shape[:2], 3):
             raise ValueError(f"denoise: {name} has the shape {np.shape(feature)}, not {(*first.shape[:2], 3)}")
+    return mixed(first, second, Denoiser(albedo, normal, fast))
+
+
+def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
+    """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features."""
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Their squares must be finite.
     first, second = (
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )
-    denoiser = Denoiser(albedo, normal, fast)
     mixture = mix(first, second, *(denoiser(image) for image in inputs(first, second)))
     errors = (np.sqrt(e) for e in (mixture.raw_error, mixture.denoised_error, mixture.error))
     return Denoised((first + second) / 2, mixture.denoised, mixture.image, *errors)

@@ -1,33 +1,39 @@
-"""Two images of a scene from different samples, and the features of its view."""
+"""From a scene to two images by different samples, and the features of the view."""
 
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
 
+from ..engine.error_target import ENOUGH
 from ..engine.work import Step
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
 from ..transport.features import NAMES
-from .denoised import Denoised, denoise
+from .denoised import Denoised, mixed
+from .mixing import displayed
+from .oidn import Denoiser
 
-#: The features of a pixel have N² samples.
+if TYPE_CHECKING:
+    from ..engine.accumulators import FilmState
+    from ..engine.checkpoint import Checkpoint
+    from ..engine.render import Render
+
+#: N: the features of a pixel have N² samples.
 FEATURE_SAMPLES = 4
-
-#: Goals of a render that are errors.
-ERRORS = ("noise", "noise_99", "noise_999")
 
 
 @dataclass(frozen=True)
 class Halves:
-    """Two images with all of their channels, shape (height, width, channels), and features, shape (height, width, 3).
-    ``second`` and the features are None where the render was stopped.
+    """The two images with all of their channels, shape (height, width, channels), and the features, shape
+    (height, width, 3). ``second`` is None where the rendering was stopped; then there are no features either.
     """
 
     #: Of the channels, the film's own first.
@@ -39,17 +45,25 @@ class Halves:
 
     @property
     def colours(self) -> int:
-        """The number of channels that are colours."""
+        """How many channels are colours."""
         return 1 if self.names[0] == "Y" else 3
 
-    def denoised(self, fast: bool = False) -> Denoised:
-        """The result of :func:`.denoise`."""
+    def denoised(self, fast: bool = False, denoiser: Denoiser | None = None) -> Denoised:
+        """What :func:`.denoise` makes of them; ``denoiser``: one with these features."""
         assert self.second is not None
         first, second = (half[..., : self.colours] for half in (self.first, self.second))
-        return denoise(first, second, self.albedo, self.normal, fast)
+        return mixed(first, second, denoiser or Denoiser(self.albedo, self.normal, fast))
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard error of the estimated squared error: large if a few pixels have most of it."""
+        assert self.second is not None
+        first, second = (displayed(half[..., : self.colours]) for half in (self.first, self.second))
+        squares = np.square(np.sqrt(first, dtype=np.float64) - np.sqrt(second, dtype=np.float64))
+        return float(np.sqrt(np.sum(squares**2)) / max(float(np.sum(squares)), 1e-300))
 
     def others(self) -> dict[str, np.ndarray]:
-        """Alpha and the integrator's own channels of the whole image, by name."""
+        """Alpha and the integrator's own channels, of both halves together, by name."""
         assert self.second is not None
         result = {}
         for k, name in enumerate(self.names[self.colours :], self.colours):
@@ -68,87 +82,174 @@ def render(
 ) -> Denoised:
     """Renders ``scene`` by its integrator, or another, and denoises the image.
 
-    Each of two halves with different seeds takes half of the samples, of ``spp`` or of the integrator's own number. The
-    sensor's film is used, and does not hold the result. ``fast``: see :func:`.denoise`.
+    The samples, those of the integrator or ``spp``, are divided into two halves of other seeds; its ``noise`` is the
+    limit of the final image's error. The sensor's film is used for that, and does not hold the result. ``fast``: see
+    :func:`.denoise`.
 
-    Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` where the package mitsuba-oidn is
+    Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` if the package mitsuba-oidn is
     not installed.
     """
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
-    return halves(scene, sensor, integrator or scene.integrator(), seed, spp).denoised(fast)
+    return DenoisedRender(scene, sensor, integrator or scene.integrator(), seed, spp, fast).run().denoised()
 
 
-def halves(scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator, seed: int = 0, spp: int = 0) -> Halves:
-    """Renders the two halves, one after the other."""
-    both = Rendering(scene, sensor, integrator, seed, spp)
-    for _ in both:
-        pass
-    return both.halves
-
-
-class Rendering:
-    """A progressive render of two halves, with the interface of :class:`~mitsuba_prosim.engine.render.Render`.
-
-    :meth:`close` leaves the first half, as far as it is done.
+class DenoisedRender:
+    """Two halves of the samples in progress, which are denoised at the end, and earlier to estimate the error of the
+    final image: the interface of :class:`~mitsuba_prosim.engine.render.Render`. ``how``: for ``progressive``.
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator, seed: int, spp: int) -> None:
-        check(sensor.film())
-        self.scene, self.sensor, self.integrator, self.seed, self.spp = scene, sensor, integrator, seed, spp
-        #: Samples, noise and time so far; None where the integrator does not report them.
-        self.reached: Any = None
-        self._images: list[np.ndarray] = []
-        self._names: list[str] = []
-        self._steps = self._run()
-        self._render: Any = None
-        self._features: tuple[Any, Any] = (None, None)
+    #: The denoiser estimates the error when the raw one is at most this many times the limit: at most so often with
+    #: smaller networks, and so often with those of the final image.
+    FAR, FAST, BEST = 5.0, 3, 2
+    #: The estimates over the error of the final image, about: with smaller networks, and with its own.
+    ABOVE = 1.22, 1.1
+    #: The power of the number of samples with which the final error falls: first assumption, and its bounds.
+    SLOPE, LEAST, MOST = 0.4, 0.25, 0.6
 
-    def __iter__(self) -> Rendering:
-        return self
+    def __init__(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        integrator: Any,
+        seed: int = 0,
+        spp: int = 0,
+        fast: bool = False,
+        **how: Any,
+    ) -> None:
+        check(sensor.film())
+        self.scene, self.sensor, self.integrator, self.seed, self.fast = scene, sensor, integrator, seed, fast
+        self.features: tuple[np.ndarray, np.ndarray] | None = None
+        #: The denoised image, and the number of samples that it has; the denoisers by their speed.
+        self._latest: tuple[float, Denoised] | None = None
+        self._denoisers: dict[bool, Denoiser] = {}
+        #: The render of our own integrators; the images of others.
+        self.render: Render | None = None
+        self._images: list[np.ndarray] = []
+        if rendering.keeps(integrator):
+            how |= half(integrator, spp)
+            self.render = integrator.progressive(scene, sensor, seed, denoiser=self, **how)
+        self._blocks = self._blocking(((spp or sensor.sampler().sample_count()) + 1) // 2)
+
+    def __iter__(self) -> Any:
+        return iter(self.render or self._blocks)
 
     def __next__(self) -> Step:
-        return next(self._steps)
+        return next(self.render or self._blocks)
+
+    def run(self) -> DenoisedRender:
+        """Takes all steps, and returns itself."""
+        for _ in self:
+            pass
+        return self
 
     def put(self) -> None:
-        """Puts the half in progress into the film."""
-        self._render.put()
+        """Makes the first half so far what the film holds."""
+        if self.render is not None:
+            self.render.put()
 
     def close(self) -> None:
-        """Ends the render."""
-        self._steps.close()
-        if not self._images and self._render is not None:
-            self._render.close()
-            self._store()
+        """Ends it with the samples so far."""
+        if self.render is not None:
+            self.render.close()
+        self._blocks.close()
+
+    def checkpoint(self) -> Checkpoint:
+        """What another process needs to continue it."""
+        assert self.render is not None
+        return self.render.checkpoint()
+
+    def counts(self) -> np.ndarray:
+        """Number of samples of each pixel, shape (height, width)."""
+        assert self.render is not None
+        return self.render.counts()
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has all the samples that were asked for."""
+        return len(self._images) == 2 if self.render is None else self.render.finished
+
+    @property
+    def reached(self) -> Any:
+        """How far it came, as :class:`~mitsuba_prosim.engine.render.Reached`; None for integrators of Mitsuba."""
+        return None if self.render is None else self.render.reached
 
     @property
     def halves(self) -> Halves:
-        """The result."""
-        second = None if self._features[0] is None else self._images[1]
-        return Halves(self._names, self._images[0], second, *self._features)
+        """The two halves; the first alone if the second lacks pixels."""
+        film, images = self.sensor.film(), self._images
+        if self.render is not None:
+            assert self.render.second is not None
+            complete = np.all(np.array(self.render.second.accumulators.count) > 0)
+            images = [np.array(self.render.image(k)) for k in ((True, False) if complete else (False,))][::-1]
+        names = [field.name for field in film.bitmap().struct_()]
+        if len(images) < 2:
+            return Halves(names, images[0], None)
+        if self.features is None:
+            hide_emitters = getattr(self.integrator, "hide_emitters", False)
+            self.features = features(self.scene, self.sensor, self.seed, hide_emitters)
+        (first, second), (albedo, normal) = images, self.features
+        return Halves(names, first, second, albedo, normal)
 
-    def _run(self) -> Generator[Step, None, None]:
-        how = half(self.integrator, self.sensor, self.spp)
-        # Another image may have the next seed.
-        for k, seed in enumerate((self.seed, combine(hash32(self.seed), 1))):
-            self._render = rendering.progressive(self.scene, self.sensor, seed, integrator=self.integrator, **how)
-            for step in self._render:
-                yield Step(0.48 * (k + step.done), False)
-            is_finished = getattr(self._render, "finished", True)
-            if is_finished or k == 0:
-                self._store()
-            if not is_finished:
-                return
-        hide_emitters = getattr(self.integrator, "hide_emitters", False)
-        self._features = features(self.scene, self.sensor, self.seed, hide_emitters)
-        yield Step(1.0, True)
+    def denoised(self) -> Denoised:
+        """The denoised image of the samples so far."""
+        samples = 0.0 if self.render is None else float(self.render.counts().mean(dtype=np.float64))
+        if self._latest is None or self._latest[0] != samples:
+            self._latest = samples, self._denoise(self.fast)
+        return self._latest[1]
 
-    def _store(self) -> None:
-        """Stores the image of the film."""
-        self._names = [field.name for field in self.sensor.film().bitmap().struct_()]
-        self._images.append(np.array(self.sensor.film().develop()))
-        reached = self._render.reached
-        self.reached = together(self.reached, reached) if self.reached else reached
+    def _denoise(self, fast: bool) -> Denoised:
+        both = self.halves
+        if fast not in self._denoisers:
+            self._denoisers[fast] = Denoiser(both.albedo, both.normal, fast)
+        return both.denoised(denoiser=self._denoisers[fast])
+
+    def estimate(self, render: Render) -> tuple[float, float, float]:
+        """The error of the final image; see :class:`~mitsuba_prosim.engine.render.Denoiser`. Far from the limits it is
+        not denoised; then the error is one with which the raw one comes near.
+
+        The decisions go by rounded numbers, as the bits of the denoiser may depend on the number of threads.
+        """
+        state, target, samples = render.state, render.target, float(render.counts().mean(dtype=np.float64))
+        assert render.second is not None
+        raw, timed = render.second.noise(state), target.seconds and not target.reserved
+        if target.excess(raw) > self.FAR and not timed:
+            return raw[0] / self.FAR, raw[1] / self.FAR, raw[2] / self.FAR
+        if not any(target.limits) and not timed:
+            return raw
+        last = state.estimates[-1] if state.estimates else None
+        if last is not None and last[0] == samples:  # before an interruption
+            return last[2], last[3], last[4]
+        best = sum(not fast for _, fast, *_ in state.estimates)
+        noise: tuple[float, ...] = raw
+        if not self.fast and len(state.estimates) - best < self.FAST and not timed:
+            noise = self._record(state, samples, True, self._denoise(True))
+        elif last is not None:
+            noise = tuple(error * (last[0] / samples) ** state.slope for error in last[2:])
+        if timed or (best < self.BEST and (self.fast or target.excess((noise[0], noise[1], noise[2])) <= ENOUGH)):
+            begun = time.perf_counter()
+            noise = self._record(state, samples, False, self.denoised())
+            if target.seconds:
+                render.target = dataclasses.replace(target, reserved=1.2 * (time.perf_counter() - begun))
+        return noise[0], noise[1], noise[2]
+
+    def _record(self, state: FilmState, samples: float, fast: bool, image: Denoised) -> tuple[float, ...]:
+        """Keeps the estimated error, rounded, and how fast it falls."""
+        noise = tuple(float(f"{error / self.ABOVE[not fast]:.3g}") for error in image.errors())
+        if state.estimates and samples > state.estimates[-1][0]:
+            before, _, error, *_ = state.estimates[-1]
+            state.slope = min(max(np.log(error / noise[0]) / np.log(samples / before), self.LEAST), self.MOST)
+        elif not state.estimates:
+            state.slope = self.SLOPE
+        state.estimates.append((samples, fast, *noise))
+        return noise
+
+    def _blocking(self, spp: int) -> Generator[Step, None, None]:
+        """Renders the halves by an integrator that says nothing until the end of each."""
+        # No neighbouring seed, which may be that of another image.
+        for seed in (self.seed, combine(hash32(self.seed), 1)):
+            yield from rendering.progressive(self.scene, self.sensor, seed, spp, self.integrator)
+            self._images.append(np.array(self.sensor.film().develop()))
 
 
 def features(
@@ -171,29 +272,18 @@ def check(film: mi.Film) -> None:
         raise ValueError(f"{film.class_name()}: the denoiser needs colours; use an hdrfilm")
 
 
-def half(integrator: Any, sensor: mi.Sensor, spp: int) -> dict[str, Any]:
-    """Arguments of :func:`.rendering.progressive` for half of the samples: of ``spp``, or 0 for the integrator's own.
-
-    Our integrators get N-rook patterns of N²/2 samples, goals with twice the variance, and half of the time.
+def half(integrator: Any, spp: int) -> dict[str, Any]:
+    """Arguments of the integrator's ``progressive()`` for half of the samples: those of ``spp``, or of the integrator
+    if that is 0: patterns of about N²/2 samples, whose threshold is that of half the variance.
     """
-    if not rendering.keeps(integrator):
-        return {"spp": ((spp or sensor.sampler().sample_count()) + 1) // 2}
     if spp:
         return {"spp": size_of_half(spp**0.5) ** 2}
     sampling = integrator.sampling
-    goals = {name: getattr(sampling, name) * 2**0.5 for name in ("threshold", *ERRORS)}
     samples, most = size_of_half(sampling.samples), (sampling.max_samples + 1) // 2
-    goals |= {"samples": samples, "max_samples": most, "time": sampling.time / 2}
-    return {"sampling": dataclasses.replace(sampling, **goals)}
+    threshold = sampling.threshold * 2**0.5
+    return {"sampling": dataclasses.replace(sampling, samples=samples, max_samples=most, threshold=threshold)}
 
 
 def size_of_half(n: float) -> int:
     """N of an N-rook pattern of about ``n``² / 2 samples."""
     return max(1, round(n / 2**0.5))
-
-
-def together(first: Any, second: Any) -> Any:
-    """The :class:`~mitsuba_prosim.engine.render.Reached` of two halves."""
-    sums = {name: getattr(first, name) + getattr(second, name) for name in ("samples", "least", "seconds")}
-    errors = {name: float(np.hypot(getattr(first, name), getattr(second, name))) / 2 for name in ERRORS}
-    return dataclasses.replace(first, **sums, **errors)

@@ -86,7 +86,10 @@ class FilmState:
         dr.eval(self.x, self.y)
         #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, as measured
         #: last by :class:`.SecondImage`.
-        self.noise = (float("nan"),) * 3
+        self.noise: tuple[float, float, float] = (float("nan"),) * 3
+        #: The error falls with this power of the number of samples; and each estimate of the denoised image's error:
+        #: samples of a pixel, and the error as above.
+        self.slope, self.estimates = 0.5, list[tuple[float, ...]]()
         #: How often the policy has decided; 0 before the end of the first pass.
         self.rounds = 0
         #: The counts of the current pass; None in the first pass and between two.

@@ -70,6 +70,8 @@ class Checkpoint:
             "outer": state.outer,
             "endless": state.plan.endless,
             "noise": state.noise,
+            "slope": state.slope,
+            "estimates": state.estimates,
             "rounds": state.rounds,
             "effort": state.effort,
             "seconds": seconds,
@@ -109,7 +111,9 @@ class Checkpoint:
             )
         # Further samples may be of an endless sequence after N-rook patterns, but not the reverse.
         state.plan = replace(state.plan, endless=state.plan.endless or self.facts["endless"])
-        state.noise = tuple(self.facts["noise"])
+        rms, most, nearly_all = self.facts["noise"]
+        state.noise, state.slope = (rms, most, nearly_all), self.facts["slope"]
+        state.estimates = [tuple(estimate) for estimate in self.facts["estimates"]]
         pixels = {name: self._placed(values, state) for name, values in self.pixels.items()}
         state.accumulators = accumulators(pixels)
         state.second = accumulators(self.second) if self.second else None

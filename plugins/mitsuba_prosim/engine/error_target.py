@@ -40,6 +40,8 @@ class ErrorTarget:
     limits: tuple[float, float, float]
     seconds: float
     begun: float = field(default_factory=time.perf_counter)
+    #: Seconds at the end for the denoiser.
+    reserved: float = 0.0
 
     @classmethod
     def of(cls, sampling: Sampling, passed: float) -> ErrorTarget:
@@ -59,7 +61,7 @@ class ErrorTarget:
     @property
     def left(self) -> float:
         """Seconds until the end."""
-        return self.seconds - self.passed if self.seconds else np.inf
+        return self.seconds - self.reserved - self.passed if self.seconds else np.inf
 
     @property
     def over(self) -> bool:
@@ -74,7 +76,8 @@ class ErrorTarget:
 
 class SecondImage:
     """Error estimator: an independent second image of some pixels. Its difference from the first shows the error of
-    both, whatever the distribution of the samples is worth in this scene.
+    both, whatever the distribution of the samples is worth in this scene. ``complete``: of all pixels; the image is
+    then the mean of both.
 
     (The variance of the samples within a pixel does not: well distributed samples can be ten times as good.)
     """
@@ -85,11 +88,13 @@ class SecondImage:
     #: so often.
     FEW, MOST = 512, 64
 
-    def __init__(self, state: FilmState) -> None:
+    def __init__(self, state: FilmState, complete: bool = False) -> None:
+        self.complete = complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
-        every = max(1, min(self.ONE_IN, len(index) // self.LEAST))
+        every = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.LEAST))
         index = index[hash32(hash32(index.astype(np.uint64)) + 1) % every == 0]
-        if (copies := min(-(-self.FEW // len(index)), self.MOST)) > 1:
+        copies = 1 if complete else min(-(-self.FEW // len(index)), self.MOST)
+        if copies > 1:
             seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
             index = np.tile(index, copies)
         self.index, seed = index, hash32(seed)
@@ -98,19 +103,20 @@ class SecondImage:
         dr.make_opaque(seed, self.x, self.y)
         self.plan = replace(state.plan, seed=seed, own_photon_seed=int(seed[0]))
         self.estimator = copy.copy(state.estimator)
-        if state.second is None:
+        if state.second is None or dr.width(state.second.count) != len(index):  # of other pixels
             state.second = Accumulators.empty(self.estimator.values, len(index))
         self.accumulators = state.second
 
     def noise(self, state: FilmState) -> tuple[float, float, float]:
-        """The RMS error of the displayed image of ``state`` (white = 1), and the bounds of 99 and of 99.9 % of its
-        pixels.
+        """The RMS error of the displayed image of ``state``, or of the mean of both (white = 1), and the bounds of 99
+        and of 99.9 % of its pixels.
 
         The displayed values are compared: errors by the slope of the tone curve would be those of bright spots.
         """
         values = [displayed(sums.total / mi.Float(sums.count)) for sums in (state.accumulators, self.accumulators)]
         first, second = (np.array(v) for v in values)
-        errors = np.abs(np.float64(first[self.index] - second)) / 2**0.5 * state.estimator.smoothing
+        share = 0.5 if self.complete else 0.5**0.5
+        errors = np.abs(np.float64(first[self.index] - second)) * share * state.estimator.smoothing
         tails = np.percentile(errors, [99, 99.9])
         return float(np.sqrt(np.mean(errors**2))), float(tails[0]), float(tails[1])
 
@@ -161,8 +167,8 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
 
 
 def remaining(state: FilmState, target: ErrorTarget) -> float:
-    """The samples at the end over those so far: they grow with the inverse square of the error."""
-    return (target.excess(state.noise) / AIM) ** 2
+    """The samples at the end over those so far, by the power law of the error."""
+    return (target.excess(state.noise) / AIM) ** (1 / state.slope)
 
 
 def in_full_sets(have: np.ndarray, want: np.ndarray, most: int, maps: int, photons: int) -> int:

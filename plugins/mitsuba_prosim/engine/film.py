@@ -10,10 +10,10 @@ import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import create
-from .plan import area, index_within, inside, pixels
+from .plan import area, index_within, pixels
 
 if TYPE_CHECKING:
-    from .accumulators import FilmState
+    from .accumulators import Accumulators, FilmState
 
 #: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
 OWN_AOVS = ("samples", "error")
@@ -110,13 +110,14 @@ def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
     return mi.TensorXf(complete, (height, width, channels + more))
 
 
-def film_values(state: FilmState, own_aovs: Sequence[str]) -> mi.TensorXf:
+def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators | None = None) -> mi.TensorXf:
     """The film's values of the image so far, shape (height, width, channels), with the ``own_aovs`` multiplied by the
-    weight, as films expect. Pixels without samples are black.
+    weight, as films expect. Pixels without samples are black. ``second``: those of a complete second image instead.
 
     Each pixel gathers the sums of the pixels within the filter's reach, row after row.
     """
-    plan, accumulators, names = state.plan, state.accumulators, state.estimator.channels.names
+    plan, names = state.plan, state.estimator.channels.names
+    accumulators, outer = (state.accumulators, state.outer) if second is None else (second, state.plan.region)
     (left, top, right, bottom), reach = plan.window, plan.reach
     x, y, *_ = pixels(plan.window)
     offsets = range(-reach, reach + 1)
@@ -124,16 +125,18 @@ def film_values(state: FilmState, own_aovs: Sequence[str]) -> mi.TensorXf:
     own = [mi.Float(accumulators.count) if name == "samples" else accumulators.error(plan.n) for name in own_aovs]
     dr.eval(share, own)
     totals = [mi.Float(0) for _ in names]
+    own_index = mi.Int32(index_within(outer, x, y))
+    first_x, first_y, last_x, last_y, width = (dr.opaque(mi.Int32, v) for v in (*plan.region, outer[2] - outer[0]))
     for dy in reversed(offsets):
         for dx in reversed(offsets):
-            there = inside(plan.region, x - dx, y - dy)
-            source = index_within(state.outer, x - dx, y - dy)
+            sx, sy = x - dx, y - dy
+            there = (sx >= first_x) & (sx < last_x) & (sy >= first_y) & (sy < last_y)
+            source = mi.UInt32(own_index - dy * width - dx)
             weight = dr.gather(mi.Float, share, source, there)
             place = ((dy + reach) * (2 * reach + 1) + dx + reach) * len(names)
             for c, sums in enumerate(accumulators.sums[place : place + len(names)]):
                 totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, there)
-    source = index_within(state.outer, x, y)
-    totals += [totals[names.index("W")] * dr.gather(mi.Float, values, source) for values in own]
+    totals += [totals[names.index("W")] * dr.gather(mi.Float, values, mi.UInt32(own_index)) for values in own]
     values = dr.empty(mi.Float, area(plan.window) * len(totals))
     index = dr.arange(mi.UInt32, area(plan.window)) * len(totals)
     for c, total in enumerate(totals):

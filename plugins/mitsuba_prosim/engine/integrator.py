@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .checkpoint import Checkpoint
     from .derivatives import Derivatives
     from .estimator import Estimator
-    from .render import Render
+    from .render import Denoiser, Render
     from .tiles import Part
     from .work import Executor
 
@@ -130,13 +130,14 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         begin: Checkpoint | None = None,
         part: Part | None = None,
         sampling: Sampling | None = None,
+        denoiser: Denoiser | None = None,
     ) -> Render:
         """Returns what :meth:`render` does, as a loop: an iterator that yields a :class:`.Step` after each work item,
         and whose methods show the image so far.
 
         ``executor``: takes the samples, in the place of this process; ``begin``: continues from a checkpoint;
         ``part``: takes the samples of this part of the image alone (``begin`` knows its own); ``sampling``: in the
-        place of the integrator's parameters.
+        place of the integrator's parameters; ``denoiser``: as for :class:`.Render`.
 
         Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError if ``begin`` belongs to another
         image, and for a part with noise or time, which go by the whole image.
@@ -159,7 +160,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
                 f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
                 "without them, and let the image that is put together go on until it is good enough."
             )
-        return self._begin(scene, sensor, seed, spp, sampling, self.own_aovs, part, executor, begin)
+        return self._begin(scene, sensor, seed, spp, sampling, self.own_aovs, part, executor, begin, denoiser)
 
     @property
     def sampling(self) -> Sampling:

@@ -153,12 +153,6 @@ def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
     return mi.UInt32((y - top) * width + x - left)
 
 
-def inside(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.Bool:
-    """Whether the pixels (x, y) are in ``rectangle``."""
-    left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in rectangle)
-    return (x >= left) & (x < right) & (y >= top) & (y < bottom)
-
-
 def area(rectangle: Rectangle) -> int:
     """Number of the pixels of a rectangle."""
     left, top, right, bottom = rectangle

@@ -6,6 +6,7 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -43,6 +44,13 @@ class Reached:
     seconds: float
 
 
+class Denoiser(Protocol):
+    """Estimates the error of an image that will be denoised."""
+
+    def estimate(self, render: Render) -> tuple[float, float, float]:
+        """The RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels."""
+
+
 @dataclass
 class Pass:
     """The samples that ``pixels`` lack to the counts ``wanted``."""
@@ -76,7 +84,8 @@ class Render:
     Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To leave
     its loop is to cancel it: :meth:`close` then gives every pixel a sample, if it has begun. ``estimator`` takes the
     samples; ``own_aovs``: names of the channels of statistics, None to leave the film alone; ``executor``: of this
-    process by default; ``begin``: continues from there.
+    process by default; ``begin``: continues from there. ``denoiser``: the samples are taken for a complete second image
+    as well, and this estimates the error of the denoised image.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -89,6 +98,7 @@ class Render:
         part: Part | None = None,
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
+        denoiser: Denoiser | None = None,
     ) -> None:
         self.policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
         self.state, self.executor = FilmState(plan, estimator, self.policy, part), executor or Local()
@@ -99,6 +109,8 @@ class Render:
         self._stopped, self._finished_before, self._done = False, False, 0.0
         if begin is not None:
             self._finished_before = begin.restore(self.state)
+        self.denoiser = denoiser
+        self.second = SecondImage(self.state, denoiser is not None) if denoiser or any(self.target.limits) else None
         self._steps = self._run()
 
     # ---------------------------------------------------------------- as an iterator
@@ -181,7 +193,14 @@ class Render:
     # ---------------------------------------------------------------- the passes
 
     def _passes(self) -> Iterator[Pass]:
-        """The passes over the image, decided one after the other. A state with samples and decisions continues."""
+        """The passes over the image, decided one after the other, and over a complete second image."""
+        yield from self._image_passes()
+        if self.denoiser is not None and self.second is not None:
+            yield Pass(self.second, np.minimum(self._second_counts(), 1), shown=False)
+            yield Pass(self.second, self._second_counts(), timed=True)
+
+    def _image_passes(self) -> Iterator[Pass]:
+        """The passes over the image. A state with samples and decisions continues."""
         state, plan, policy = self.state, self.state.plan, self.policy
         if self._finished_before:
             yield Pass.nothing(state, 1.0)
@@ -222,18 +241,21 @@ class Render:
         """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
         in proportion to those that the policy requests.
         """
-        state, target = self.state, self.target
-        second = SecondImage(state) if any(target.limits) else None
-        speed = mean(state.counts) / target.passed if state.effort else 0.0  # else the first pass had to compile
+        state, second, begun = self.state, self.second, time.perf_counter()
+        have = mean(state.counts)
+        speed = have / self.target.passed if state.effort else 0.0  # else the first pass had to compile
         while True:
-            if state.wanted is None and second is not None:
-                work = Pass(second, np.array(state.accumulators.count)[second.index], shown=False, timed=True)
-                yield work
-                if not work.complete:
-                    return
-                state.noise = second.noise(state)
-                if state.effort:
+            if state.wanted is None:
+                if second is not None:
+                    work = Pass(second, self._second_counts(), shown=False, timed=True)
+                    yield work
+                    if not work.complete:
+                        return
+                    state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
+                if (more := mean(state.counts) - have) > 0:
+                    speed = more / max(time.perf_counter() - begun, 1e-9)
                     yield Pass.nothing(state, None)
+            target = self.target
             if target.over or target.excess(state.noise) <= ENOUGH:
                 return
             count = np.array(state.accumulators.count)
@@ -243,39 +265,43 @@ class Render:
                     state.wanted = None
                     return
             have, wanted = mean(count), mean(state.wanted)
-            end = max(have * remaining(state, target), wanted) if second else np.inf
-            work = Pass(state, state.wanted, (have / end, wanted / end), shown=second is None, timed=True)
+            end = max(have * remaining(state, target), wanted) if any(target.limits) else np.inf
+            work = Pass(state, state.wanted, (have / end, wanted / end), shown=False, timed=True)
             begun = time.perf_counter()
             yield work
-            speed = (mean(np.array(state.accumulators.count)) - have) / max(time.perf_counter() - begun, 1e-9)
             if not work.complete:
                 return
             state.wanted = None
 
+    def _second_counts(self) -> np.ndarray:
+        assert self.second is not None
+        return np.array(self.state.accumulators.count)[self.second.index]
+
     # ---------------------------------------------------------------- the image so far
 
     @alone()
-    def put(self) -> None:
-        """Makes the image so far what the film holds."""
+    def put(self, second: bool = False) -> None:
+        """Makes the image so far what the film holds; ``second``: the second one, which is complete."""
         state = self.state
+        sums = self.second.accumulators if second and self.second else None
         names = state.estimator.channels.names
         self.film.prepare([*names[names.index("W") + 1 :], *self.own_aovs])  # another image may have had others
         offset = mi.ScalarPoint2i(state.plan.window[:2])
-        self.film.put_block(mi.ImageBlock(film_values(state, self.own_aovs), offset, border=False))
+        self.film.put_block(mi.ImageBlock(film_values(state, self.own_aovs, sums), offset, border=False))
         self.film.schedule_storage()
         dr.eval()  # what is pending in one thread is in the way of a function that another one freezes
 
     @alone()
-    def image(self) -> mi.TensorXf:
-        """The developed image so far, shape (height, width, channels)."""
-        self.put()
+    def image(self, second: bool = False) -> mi.TensorXf:
+        """The developed image so far, shape (height, width, channels); ``second``: a complete second one."""
+        self.put(second)
         return self.film.develop()
 
     @property
     @alone()
     def reached(self) -> Reached:
         """How far it came."""
-        counts = self.state.counts
+        counts = self.counts()
         return Reached(mean(counts), int(counts.min()), *self.state.noise, self.target.passed)
 
     @alone()
@@ -285,8 +311,11 @@ class Render:
 
     @alone()
     def counts(self) -> np.ndarray:
-        """Number of samples of each pixel, shape (height, width)."""
-        return self.state.crop(self.state.accumulators.count, self.state.plan.window)
+        """Number of samples of each pixel, shape (height, width), those of a complete second image included."""
+        counts = np.array(self.state.accumulators.count)
+        if self.denoiser is not None and self.second is not None:
+            counts[self.second.index] += np.array(self.second.accumulators.count)
+        return self.state.crop(counts, self.state.plan.window)
 
     @alone()
     def noise_at_most(self) -> float:

@@ -38,8 +38,8 @@ class ProsimDenoised(mi.SamplingIntegrator):
 
     Renders two halves of the samples and applies Open Image Denoise as far as the halves agree, see :doc:`/denoising`.
     Further channels are the :monosp:`raw` and the :monosp:`denoised` image, and the estimated standard errors
-    :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised` of the three. :monosp:`noise` and :monosp:`time`
-    of the nested integrator apply to the raw image.
+    :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised` of the three. :monosp:`noise` of the nested
+    integrator is the limit of the final image's error, and :monosp:`time` includes the denoiser's.
 
     It has no derivatives (use those of the nested integrator) and cannot be nested in another integrator. It needs the
     package :monosp:`mitsuba-oidn`, the extra :monosp:`denoise`.
@@ -99,8 +99,8 @@ class ProsimDenoised(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
-        both = halves.halves(scene, sensor, self.nested, seed, spp)
-        layers.put(both, both.denoised(self.fast), sensor.film(), self.aov_names())
+        render = halves.DenoisedRender(scene, sensor, self.nested, seed, spp, self.fast).run()
+        layers.put(render.halves, render.denoised(), sensor.film(), self.aov_names())
         return sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:

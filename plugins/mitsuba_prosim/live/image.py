@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, replace
-from math import nan
+from dataclasses import asdict
 from typing import Any
 
 import drjit as dr
@@ -15,7 +14,6 @@ from ..compare.scenes import can_light, lit
 from ..denoising import halves
 from ..engine.work import Local, Step
 from ..registry import create
-from ..sampling.hash import combine, hash32
 from ..transport.scattering import disperses
 from .picture import of_render, over
 
@@ -88,60 +86,34 @@ class ProgressiveImage:
 
 
 class DenoisedImage(ProgressiveImage):
-    """An image of two halves, see :func:`.halves.halves`, which is denoised at the end. Raises ValueError for a film
-    without colours.
-    """
+    """An image of two halves, which is denoised at the end. Raises ValueError for a film without colours."""
 
     def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
         super().__init__(integrator, scene, sensor, spp, seed)
         halves.check(sensor.film())
-        self._first: dict[str, np.ndarray] = {}
         self._final: dict[str, np.ndarray] = {}
-        self._reached: Any = None
-        self._noise = nan
 
     def taken(self) -> dict[str, np.ndarray] | None:
-        """The layers of both halves; at the end also ``raw`` and ``denoised``, which the final image mixes."""
-        if self._final:
-            return self._final
-        now = super().taken()
-        return both(self._first, now) if now is not None and self._first else now
-
-    def reached(self) -> Any:
-        """Samples and seconds of both halves, and the noise, which is known when they are denoised."""
-        now = self.render.reached
-        return replace(halves.together(self._reached, now) if self._reached else now, noise=self._noise)
+        """The first half; in the end the final image, and ``raw`` and ``denoised``, of which it is mixed."""
+        return self._final or super().taken()
 
     def _run(self) -> Iterator[Step]:
-        done: list[dict[str, np.ndarray]] = []
-        for k, seed in enumerate((self.seed, combine(hash32(self.seed), 1))):
-            self.render = self.begin(seed, **halves.half(self.integrator, self.sensor, self.spp))
-            for step in self.render:
-                yield Step(0.48 * (k + step.done), step.complete)
-            done.append(of_render(self.render))
-            self._first, self._reached = done[0], self._reached or self.render.reached
-        hide = getattr(self.integrator, "hide_emitters", False)
-        albedo, normal = halves.features(self.scene, self.sensor, self.seed, hide)
-        result = halves.Halves(["R", "G", "B"], done[0]["final"], done[1]["final"], albedo, normal).denoised()
-        self._final = both(*done) | {
+        steps = halves.DenoisedRender(
+            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Local(SECONDS)
+        )
+        self.render = steps.render
+        for step in steps:
+            yield Step(0.96 * step.done, step.complete)
+        result = steps.denoised()
+        self._final = {
             "final": result.final,
             "error": result.final_error,
+            "samples": steps.counts().astype(np.float32),
             "raw": result.raw,
             "denoised": result.denoised,
         }
-        self._noise, self.new = result.noise(result.final_error), True
+        self.render.state.noise, self.new = result.errors(), True
         yield Step(1.0, True)
-
-
-def both(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The layers of two independent images together, weighted by the samples of each pixel."""
-    samples = first["samples"] + second["samples"]
-    share = second["samples"] / samples
-    return {
-        "final": first["final"] + share[..., None] * (second["final"] - first["final"]),
-        "error": np.hypot((1 - share) * first["error"], share * second["error"]),
-        "samples": samples,
-    }
 
 
 def progressive(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:

@@ -101,7 +101,7 @@ def split(tree: Tree, groups: Sequence[int]) -> dict[int, Tree]:
 DEEP = 16  # alternations of + and -, from which on a chain is evaluated in halves
 CROWD = 64  # solids for each triangle of another one that they touch, from which on that is refined
 FEW = 32  # solids for each triangle then, about
-SMALL = 8  # is a solid that has so many times less volume than the other one
+SMALL = 8  # a solid counts as small if its volume is less than that of the other one by this factor
 LEAST = 4  # triangles of a closed mesh
 
 
@@ -180,7 +180,7 @@ class _Chain:
         return reduce(partial(combined, "*"), bodies)
 
 
-#: What is taken away in a step of a chain, and what is added then.
+#: The bodies that a step of a chain takes away, and those that it adds then.
 Step = tuple[Body | None, Body | None]
 
 
@@ -308,8 +308,8 @@ def _crowded(body: Body, other: Body) -> Manifold:
 
 
 def _divided(body: Body, others: int) -> Manifold:
-    """The mesh of a body that so many smaller ones touch. Where they are a crowd for its triangles, as holes are in the
-    face of a plate, it has more of them.
+    """The mesh of a body that ``others`` smaller ones touch, refined if these are many for its triangles, such as holes
+    in the face of a plate.
 
     manifold3d gives the rest of a triangle new triangles in a time that grows as the square of what has cut it.
     """

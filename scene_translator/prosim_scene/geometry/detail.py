@@ -1,4 +1,4 @@
-"""How finely curved faces are approximated, and what is too much.
+"""The tessellation of curved faces: the number of segments, and its limits.
 
 - What of a solid can be left in the result: its active zone (Rossignac and Voelcker 1989), a ball that contains it,
   found from the tree alone.
@@ -121,7 +121,7 @@ def _between(a: Ball, b: Ball, share: float) -> tuple[float, float, float]:
     return x, y, z
 
 
-CLOSEST = 64.0  # so many times nearer to one another than on the whole ball, at most
+CLOSEST = 64.0  # the largest factor by which points of a cap are nearer to one another than on the whole ball
 STEP = math.sqrt(0.5)
 CORNERS = box_corners(np.array([[-1.0] * 3, [1.0] * 3]))
 
@@ -170,7 +170,7 @@ def _cosine(distance: float, reach: float) -> float | None:
 
 
 def _slant(a: Ball, b: Ball) -> float:
-    """Sine of half the angle at which two balls meet: their rim is wrong by so many times less than their faces."""
+    """Sine of half the angle at which two balls meet: the error of their rim is that of their faces over this."""
     apart = math.dist(a.center, b.center)
     cosine = (a.radius**2 + b.radius**2 - apart**2) / (2 * a.radius * b.radius)
     between = math.acos(min(max(cosine, -1.0), 1.0))  # their normals at the rim

@@ -1,7 +1,7 @@
-"""How optics are kept: solids of different media are kept apart.
+"""The boundaries between media: opaque solids, dielectrics and air.
 
-Media are numbers: the opaque one's, and one for every kind of dielectric. What a leaf leaves on the solid of a medium
-has an id of its own, which manifold3d carries to the triangles of the result.
+A medium is a number: OPAQUE, or one for each kind of dielectric. Each pair of a leaf and a medium has an original id,
+which manifold3d carries to the triangles of the result.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from .coincidence import per_triangle, signs
 from .csg import Body, beneath, checked, combined
 from .primitives import Mesh
 
-OPAQUE = 0  # the medium of everything that is not a dielectric
-AIR = -1  # what is outside of all
+OPAQUE = 0
+AIR = -1
 
 
 @dataclass
@@ -66,17 +66,17 @@ def joined(boundaries: Sequence[Boundary]) -> Boundary:
 
 
 class Ids:
-    """The original ids of ``leaves`` in the solids of several media, numbered from ``base``."""
+    """The original ids of leaves in the solids of media: numbers from ``base``, ``leaves`` of them for each medium."""
 
     def __init__(self, base: int, leaves: int) -> None:
         self.base, self.leaves = base, leaves
 
     def of(self, leaf: int, medium: int) -> int:
-        """The id of what a leaf leaves on the solid of a medium."""
+        """The id of a leaf's faces on the solid of a medium."""
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
-        """The triangles of a body, which lie between the medium that bears each of them and air."""
+        """The triangles of a body. Inside is the medium in their id, outside air."""
         mesh = checked(body.planes.snap(checked(body.manifold), body.surfaces)).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)

@@ -37,7 +37,7 @@ class MeshFile(Primitive):
     quadrics = np.empty((0, 4, 4))
 
     def __init__(self, data: bytes) -> None:
-        """Raises ValueError with what is wrong with the file."""
+        """Reads the content of a file. Raises ValueError, which says why it is no solid."""
         self.name = f"mesh {hashlib.sha256(data).hexdigest()}"
         try:
             points, index, normals, uv = _ply(data) if data[:3] == b"ply" else _obj(data.decode("latin-1"))
@@ -162,38 +162,25 @@ def _rows(body: bytes, at: int, count: int, properties: Properties) -> tuple[dic
     """The values of ``count`` rows of an element by their names, and where the next element begins."""
     if not count or not properties:
         return {}, at
-    row, _ = _row(body, at, properties)
-    lists = {f"{name} length": name for name, types in properties if len(types) > 1}
-    fields: list[Any] = []
+    fields: list[Any] = []  # of a row whose lists are as long as those of the first one
+    lengths = {}
     for name, types in properties:
-        fields += [(f"{name} length", types[0])] if len(types) > 1 else []
-        fields.append((name, types[-1], row[name].shape))
-    dtype = np.dtype(fields)  # of every row, where all lists are as long as in the first one
-    if len(body) - at >= count * dtype.itemsize:
+        if len(types) > 1:
+            lengths[f"{name} length"] = int(np.frombuffer(body, types[0], 1, at + np.dtype(fields).itemsize)[0])
+            fields.append((f"{name} length", types[0]))
+            fields.append((name, types[1], (lengths[f"{name} length"],)))
+        else:
+            fields.append((name, types[0]))
+    dtype = np.dtype(fields)
+    if count == 1 or len(body) - at >= count * dtype.itemsize:
         table = np.frombuffer(body, dtype, count, at)
-        if all((table[length] == len(row[name])).all() for length, name in lists.items()):
+        if all((table[name] == length).all() for name, length in lengths.items()):
             return {name: table[name] for name, _ in properties}, at + table.nbytes
     rows = []
     for _ in range(count):
-        row, at = _row(body, at, properties)
+        row, at = _rows(body, at, 1, properties)
         rows.append(row)
-    return {name: [one[name] for one in rows] for name, _ in properties}, at
-
-
-def _row(body: bytes, at: int, properties: Properties) -> tuple[dict[str, np.ndarray], int]:
-    """The values of one row, and where the next one begins."""
-    row = {}
-    for name, types in properties:
-        count = 1
-        if len(types) > 1:
-            count = int(np.frombuffer(body, types[0], 1, at)[0])
-            at += np.dtype(types[0]).itemsize
-        if count < 0:
-            raise ValueError("a list has fewer than no values")
-        values = np.frombuffer(body, types[-1], count, at) if count else np.empty(0)
-        row[name] = values if len(types) > 1 else values.reshape(())
-        at += np.dtype(types[-1]).itemsize * count
-    return row, at
+    return {name: [one[name][0] for one in rows] for name, _ in properties}, at
 
 
 def _obj(text: str) -> Raw:

@@ -16,8 +16,8 @@ from manifold3d import Manifold
 from ..camera import Camera
 
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # around a circle
-#: What lies outside the window may be seen in a mirror, or by its shadow: it is coarser by this factor, and no finer
-#: than so many segments.
+#: A solid outside the window may be visible in a mirror, or by its shadow: its tolerance is larger by this factor, and
+#: its segments are at most these.
 UNSEEN_TOLERANCE, UNSEEN_SEGMENTS = 10.0, 128
 #: A ball that is longer than wide by more than this is as fine as if it were not: that is too coarse near its ends
 #: alone, and manifold3d takes minutes for two such balls with many triangles.
@@ -65,7 +65,7 @@ class Primitive(ABC):
     box: np.ndarray
     #: The curved face, if it has one.
     curved: ClassVar[int | None] = None
-    #: It is round in so many of the axes: 2 about z, 3 about the origin.
+    #: The number of axes in which it is round: 2 about z, 3 about the origin.
     axes: ClassVar[int] = 2
     #: Whether its quadric has a second sheet, at z < 0.
     two_sheets: ClassVar[bool] = False
@@ -127,7 +127,7 @@ class Primitive(ABC):
 
 
 def box_corners(box: np.ndarray) -> np.ndarray:
-    """The eight corners of a box that is given by its min and max corner."""
+    """The corners (8, 3) of a box (2, 3), its min and max corner."""
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
 
 
@@ -252,13 +252,23 @@ class Sphere(Primitive):
         return Corners(p, np.stack([u, v], axis=2), pole)
 
 
-class Cylinder(Primitive):
+class _OfRevolution(Primitive):
+    """A solid of revolution about z, of radius 1; face 0 is its side."""
+
+    box = np.array([[-1.0, -1, 0], [1, 1, 1]])
+    curved = 0
+
+    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        size = longest_axis(linear[..., :2])
+        center = linear[..., 2] / 2
+        return size, center, np.linalg.norm(center, axis=-1) + size
+
+
+class Cylinder(_OfRevolution):
     """Face 0 is the side, 1 the disc at z = 1, 2 that at z = 0."""
 
     name = "cylinder"
     quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
-    box = np.array([[-1.0, -1, 0], [1, 1, 1]])
-    curved = 0
     lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
@@ -284,22 +294,15 @@ class Cylinder(Primitive):
     def count(self, segments: int) -> int:
         return 4 * max(segments, MIN_SEGMENTS) - 4
 
-    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        size = longest_axis(linear[..., :2])
-        center = linear[..., 2] / 2
-        return size, center, np.linalg.norm(center, axis=-1) + size
-
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         return around_an_axis(p, face, p * [1, 1, 0], {1: 1, 2: -1})
 
 
-class Cone(Primitive):
+class Cone(_OfRevolution):
     """Face 0 is the side, 1 the disc at z = 1."""
 
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
-    box = np.array([[-1.0, -1, 0], [1, 1, 1]])
-    curved = 0
     two_sheets = True
     lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
@@ -316,11 +319,6 @@ class Cone(Primitive):
 
     def count(self, segments: int) -> int:
         return 2 * max(segments, MIN_SEGMENTS) - 2
-
-    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        size = longest_axis(linear[..., :2])
-        center = linear[..., 2] / 2
-        return size, center, np.linalg.norm(center, axis=-1) + size
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         side = around_an_axis(p, face, p * [1, 1, -1], {1: 1})

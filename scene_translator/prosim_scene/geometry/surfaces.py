@@ -1,5 +1,5 @@
-"""The triangles of the whole scene, and those of them that look alike, with the normals and surface parameters of the
-primitives that they come from.
+"""The triangles of the result, in one mesh for each material and pair of media, with normals and (u, v) of their
+primitives.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -21,10 +21,10 @@ from .primitives import Corners, Mesh, Primitive
 
 
 class MeshKey(NamedTuple):
-    """What triangles look alike by: the material of their primitive, and the media on both sides.
+    """Triangles with the same key share a mesh: the material of their primitive, and the media on both sides.
 
-    ``outside`` is where the normal points, None is air. Of what is opaque ``inside`` is None, and ``outside`` too if it
-    does not reflect by Fresnel's equations.
+    The normal points to ``outside``; None is air. An opaque primitive has ``inside`` None, and ``outside`` None too
+    unless it reflects by Fresnel's equations.
     """
 
     material: Hashable
@@ -61,8 +61,8 @@ def corner_keys(of: np.ndarray, face: np.ndarray, corners: Corners, first: int =
 
 @dataclass(eq=False)
 class SurfaceMesh:
-    """What a tree comes to, whatever it looks like: all triangles, and the numbers of the kinds of each, ``kind`` (n,),
-    and of each vertex, ``vertex_kind`` (k,).
+    """The boundary of a tree's result, without materials: all triangles, the number ``kind`` (n,) of each triangle's
+    kind, and the same of each vertex, ``vertex_kind`` (k,).
 
     ``kinds`` are the numbers of their leaf and of the media that lie inside and outside. ``seen`` (kinds,) says of
     which there is more than seams of no width.
@@ -103,11 +103,6 @@ def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 CHUNK = 1 << 16  # triangles at a time
 
 
-def anew(_: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
-    """Keeps nothing."""
-    return make()
-
-
 @paused()
 def tessellate(
     document: Document,
@@ -116,7 +111,7 @@ def tessellate(
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
     fresnel: Callable[[Leaf], bool],
-    kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = anew,
+    kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = lambda _, make: make(),
     meshes: Mapping[str, Primitive] | None = None,
 ) -> dict[MeshKey, Triangles]:
     """The surfaces of a document's scene.
@@ -124,9 +119,9 @@ def tessellate(
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
     None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
     ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, to which its outside matters.
-    ``kept(key, make)`` may give what ``make`` has made for an equal key before. ``meshes``: the solids in files, by the
-    names of these. Raises :class:`SceneError` for a
-    transform that cannot be inverted and for more triangles than memory is provided for.
+    ``kept(key, make)`` returns ``make()``, or its earlier result for an equal key. ``meshes``: the solids in
+    files, by the names of these. Raises :class:`SceneError` for a transform that cannot be inverted, and for too many
+    triangles.
     """
     leaves = [node for node in document.scene.csg if isinstance(node, Leaf)]
     if not leaves:
@@ -150,11 +145,11 @@ def tessellate(
         lining[leaf] |= faces.seen[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
         inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
         alike.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
-    # What fills a hollow has left its face to what has cut it, and is seen all the same.
+    # A medium that fills a hollow has no face of its own, which belongs to the cutter, but it is visible.
     filling -= {media.OPAQUE, media.AIR}
     _report_vanished(document, seen | np.isin(media_of, list(filling)))
     _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
-    shown = {skin: tuple(some) for skin, some in alike.items() if faces.seen[some].any()}
+    shown = {key: tuple(some) for key, some in alike.items() if faces.seen[some].any()}
     return dict(zip(shown, faces.chosen(list(shown.values()))))
 
 
@@ -237,8 +232,9 @@ def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> Surfac
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
-    """What a face tells of the media on its sides: ``own`` is its leaf's. What is opaque tells where it lies if it
-    ``reflects`` by Fresnel's equations. A dielectric that has cut what is opaque is a dielectric's face all the same.
+    """The media on the sides of a face in its :class:`MeshKey`; ``own`` is the medium of its leaf. An opaque face has
+    the outer medium if it ``reflects`` by Fresnel's equations. A dielectric's face stays one where it cuts an opaque
+    solid.
     """
     if own == media.OPAQUE:
         return own, outside if reflects else media.AIR
@@ -246,7 +242,7 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
 
 
 def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:
-    """Warns of what is opaque and has cut glass, which it lines with its own surface; and of glass in its place."""
+    """Warns of opaque leaves that cut glass, whose faces line it, and of glass that cuts opaque solids."""
     numbers = [n for n, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
     said = set()
     for leaf in np.flatnonzero(lining).tolist():

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from lark import Lark, Token, Tree, UnexpectedInput
 
-from .diagnostics import SceneError, Source, Span, listing, quote
+from .diagnostics import MOST, SceneError, Source, Span, listing, quote
 from .suggestions import BRACES, NUMBER, nearest
 
 #: A name, without its ``$``.
@@ -74,6 +74,7 @@ class Definitions:
         self.given = {name: _checked(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
         self.uses: set[str] = set()
+        self.undefined: dict[str, SceneError] = {}  # one error for each name, and no more than can be shown
         source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.given.items()})
 
     def default(self, name: str, text: str) -> None:
@@ -87,14 +88,18 @@ class Definitions:
         for table in (self.given, self.defaults):
             if name in table:
                 return table[name]
+        if name in self.undefined:
+            raise self.undefined[name]
         if name == FRAME:
             return "0"
         if name == TIME:
             return written(self.number(FRAME, span) / FPS)
+        if len(self.undefined) > MOST:
+            raise next(iter(self.undefined.values()))
         known = [f"${other}" for other in dict.fromkeys([*self.given, *self.defaults, FRAME, TIME])]
         reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or "
         reason += f"define={{{name!r}: 1}} in Python{nearest('$' + name, known)}"
-        raise self.source.error(span, reason, "undefined")
+        raise self.undefined.setdefault(name, self.source.error(span, reason, "undefined"))
 
     def number(self, name: str, span: Span) -> float:
         """The number that is a name's value; SceneError if the value is missing, or no finite number."""

@@ -146,11 +146,10 @@ class Reader:
 
         They are not reported after a statement that was ``skipped``: it may have been their definition.
         """
-        known = {one.reason for one in self.errors[:before]}
-        new = {one.reason: one for one in reversed(self.scanner.undefined) if one.reason not in known}
+        new = [one for one in self.scanner.undefined if one not in self.errors]
         kept = [one for one in self.errors[before:] if self.skipped or one.code in SYNTAX]
-        self.errors[before:] = kept if skipped else [*new.values(), *kept]
-        self.scanner.undefined, self.has_undefined = [], True
+        self.errors[before:] = kept if skipped else [*new, *kept]
+        self.scanner.undefined, self.has_undefined = {}, True
 
     # ---- Tokens
 

@@ -60,7 +60,7 @@ class Scanner:
     def __init__(self, source: Source, definitions: Definitions) -> None:
         self.source, self.definitions = source, definitions
         self.tokens: list[Token] = []
-        self.undefined: list[SceneError] = []
+        self.undefined: dict[SceneError, None] = {}
         self.position = 0
         self.last = START
 
@@ -135,7 +135,7 @@ class Scanner:
         except SceneError as error:
             if error.code != "undefined":
                 raise
-            self.undefined.append(error)
+            self.undefined[error.with_traceback(None)] = None
         fitting = (role for role in ("NUMBER", "WORD", *sorted(VALUES)) if role in expected)
         role = "NUMBER" if kind == "expression" else next(fitting, "WORD")
         return Token(role, canonical(role) if role in ROLES else "1" if role == "NUMBER" else piece, *span)

@@ -31,8 +31,8 @@ def fresnel(scene: Scene, leaf: Leaf) -> bool:
     return scene.surfaces[leaf.index].material in ("conductor", "composite")
 
 
-def look(scene: Scene, leaf: Leaf) -> Hashable:
-    """Equal for leaves that look alike, and share a mesh: a solid texture is bound to its leaf's own space."""
+def appearance(scene: Scene, leaf: Leaf) -> Hashable:
+    """Equal for leaves that share a mesh: a solid texture is bound to its leaf's own space."""
     surface = scene.surfaces[leaf.index]
     slots = materials.slots(leaf, surface)
     return surface, slots, leaf.index if slots[1] else None
@@ -66,7 +66,7 @@ def assemble(
         camera,
         options.tolerance or TOLERANCE,
         lambda leaf: medium(scene, leaf),
-        lambda leaf: look(scene, leaf),
+        lambda leaf: appearance(scene, leaf),
         lambda leaf: fresnel(scene, leaf),
         kept.faces,
         {name: context.mesh(name, *way) for name, way in meshes(document).items()},
@@ -82,7 +82,7 @@ def assemble(
     return result | _shapes(context, target, triangles, kept, store)
 
 
-def looking(document: Document, options: Options, kept: Kept | None) -> Node:
+def view_sensor(document: Document, options: Options, kept: Kept | None) -> Node:
     """The sensor of a document's VIEW, before the faces that an earlier translation has left in ``kept``."""
     context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
     faces = kept.found if kept else None
@@ -98,11 +98,11 @@ def _shapes(
     kept: Kept,
     store: Callable[[str, bytes], str],
 ) -> Node:
-    """The shapes, in the order of the tree: one for each skin of leaves that look alike."""
+    """The shapes, in the order of the tree: one for each :class:`MeshKey`."""
     document, scene = context.document, context.scene
-    skins: dict[Hashable, list[MeshKey]] = {}
-    for skin in triangles:
-        skins.setdefault(skin.material, []).append(skin)
+    keys: dict[Hashable, list[MeshKey]] = {}
+    for key in triangles:
+        keys.setdefault(key.material, []).append(key)
     alike = _alike(scene)
     media: dict[Hashable, int] = {
         medium(scene, leaf): leaf.index for leaves in reversed(alike) for _, leaf in leaves[:1]
@@ -111,15 +111,15 @@ def _shapes(
     for leaves in alike:
         number, leaf = leaves[0]
         bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
-        for skin in skins.get(look(scene, leaf), []):
+        for key in keys.get(appearance(scene, leaf), []):
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            if not np.abs(triangles[skin].vertices).max() <= LARGEST:
+            if not np.abs(triangles[key].vertices).max() <= LARGEST:
                 raise document.error(
                     "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
                 )
-            content = kept.file(triangles[skin], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+            content = kept.file(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
             if content is None:
                 document.warn(
                     f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
@@ -128,8 +128,8 @@ def _shapes(
                 )
                 continue
             sides = MediumInterface(
-                leaf.index if skin.inside == medium(scene, leaf) else media[skin.inside],
-                None if skin.outside is None else media[skin.outside],
+                leaf.index if key.inside == medium(scene, leaf) else media[key.inside],
+                None if key.outside is None else media[key.outside],
             )
             met = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
             text = f"SURFACE {leaf.index} of {bearers}{met}"
@@ -147,11 +147,11 @@ def _comment(document: Document, text: str, *path: str | int) -> Comment:
 
 
 def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:
-    """The leaves that look alike, with their numbers in the tree."""
+    """The leaves by equal appearance, with their numbers in the tree."""
     alike: dict[Hashable, list[tuple[int, Leaf]]] = {}
     for number, leaf in enumerate(scene.csg):
         if isinstance(leaf, Leaf):
-            alike.setdefault(look(scene, leaf), []).append((number, leaf))
+            alike.setdefault(appearance(scene, leaf), []).append((number, leaf))
     return list(alike.values())
 
 

@@ -91,8 +91,8 @@ def test_which_part_of_the_spectrum_says_nothing_of_other_strata(variant_spectra
 
 def test_luminance_is_that_of_the_image(variant_spectral):
     """What errors are judged by; Mitsuba's own luminance of spectra is 107 times as much."""
-    state = begun(sky(samples=5, max_samples=5)).state
-    mean = np.array(state.accumulators.total) / np.array(state.accumulators.count)
-    image = np.array(state.image().tensor())
-    image = image[..., :3] @ LUMINANCE / image[..., -1]
+    render = begun(sky(samples=5, max_samples=5))
+    accumulators = render.state.accumulators
+    mean = np.array(accumulators.total) / np.array(accumulators.count)
+    image = np.array(render.image())[..., :3] @ LUMINANCE
     assert np.allclose(mean.reshape(48, 48), image, rtol=1e-3)

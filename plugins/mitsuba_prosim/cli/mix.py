@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
 import numpy as np
 import OpenEXR
 
-from ..denoising.layers import of_channels
+from ..denoising.layers import mixed, of_channels
 from ..scene import images
 from . import output
 from .image import SUFFIXES
@@ -45,19 +46,25 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
         raise InputError(
             f"{image} is not the sum of its layers ({', '.join(layers) or 'none'}); render it with --layers lights."
         )
-    for name, factor in factors:
+    for name, _ in factors:
         if name not in layers:
             raise InputError(f"{image} has no layer '{name}'; it has {', '.join(layers) or 'none'}. See --layers.")
-        for letter, value in zip("RGB", np.broadcast_to(factor, 3)):
-            planes[f"{name}.{letter}"] = planes[f"{name}.{letter}"] * value
-    for letter in "RGB":
-        planes[letter] = total(planes, layers, letter)
-    header["prosim.mix"] = ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
+    colours = {name: np.stack([planes[f"{name}.{letter}"] for letter in "RGB"], axis=2) for name in layers}
+    whole, colours = mixed(colours, factors)
+    for k, letter in enumerate("RGB"):
+        planes[letter] = whole[..., k]
+        planes |= {f"{name}.{letter}": values[..., k] for name, values in colours.items()}
+    header["prosim.mix"] = said(factors)
     stem = output.stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
     output.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
     ordered = {name: planes[name] for name in sorted(planes, key=lambda name: ("." in name, "RGBA".find(name)))}
     contents = images.encode(of_channels(ordered), header, job.exposure or 0.0)
     click.echo(" and ".join(map(str, output.save(stem, contents))))
+
+
+def said(factors: Iterable[tuple[str, np.ndarray]]) -> str:
+    """The factors, for the metadata."""
+    return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
 
 
 def total(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> np.ndarray:

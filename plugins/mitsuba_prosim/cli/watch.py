@@ -21,20 +21,7 @@ from .log import log
 from .options import Integer, need, option
 
 #: Options of files, films and other processes, which it does not have.
-LEFT_OUT = (
-    "output",
-    "layers",
-    "exposure",
-    "keep",
-    "view",
-    "crop",
-    "frames",
-    "fps",
-    "overwrite",
-    "workers",
-    "cluster",
-    "part",
-)
+LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "overwrite", "workers", "cluster", "part")
 
 
 @click.command(cls=Command)
@@ -50,6 +37,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """
     need("watch", "prosim watch")
     from ..live import server, viewer
+    from .mix import said
 
     refuse_scalar(["prosim watch"], job.variant)
     if job.denoise:
@@ -70,9 +58,11 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
         shown = viewer.Viewer(Path(job.scene), opened, job.spp or 0, job.seed, job.denoise)
 
-        def encode(exposure: float) -> dict[str, bytes]:
-            state, bitmap, integrator, reached = shown.result()
+        def encode(exposure: float, factors: Any) -> dict[str, bytes]:
+            state, bitmap, integrator, reached = shown.result(factors)
             facts = metadata(job, integrator, reached, state.doing != "done", state.seconds)
+            if factors:
+                facts["prosim.mix"] = said([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)
 
         with server.served(shown, encode, sock) as address:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import mitsuba as mi
 import numpy as np
@@ -56,6 +56,18 @@ def errors(denoised: Denoised) -> dict[str, np.ndarray]:
 def undenoised(halves: Halves) -> mi.Bitmap:
     """The first half of a render that was stopped."""
     return of_channels(dict(zip(halves.names, np.moveaxis(halves.first, 2, 0))))
+
+
+def mixed(
+    layers: Mapping[str, np.ndarray], factors: Iterable[tuple[str, np.ndarray]]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The sum of ``layers``, shape (height, width, 3), each multiplied by the ``factors`` of its name, one or three,
+    and those layers. Raises KeyError where there is no layer of this name.
+    """
+    result = dict(layers)
+    for name, factor in factors:
+        result[name] = result[name] * factor
+    return np.sum(list(result.values()), axis=0), result
 
 
 def of_channels(planes: dict[str, np.ndarray]) -> mi.Bitmap:

@@ -33,7 +33,7 @@ class ProgressiveImage:
         self.part = 0.0
         self.render: Any = None
         self._steps = self._run()
-        self._coarse: np.ndarray | None = None
+        self._coarse: dict[str, np.ndarray] = {}
 
     def step(self) -> bool:
         """Renders a work item; returns whether a pass over the image is complete."""
@@ -57,32 +57,41 @@ class ProgressiveImage:
     def layers(self) -> Mapping[str, np.ndarray] | None:
         """The layers of a :class:`.Picture` of the image so far; None before the render has begun.
 
-        During the first pass ``final`` only: pixels without a sample are those of :meth:`coarse`, or black.
+        During the first pass without the maps: pixels without a sample are those of :meth:`coarse`, or black.
         """
         now = self.taken()
         if now is None:
             return None
         self.new = False
         known = now["samples"] > 0
-        return now if known.all() else {"final": over(known, now["final"], self._coarse)}
+        return now if known.all() else {name: over(known, now[name], self._coarse.get(name)) for name in coloured(now)}
 
     def taken(self) -> dict[str, np.ndarray] | None:
         """The layers of the samples so far, see :func:`.of_render`; None before the render has begun."""
-        return None if self.render is None else of_render(self.render)
+        return None if self.render is None else of_render(self.render, self._kind)
 
     def reached(self) -> Any:
         """Its samples, noise and seconds, a :class:`.Reached`."""
         return self.render.reached
 
-    def coarse(self) -> np.ndarray:
-        """A first image by one sample per pixel; call it while the film has few pixels. With dispersion a pixel gets a
-        sample per wavelength of the spectrum.
+    @property
+    def _kind(self) -> str:
+        return getattr(self.integrator, "layers", "none")
+
+    def coarse(self) -> dict[str, np.ndarray]:
+        """The layers of a first image, without the maps, by one sample per pixel; call it while the film has few
+        pixels. With dispersion a pixel gets a sample per wavelength of the spectrum.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
         next(step for step in render if step.complete)
-        self._coarse = of_render(render)["final"]
+        self._coarse = coloured(of_render(render, self._kind))
         return self._coarse
+
+
+def coloured(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The ``layers`` without the maps."""
+    return {name: values for name, values in layers.items() if values.ndim == 3}
 
 
 class DenoisedImage(ProgressiveImage):

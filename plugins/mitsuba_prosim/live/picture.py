@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
+from ..denoising.layers import mixed
 from ..engine.render import Render
 
 #: The layers of every picture but coarse ones.
 LAYERS = ("final", "error", "samples")
+
+#: Names of layers of :meth:`.Picture.mixed`, and their factors.
+Factors: TypeAlias = Sequence[tuple[str, np.ndarray]]
 
 #: The largest number that 16 bits of floating point hold.
 LARGEST = 65504.0
@@ -20,7 +25,7 @@ LARGEST = 65504.0
 @dataclass(frozen=True, eq=False)
 class Picture:
     """Layers by name, arrays of 32 bits: colours (height, width, 3), maps (height, width). ``number``: no other picture
-    of the viewer has it.
+    of the viewer has it. Those of the integrator's parameter ``layers`` have names such as ``lights.lamp1``.
     """
 
     number: int
@@ -31,6 +36,13 @@ class Picture:
         """Width and height in pixels."""
         height, width = self.layers["final"].shape[:2]
         return width, height
+
+    def mixed(self, factors: Factors) -> Picture:
+        """This with layers of the integrator multiplied, and their sum. Raises KeyError for other names."""
+        if not factors:
+            return self
+        final, layers = mixed({name: values for name, values in self.layers.items() if "." in name}, factors)
+        return replace(self, layers={**self.layers, "final": final, **layers})
 
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
         """The bytes of a layer, row by row, little-endian, and its headers. Colours have 16 bits per channel, maps 32.
@@ -66,11 +78,20 @@ class Picture:
         return found
 
 
-def of_render(render: Render) -> dict[str, np.ndarray]:
-    """The :data:`LAYERS` of a render, 0 at pixels without a sample."""
+def of_render(render: Render, kind: str = "none") -> dict[str, np.ndarray]:
+    """The :data:`LAYERS` of a render, and those of the integrator's parameter ``layers``, which is ``kind``; 0 at
+    pixels without a sample.
+    """
     counts = render.counts()
     known = counts > 0
-    layers = {"final": colours(np.array(render.image())), "error": render.error(), "samples": counts.astype(np.float32)}
+    image = np.array(render.image())
+    layers = {"final": colours(image), "error": render.error(), "samples": counts.astype(np.float32)}
+    if kind != "none":
+        names = render.state.estimator.channels.names
+        names = names[names.index("W") + 1 :] + list(render.own_aovs)
+        for k, name in enumerate(render.state.estimator.transport.aov_names, image.shape[2] - len(names)):
+            if name.endswith(".R"):
+                layers[f"{kind}.{name[:-2]}"] = colours(image[..., k : k + 3])
     return layers if known.all() else {name: over(known, values) for name, values in layers.items()}
 
 

@@ -15,6 +15,7 @@ from math import isfinite
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -24,13 +25,14 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from .camera import Camera
+from .picture import Factors, Picture
 from .viewer import Viewer
 
 #: Seconds that a page waits for the thread that renders.
 PATIENCE = 60.0
 
-#: Exposure -> contents of the image's files by suffix; the thread that renders calls it.
-Encoder = Callable[[float], dict[str, bytes]]
+#: Exposure, factors of layers -> contents of the image's files by suffix; the thread that renders calls it.
+Encoder = Callable[[float, Factors], dict[str, bytes]]
 
 #: Gestures -> the camera after them; their arguments are two numbers.
 GESTURES: dict[str, Callable[[Camera, float, float], Camera]] = {
@@ -163,10 +165,11 @@ class Pages:
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
-        """A layer of a picture; see :meth:`.Picture.packed`."""
+        """A layer of a picture, mixed; see :meth:`.Picture.packed`."""
         picture, name = self._publisher.pictures.get(request.path_params["take"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
+        picture = await asyncio.to_thread(mixed, picture, factors(request))
         content, facts = await asyncio.to_thread(picture.packed, name)
         return Response(content, media_type="application/octet-stream", headers=facts)
 
@@ -184,12 +187,13 @@ class Pages:
         return JSONResponse(found)
 
     async def save(self, request: Request) -> Response:
-        """A file of the image, with an exposure."""
+        """A file of the image, mixed, with an exposure."""
         suffix = f".{request.path_params['suffix']}"
-        exposure = number(request, "exposure", 64.0)
+        exposure, mix = number(request, "exposure", 64.0), factors(request)
         if not self._publisher.pictures or suffix not in (".exr", ".png"):
             raise HTTPException(404)
-        making = self._requests.call(lambda _: self._encode(exposure))
+        await asyncio.to_thread(mixed, self._publisher.pictures["own"], mix)
+        making = self._requests.call(lambda _: self._encode(exposure, mix))
         made = await asyncio.wait_for(asyncio.wrap_future(making), PATIENCE)
         name = (self._publisher.state.scene.rpartition(".")[0] or "picture") + suffix
         plain, whole = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII), quote(name, safe="", errors="replace")
@@ -217,6 +221,31 @@ class Pages:
             raise HTTPException(400)
         self._requests.move(lambda camera: gesture(camera, x, y))
         return Response(status_code=204)
+
+
+def factors(request: Request) -> Factors:
+    """The parameters ``mix`` of a request, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``. Raises
+    HTTPException.
+    """
+    found = []
+    for text in request.query_params.getlist("mix"):
+        name, _, values = text.partition("=")
+        try:
+            factor = np.array(values.split(","), dtype=np.float32)
+        except ValueError:
+            raise HTTPException(400) from None
+        if len(factor) not in (1, 3) or not np.isfinite(factor).all():
+            raise HTTPException(400)
+        found.append((name, factor))
+    return found
+
+
+def mixed(picture: Picture, factors: Factors) -> Picture:
+    """The picture mixed. Raises HTTPException where it has no such layers."""
+    try:
+        return picture.mixed(factors)
+    except KeyError:
+        raise HTTPException(400) from None
 
 
 def number(request: Request, name: str, most: float) -> float:

@@ -20,7 +20,7 @@ from .camera import Camera
 from .files import Files
 from .image import DenoisedImage, ProgressiveImage, by_path, name, not_compared, progressive
 from .loaded_scene import LoadedScene, Opener
-from .picture import Picture
+from .picture import Factors, Picture
 from .publisher import Publisher, State
 from .requests import Request, Requests
 from .throttle import Throttle
@@ -54,13 +54,15 @@ class Viewer:
         self._throttle = Throttle()
         self._number, self._seconds, self._reported = 0, 0.0, 0.0
 
-    def result(self) -> tuple[State, mi.Bitmap, Any, Any]:
-        """The state, the image of the scene's integrator as it is shown, that integrator, and how far it came; for
-        :meth:`.Requests.call`.
+    def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
+        """The state, the image of the scene's integrator as it is shown, mixed with ``factors``, that integrator, and
+        how far it came; for :meth:`.Requests.call`.
         """
-        picture = self.publisher.pictures["own"]
+        picture = self.publisher.pictures["own"].mixed(factors)
         planes = {name: picture.layers["final"][..., k] for k, name in enumerate("RGB")}
         planes |= {f"{name}.Y": values for name, values in picture.layers.items() if values.ndim == 2}
+        for part in filter(lambda layer: "." in layer, picture.layers):
+            planes |= {f"{part.partition('.')[2]}.{c}": picture.layers[part][..., k] for k, c in enumerate("RGB")}
         return self.publisher.state, layers.of_channels(planes), self._integrator, self._reached
 
     def run(self) -> None:
@@ -212,8 +214,8 @@ class Viewer:
     def _show_coarse(self, image: ProgressiveImage) -> None:
         """Publishes the coarse image, before the first pass."""
         with self._throttle.drawing():
-            self._pictures = {"own": self._picture({"final": image.coarse()})}
-            self.publisher.publish(self._pictures, layers=("final",), seconds=self._seconds)
+            self._pictures = {"own": self._picture(coarse := image.coarse())}
+            self.publisher.publish(self._pictures, layers=tuple(coarse), seconds=self._seconds)
 
     def _picture(self, found: Any) -> Picture:
         self._number += 1

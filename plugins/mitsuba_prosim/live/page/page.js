@@ -8,13 +8,23 @@ import {Place} from "./place.js";
 const find = (id) => document.getElementById(id);
 /** Writes what is not there yet: what is marked, to be copied, stays so, and nothing is read out twice. */
 const write = (element, text) => { if (element.textContent !== text) element.textContent = text; };
-const TAKES = ["own", "path"], LAYERS = document.querySelectorAll("input[name=layer]");
+const TAKES = ["own", "path"], FIXED = document.querySelectorAll("input[name=layer]").length;
+const layers = () => document.querySelectorAll("input[name=layer]");
 const shown = {own: null, path: null};
 let state = null, pointed = null, wanted = false, comparing = null;
 
 // ---- what is shown
 
 const layer = () => document.querySelector("input[name=layer]:checked").value;
+/** The factors of the lamps that are not as the scene has them, for the server. */
+const mix = () => [...find("lamps").querySelectorAll("input[type=range]")].flatMap((range) => {
+    const colour = range.nextElementSibling.value;
+    if (Number(range.value) === 1 && colour === "#ffffff") return [];
+    const factors = [1, 3, 5].map((k) => range.value * linear(parseInt(colour.slice(k, k + 2), 16) / 255));
+    return [`mix=${encodeURIComponent(`${range.name}=${factors}`)}`];
+}).join("&");
+/** A value of the screen, which is in sRGB, as a factor. */
+const linear = (c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
 const stops = () => Number(find("exposure").value);
 
 /** Both takes as bright as each other: a value has one colour. */
@@ -60,14 +70,14 @@ async function refresh() {
 }
 
 async function fetchLayer(take) {
-    const number = state.pictures[take], name = layer(), before = shown[take];
-    if (number === undefined || (before && before.number === number && before.layer === name)) return;
+    const number = state.pictures[take], name = layer(), before = shown[take], mixed = take === "own" ? mix() : "";
+    if (number === undefined || (before && before.number === number && before.layer === name && before.mixed === mixed)) return;
     // A coarse picture has no maps: that of before stays until there is another.
     if (!state.layers.includes(name) && name !== "final") return;
     const held = take === "own" || ["final", "error", "samples"].includes(name);
     let answer, buffer;
     try {
-        answer = await fetch(`layer/${take}/${held ? name : "final"}`);
+        answer = await fetch(`layer/${take}/${held ? encodeURIComponent(name) : "final"}?${mixed}`);
         buffer = await answer.arrayBuffer();
     } catch { return; } // the server has gone, in the midst of it perhaps
     if (!answer.ok) return;
@@ -75,7 +85,7 @@ async function fetchLayer(take) {
     const [width, height] = [fact("Width"), fact("Height")];
     const channels = buffer.byteLength === 6 * width * height ? 3 : 1;
     const values = channels === 3 ? new Uint16Array(buffer) : new Float32Array(buffer);
-    shown[take] = {number: fact("Picture"), layer: name, width, height, channels, values, white: fact("White"), unit: fact("Unit")};
+    shown[take] = {number: fact("Picture"), layer: name, mixed, width, height, channels, values, white: fact("White"), unit: fact("Unit")};
     if (fact("Picture") < state.pictures[take]) wanted = "again";
     if (take === "own") place.size(...state.size); // not before: the picture of before has its own
     TAKES.slice(TAKES.indexOf(take)).forEach(draw); // the other's white is that of the scene's own
@@ -120,7 +130,8 @@ function told(news) {
     tell(find("warnings").querySelector("div"), state.warnings.join("\n"));
     find("stop").disabled = !["rendering", "stopped"].includes(state.doing);
     write(find("stop"), state.doing === "stopped" ? "Go on" : "Stop");
-    for (const input of LAYERS) {
+    partsOf(state.layers.filter((name) => name.includes(".")));
+    for (const input of layers()) {
         input.disabled = !state.layers.includes(input.value) && input.value !== "final";
         if (["raw", "denoised"].includes(input.value)) input.parentElement.hidden = input.disabled;
     }
@@ -141,6 +152,32 @@ function told(news) {
     refresh().then(splitting);
 }
 
+/** The layers of the integrator as choices; and its lamps, with the factors that they have here. */
+function partsOf(names) {
+    const box = find("layers"), lamps = find("lamps"), told = names.join();
+    if (box.dataset.told === told) return;
+    box.dataset.told = told;
+    const chosen = layer(), before = new Map([...lamps.querySelectorAll("input")].map((input) => [input.id, input.value]));
+    [...box.children].slice(FIXED).forEach((label) => label.remove());
+    lamps.replaceChildren();
+    for (const name of names) {
+        const label = box.appendChild(document.createElement("label")), input = document.createElement("input");
+        const word = name.slice(name.indexOf(".") + 1), text = document.createElement("span");
+        Object.assign(input, {type: "radio", name: "layer", value: name, checked: name === chosen});
+        text.textContent = word;
+        label.append(input, text);
+        if (!name.startsWith("lights.")) continue;
+        const range = document.createElement("input"), colour = document.createElement("input");
+        Object.assign(range, {type: "range", name, id: `factor ${name}`, min: 0, max: 2, step: 0.05, ariaLabel: `Factor of ${word}`});
+        Object.assign(colour, {type: "color", id: `colour ${name}`, ariaLabel: `Colour of ${word}`});
+        range.value = before.get(range.id) ?? 1;
+        colour.value = before.get(colour.id) ?? "#ffffff";
+        lamps.append(text.cloneNode(true), range, colour);
+    }
+    lamps.hidden = !lamps.children.length;
+    if (!document.querySelector("input[name=layer]:checked")) box.querySelector("input").checked = true;
+}
+
 /** Seconds, as one says them. */
 function duration(seconds) {
     if (seconds < 100) return `${seconds.toFixed(1)} s`;
@@ -155,13 +192,13 @@ function lost(refused) {
     for (const id of ["state", "said"]) write(find(id), text);
     document.body.dataset.doing = "gone";
     for (const id of ["stop", "camera", "compare", "home"]) find(id).disabled = true;
-    for (const input of LAYERS) input.disabled = !input.checked;
+    for (const input of layers()) input.disabled = !input.checked;
     savable(false);
 }
 
 function savable(on) {
     for (const kind of ["exr", "png"]) {
-        if (on) find(kind).href = `save/${kind}?exposure=${stops()}`;
+        if (on) find(kind).href = `save/${kind}?exposure=${stops()}&${mix()}`;
         else find(kind).removeAttribute("href");
     }
 }
@@ -196,7 +233,7 @@ function tellPixel() {
     if (image?.channels === 3) {
         const [row, column] = [y * image.height / place.height, x * image.width / place.width].map(Math.floor);
         const at = 3 * (row * image.width + column);
-        lines.push(`RGB ${[0, 1, 2].map((c) => digits(details?.own?.final[c] ?? HALVES[image.values[at + c]] * image.unit)).join(" ")}`);
+        lines.push(`RGB ${[0, 1, 2].map((c) => digits((image.mixed ? null : details?.own?.[image.layer]?.[c]) ?? HALVES[image.values[at + c]] * image.unit)).join(" ")}`);
     } else if (details?.own) lines.push(`RGB ${details.own.final.map((v) => digits(v)).join(" ")}`);
     if (details?.path) lines.push(`path ${details.path.final.map((v) => digits(v)).join(" ")}`);
     if (details?.own?.error !== undefined) lines.push(`error ${digits(details.own.error)}`, details.own.samples === 1 ? "1 sample" : `${digits(details.own.samples)} samples`);
@@ -230,6 +267,10 @@ new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // a
 const place = new Place(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: splitting, point});
 
 find("layers").addEventListener("change", () => refresh());
+find("lamps").addEventListener("input", () => {
+    savable(find("png").hasAttribute("href"));
+    refresh();
+});
 function exposed() {
     find("stops").textContent = stops() > 0 ? `+${stops()}` : String(stops());
     find("neutral").disabled = stops() === 0;

@@ -319,7 +319,7 @@ def test_page_in_a_browser(report):
     [
         (["nosuchintegrator"], '"nosuchintegrator" not found!'),
         (["pth"], '"pth" not found! Did you mean path?'),
-        (["prosim", "path:multijiter"], '"multijiter" not found! Did you mean multijitter?'),
+        (["prosim", "path:multijiter"], "'path:multijiter': failed to instantiate"),
         (["prosim", "path,max_dept=4"], "path has no parameter 'max_dept'. Did you mean max_depth?"),
         (["prosim,adaptiv=none"], "prosim has no parameter 'adaptiv'. Did you mean adaptive?"),
         (["prosim,samples=-1"], "samples"),

@@ -66,7 +66,8 @@ def test_lamps_are_mixed_as_by_the_command(lamps, variant_rgb, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["lights.lamp7=1", "final=1", *(f"lights.ambient={value}" for value in ("", "x", "nan", "1,2", "1e99"))]
+    "text",
+    ["lights.lamp7=1", "final=1", *(f"lights.ambient={value}" for value in ("", "x", "nan", "1,2", "-1", "1e99"))],
 )
 def test_wrong_factors(lamps, text):
     for path in ("layer/own/final", "save/exr"):

@@ -227,17 +227,17 @@ def factors(request: Request) -> Factors:
     """The parameters ``mix`` of a request, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``. Raises
     HTTPException.
     """
-    found = []
+    found: dict[str, np.ndarray] = {}
     for text in request.query_params.getlist("mix"):
         name, _, values = text.partition("=")
         try:
             factor = np.array(values.split(","), dtype=np.float32)
         except ValueError:
             raise HTTPException(400) from None
-        if len(factor) not in (1, 3) or not np.isfinite(factor).all():
+        if name in found or len(factor) not in (1, 3) or not (np.isfinite(factor) & (factor >= 0)).all():
             raise HTTPException(400)
-        found.append((name, factor))
-    return found
+        found[name] = factor
+    return list(found.items())
 
 
 def mixed(picture: Picture, factors: Factors) -> Picture:

@@ -117,7 +117,7 @@ class Scene:
 
 
 def can_light(background: Any) -> bool:
-    """Whether a background, a texture or None, can be an emitter."""
+    """Whether ``background`` (a texture or None) can be turned into an emitter."""
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 

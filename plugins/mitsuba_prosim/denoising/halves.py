@@ -102,8 +102,8 @@ class DenoisedRender:
     #: The denoiser estimates the error when the raw one is at most this many times the limit: at most so often with
     #: smaller networks, and so often with those of the final image.
     FAR, FAST, BEST = 5.0, 3, 2
-    #: The estimates over the error of the final image, about: with smaller networks, and with its own.
-    ABOVE = 1.22, 1.1
+    #: The error with the smaller networks over that with the final image's own, about.
+    SMALLER_NETWORKS = 1.1
     #: The power of the number of samples with which the final error falls: first assumption, and its bounds.
     SLOPE, LEAST, MOST = 0.4, 0.25, 0.6
 
@@ -237,7 +237,7 @@ class DenoisedRender:
 
     def _record(self, state: FilmState, samples: float, fast: bool, image: Denoised) -> tuple[float, ...]:
         """Keeps the estimated error, rounded, and how fast it falls."""
-        noise = tuple(float(f"{error / self.ABOVE[not fast]:.3g}") for error in image.errors())
+        noise = tuple(float(f"{error / (self.SMALLER_NETWORKS if fast else 1):.3g}") for error in image.errors())
         if state.estimates and samples > state.estimates[-1][0]:
             before, _, error, *_ = state.estimates[-1]
             state.slope = min(max(np.log(error / noise[0]) / np.log(samples / before), self.LEAST), self.MOST)

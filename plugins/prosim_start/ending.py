@@ -1,4 +1,4 @@
-"""Ctrl-C where a command has nothing to keep: one line, and the exit code that shells know."""
+"""Ends a command without a result at Ctrl-C: one line, and the exit code of shells for it."""
 
 import _thread
 import os

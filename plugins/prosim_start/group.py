@@ -60,7 +60,7 @@ def prosim() -> None:
     """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
 
     Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else, among them a render that Ctrl-C
-    ended, whose image so far is kept; 130 Ctrl-C before there was anything to keep.
+    ended, whose image so far is kept; 130 Ctrl-C before the first result.
     """
     shown = set()
 

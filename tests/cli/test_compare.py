@@ -65,7 +65,7 @@ def report(tmp_path_factory):
         command = ["compare", str(folder / "little.xml"), *arguments, *(["--denoise"] if DENOISES else [])]
         result = CliRunner().invoke(prosim, command)
     assert result.exit_code == 0, result.output
-    assert "reference of all paths: " in result.stderr and "rendering by turns: " in result.stderr
+    assert "reference of all paths: " in result.stderr and "rendering in turn: " in result.stderr
     stem = folder / "little-compare"
     return (
         stem.with_suffix(".html").read_text(encoding="utf-8"),

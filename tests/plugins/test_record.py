@@ -179,7 +179,7 @@ def test_a_part_that_was_stopped_goes_on(variant_rgb):
 
 
 def test_parts_know_nothing_of_noise(variant_rgb):
-    with pytest.raises(ValueError, match="go by the whole image"):
+    with pytest.raises(ValueError, match="limits noise and time"):
         finished(loaded(noise=0.01), part=Part(1, 2))
     with pytest.raises(ValueError, match="part 3 of 2"):
         Part(3, 2)

@@ -52,7 +52,7 @@ def compare(
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5; the default sampler is the scene's. B also renders with as many samples, and in as
     much time, as A; errors are against a converged reference. Where A is prosim and B is not, A renders both B's light
-    and the scene's. Writes a page (.html) and its numbers (.json) beside the scene, as SCENE-compare.
+    and the scene's. Writes a page (.html) and its numbers (.json) in the scene's folder, as SCENE-compare.
     """
     need("compare", "prosim compare")
     scene = Path(job.scene)

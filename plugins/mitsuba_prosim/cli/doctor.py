@@ -1,4 +1,4 @@
-"""``prosim doctor``: what this machine has, and what to do about what is missing."""
+"""``prosim doctor``: what this machine has, and how to install the rest."""
 
 import os
 import platform

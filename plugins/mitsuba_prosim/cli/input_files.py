@@ -105,7 +105,7 @@ def kind(path: Path) -> str:
                 return STATE if checkpoint.about(path)["facts"]["part"] is None else PART
             except checkpoint.NotACheckpointError:
                 return what
-            except (checkpoint.CheckpointError, OSError):  # its command says what is wrong
+            except (checkpoint.CheckpointError, OSError):  # its command reports the error
                 return STATE
         if what:
             return what

@@ -50,7 +50,7 @@ SCENES, NOISES = "what the scene says", "with --noise, --time: "
 
 
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
-    """A field of a :class:`Job` with its option; ``type_``: None for a flag; ``flags``: beside ``--field``."""
+    """A field of a :class:`Job` with its option; ``type_``: None for a flag; ``flags``: besides ``--field``."""
     settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
     return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)
 
@@ -73,7 +73,7 @@ class Job:
     denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
 
     output: str | None = _output(
-        click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="beside the input"
+        click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="the input's folder"
     )
     layers: str | None = _output(
         click.Choice(KINDS[1:]), "Write layers to the EXR too, whose sum is the image; see prosim mix."
@@ -297,7 +297,7 @@ def choose_variant(name: str | None) -> str:
 
 
 def refuse_scalar(names: list[str], variant: str) -> None:
-    """Raises InputError where one of these options is given with a scalar variant, which renders pixel by pixel."""
+    """Raises InputError for these options with a scalar variant, which renders pixel by pixel."""
     if variant.startswith("scalar_") and names:
         raise options.InputError(
             f"{', '.join(names)}: {variant} renders one pixel after the other, and knows nothing of the whole image. "

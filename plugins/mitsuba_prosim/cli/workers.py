@@ -47,6 +47,6 @@ class Workers(ExitStack):
             client = self.enter_context(there)
             self.dask = self.enter_context(DaskExecutor(client, bundle, warn))
         except RuntimeError as error:
-            said = str(error) if job.cluster else f"the workers can't be started here ({error})"
-            raise click.ClickException(said) from None
+            message = str(error) if job.cluster else f"the workers can't be started here ({error})"
+            raise click.ClickException(message) from None
         return self.dask

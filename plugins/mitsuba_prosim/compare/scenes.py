@@ -75,7 +75,7 @@ class Scene:
         self.integrator = props.plugin_name()
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
         here = origin.here()
-        #: Identifies what is rendered, for cached references.
+        #: Identifies the image, for cached references.
         self.key = json.dumps([file.digest(), file.changes, [here[name] for name in origin.EXACT]], sort_keys=True)
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:

@@ -148,8 +148,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             )
         if dr.flag(dr.JitFlag.FreezingScope):
             raise RuntimeError(
-                f"{self.name()}: an image can't be rendered within a function that dr.freeze records, because how "
-                "many samples are taken is decided on the way; render it outside of that function."
+                f"{self.name()}: can't render within a function that dr.freeze records, because the number of "
+                "samples depends on the image; render outside of that function."
             )
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
@@ -157,8 +157,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         part = part if begin is None else begin.part
         if part is not None and sampling.has_target:
             raise ValueError(
-                f"{self.name()}: noise and time go by the whole image, of which a part knows nothing; render the parts "
-                "without them, and let the image that is put together go on until it is good enough."
+                f"{self.name()}: a part of an image can't have the limits noise and time, those of the whole image; "
+                "render the parts without them, merge them, and continue the image with them."
             )
         return self._begin(scene, sensor, seed, spp, sampling, self.own_aovs, part, executor, begin, denoiser)
 
@@ -188,7 +188,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         return render
 
     def estimator(self, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
-        """The estimator of the image of ``scene`` as seen by ``sensor``."""
+        """The estimator of the image of ``scene`` by ``sensor``."""
         from .estimator import Estimator
 
         transport = self.transport(scene, sensor)

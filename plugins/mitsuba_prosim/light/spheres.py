@@ -21,7 +21,7 @@ SINGLE = 2.0**-22
 
 
 class SphereLights(OtherLights):
-    """Emitters whose shape is a sphere, seen from outside; ``emitters``: all of them, in the order of their numbers."""
+    """Emitters that are spheres and emit outwards; ``emitters``: all of them, in the order of their numbers."""
 
     whole_sphere = False
     can_exclude = True

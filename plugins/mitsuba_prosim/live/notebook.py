@@ -30,7 +30,7 @@ BREATH = 0.005
 #: Effort of zlib for an image that is replaced soon.
 PASSING = 1
 
-#: Map -> its title beside the scale.
+#: Map -> its title next to the scale.
 MAPS = {"error": "Standard error of the luminance", "samples": "Samples of a pixel"}
 
 
@@ -54,7 +54,7 @@ def show(
     ``sensor``, ``integrator``, ``seed``, ``spp``
         As for ``mi.render``; an integrator that renders as a whole is put within ``prosim_adaptive``.
     ``exposure``
-        Of what is shown, in stops.
+        Exposure of the shown image, in stops.
 
     Returns at once: the image is rendered while the notebook is idle. ``await view`` waits for the end, and so does
     ``view.wait()``, which keeps the notebook busy; interrupting the kernel stops the image. Without a notebook the

@@ -30,7 +30,7 @@ def power(versine: mi.Float, exponent: mi.Float) -> mi.Float:
 
 
 def share(versine: mi.Float, exponent: mi.Float) -> mi.Float:
-    """Share of the integral of cos^n sin from 0 to 90 degrees that lies within the angle: 1 - cos^(n + 1)."""
+    """Fraction of the integral of cos^n sin from 0 to 90 degrees within the angle: 1 - cos^(n + 1)."""
     h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below, it is 1
     return -2 * dr.sinh(h) * dr.exp(h)
 

@@ -107,7 +107,7 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
         return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
     for name in ("eta", "k"):
         if name in props:
-            raise reject(props, name, props[name], f'no "{name}" beside "material", which is {material!r}')
+            raise reject(props, name, props[name], f'no "{name}" together with "material", which is {material!r}')
     try:
         conductor = create("conductor", material=material)
     except RuntimeError as error:

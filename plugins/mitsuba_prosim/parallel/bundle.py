@@ -1,4 +1,4 @@
-"""A scene as it travels to a worker: its text, and the files that it names."""
+"""A scene for a worker: its text, and the files that it names."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class SceneBundle:
                     "the file there, and name it relative to that folder"
                 )
             place = Path(os.path.abspath(path))
-            if not place.is_relative_to(home):  # of a translation, which lies elsewhere
+            if not place.is_relative_to(home):  # of a translation, which is in another folder
                 place = Path(os.path.abspath(home / name))
             contents[place.relative_to(home).as_posix()] = path.read_bytes()
         key = hashlib.sha256(json.dumps([file.digest(), file.changes, sensor], sort_keys=True).encode()).hexdigest()

@@ -107,7 +107,7 @@ class DaskExecutor:
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each work item with its sums, and None while there is nothing new.
 
-        Raises ClusterError if no worker can take part, or if a work item fails again and again.
+        Raises ClusterError if no worker can take part, or if a work item fails too often.
         """
         return self._results(map(self._samples, items))
 

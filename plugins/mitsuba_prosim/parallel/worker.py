@@ -157,10 +157,10 @@ def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes
         plan, x, y, start, end, decides = pickle.loads(item)
         policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold) if decides else None
         whole = WorkItem(estimator(), plan, x, y, start, end, policy)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     sums = whole.take()
     dr.sync_thread()
-    return time.perf_counter() - begun, pickled(sums)
+    return time.perf_counter() - started, pickled(sums)
 
 
 @in_render_thread

@@ -29,7 +29,7 @@ class OwenSampler(PureSampler):
        - Seed offset (Default: 0)
 
     Takes the samples of every pixel and dimension from Sobol's sequence in two dimensions, each shuffled and scrambled
-    by a hash of its own (Burley 2020). The sequence has no end: any number of samples is well distributed, powers of
+    by its own hash (Burley 2020). The sequence has no end: any number of samples is well distributed, powers of
     two a little better. A sample is a pure function of seed, pixel, dimension and sample index; no state of a random
     generator is kept.
 

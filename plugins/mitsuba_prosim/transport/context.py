@@ -79,7 +79,7 @@ class PhotonMaps(Protocol):
 
     def add_to(self, L: Any, vertex: Any, drawn: Any, t: Any) -> Any:
         """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
-        glossy lobes, each with a ray of its own.
+        glossy lobes, each with its own ray.
         """
 
 

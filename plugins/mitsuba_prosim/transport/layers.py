@@ -1,4 +1,4 @@
-"""Layers: the image taken apart by cause, beside the image itself.
+"""Layers: further images of the parts of the light, which add up to the image.
 
 ``lights``
     what each source sends, the background, and the ambient term.
@@ -163,7 +163,7 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
 
 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
-    """Names of the ``emitters``: their ids, or those of their shapes; ``lamp1``, ``lamp2``, ... where there is none."""
+    """Names of the ``emitters``: their ids, or those of their shapes; ``lamp1``, ``lamp2``, ... without an id."""
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):
         shape = emitter.get_shape()

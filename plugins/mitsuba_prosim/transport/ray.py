@@ -25,7 +25,7 @@ class Ray:
     node: mi.UInt32
     #: Number of reflections and refractions before this ray: 0 is the camera's.
     level: mi.UInt32
-    #: Density per solid angle with which a lobe sampled ``d``; of no meaning unless ``uses_mis``.
+    #: Density per solid angle with which a lobe sampled ``d``; undefined unless ``uses_mis``.
     pdf: mi.Float
     #: Whether light sampling at its origin could have found the emission that it meets, too: that gets an MIS weight.
     uses_mis: mi.Bool
@@ -80,5 +80,5 @@ def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
 
 
 def viewer_side(si: mi.SurfaceInteraction3f) -> mi.Normal3f:
-    """Shading normal, on the side that the surface is seen from."""
+    """Shading normal, on the viewer's side."""
     return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))

@@ -13,7 +13,7 @@ export function tell(box, text) {
     showCarets(box);
 }
 
-/** Moves quoted lines that are too long so that their carets are seen. */
+/** Scrolls quoted lines that are too long to their carets. */
 export function showCarets(box) {
     for (const quoted of box.querySelectorAll("pre")) {
         const lines = quoted.textContent.split("\n"), caret = Math.max(...lines.map((line) => line.search(/\^~*\s*$/)));

@@ -22,7 +22,7 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """``denoise`` and ``show``, which few need, are imported when they are asked for."""
+    """Imports ``denoise`` or ``show`` at the first use."""
     if name == "denoise":
         from .denoising import denoise
 

@@ -2,7 +2,7 @@
 
 One function or constant for each. The comment above gives the reason, the version, and the upstream issue if there is
 one. Workarounds that are modules of their own: ``alone`` (one thread at a time), ``registry`` (variants), ``llvm``,
-``transport.workarounds`` (BSDFs that ignore the lobes they are asked for), ``stock_command``.
+``transport.workarounds`` (BSDFs that ignore the type mask), ``stock_command``.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def _number(pointer: mi.ShapePtr) -> int:
 
 
 # ---------------------------------------------------------------- class names
-# Mitsuba 3.9 tells these kinds of objects apart by their class names only. A test compares the names with the classes.
+# Only class names distinguish these kinds of objects in Mitsuba 3.9. A test compares the names with the classes.
 
 #: Shapes, sensors and emitters.
 INSTANCE, SPHERE, PERSPECTIVE = "Instance", "Sphere", "PerspectiveCamera"
@@ -225,7 +225,7 @@ EXR_THREADS = 3
 
 
 # ---------------------------------------------------------------- files
-# Mitsuba has no list of what it looks for in its search path.
+# Mitsuba has no list of the files that it looks for in its search path.
 
 #: Suffixes of a plugin's file on Linux, macOS and Windows.
 LIBRARIES = (".so", ".dylib", ".dll")
@@ -250,9 +250,9 @@ PLUGINS_IN_PYTHON = (
 
 
 # ---------------------------------------------------------------- the words of errors
-# An error has no attributes: what it speaks of is in its words (as of 3.9).
+# An error has no attributes, only a text (as of 3.9).
 
-#: The Python traceback that Mitsuba puts in the midst of its own words, and a line of its own source.
+#: The Python traceback within a message of Mitsuba's, and a line of Mitsuba's source.
 TRACEBACK = re.compile(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?")
 SOURCE_LINE = re.compile(r"\[\w+\.(?:cpp|h):\d+\] ")
 
@@ -276,7 +276,7 @@ ALIGNED = 64
 
 
 def dr_array(values: np.ndarray) -> Any:
-    """A Dr.Jit array of 32-bit ``values``, row by row, with memory of its own: kernels are those of any other array."""
+    """A Dr.Jit array of 32-bit ``values``, row by row, in Dr.Jit's own memory: kernels are those of any other array."""
     import numpy as np
 
     values = np.asarray(values)

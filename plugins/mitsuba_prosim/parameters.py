@@ -20,7 +20,7 @@ MISSING = _Missing()
 
 
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
-    """Returns the error for a parameter outside what is allowed; the caller raises it.
+    """Returns the error for a parameter with a value that is not allowed; the caller raises it.
 
     ``name``: of the parameter; ``value``: the one that was given, or `MISSING`; ``allowed``: a phrase such as ``"a
     number >= 0"``.

@@ -69,7 +69,7 @@ def modules() -> Iterator[str]:
 
 
 def register_plugins(*_: object) -> None:
-    """Registers all plugins for the active variant; does nothing if there is none, or if that is done already.
+    """Registers all plugins for the active variant; does nothing without a variant, or if they are registered.
 
     It is Mitsuba's variant callback and ignores its arguments (old variant, new variant). Raises RuntimeError where
     LLVM would abort the process (see ``llvm.problem``).

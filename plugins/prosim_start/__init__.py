@@ -1,4 +1,4 @@
-"""How the ``prosim`` command starts: signals first, then words, and only then what is heavy.
+"""Starts the ``prosim`` command: handles signals, reads the arguments, and only then imports Mitsuba.
 
 Not within ``mitsuba_prosim``, because to import anything of that is to import Mitsuba: help needs none of it, and
 Ctrl-C has to be heard from the beginning.
@@ -17,7 +17,7 @@ def main() -> None:
     """Runs the command with the arguments of the process, and ends the process."""
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
-    end_at_once()  # but what has something to keep, a render, hears the signal itself meanwhile
+    end_at_once()  # a render, which has a result to keep, handles the signal itself
     from .group import prosim
 
     try:
@@ -28,7 +28,7 @@ def main() -> None:
         # Or else Python would try again when it ends, and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    finally:  # what is done is done, and Python needs a moment to end
+    finally:  # the work is done, and Python needs a moment to end
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -1,10 +1,10 @@
-"""Ctrl-C where a command has nothing to keep: one line, and the exit code that shells know."""
+"""Ends a command without a result at Ctrl-C: one line, and the exit code of shells for it."""
 
 import _thread
 import os
 import signal
 
-#: What a shell says of a process that Ctrl-C has ended.
+#: The exit code that shells use for a process that Ctrl-C has ended.
 EXIT_CODE = 128 + signal.SIGINT
 
 

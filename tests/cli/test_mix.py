@@ -50,7 +50,12 @@ def test_lamps_are_dimmed_and_coloured(image, tmp_path):
 def test_wrong_factors_and_images(image, tmp_path):
     refused("key, lamp2", "mix", image, "lamp7=1", folder=tmp_path)
     refused("LAYER=FACTOR", "mix", image, "key", folder=tmp_path)
-    refused("bright", "mix", image, "key=bright", folder=tmp_path)
+    for factor in ("bright", "nan", "inf", "-1", "1e99", "50%"):
+        refused("LAYER=FACTOR", "mix", image, f"key={factor}", folder=tmp_path)
+    refused("several factors", "mix", image, "key=1", "key=2", folder=tmp_path)
+    refused("no EXR", "mix", tmp_path / "two.xml", "key=1", folder=tmp_path)
+    (tmp_path / "cut.exr").write_bytes(image.read_bytes()[:500])
+    refused("no EXR", "mix", tmp_path / "cut.exr", "key=1", folder=tmp_path)
     refused("input", "mix", image, "key=1", "-o", image, folder=tmp_path)
     done("render", tmp_path / "two.xml", "-o", tmp_path / "plain")
     refused("--layers", "mix", tmp_path / "plain.exr", "key=1", folder=tmp_path)

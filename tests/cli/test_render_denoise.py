@@ -60,5 +60,5 @@ def test_what_does_not_go_together(scene):
     within = '<integrator type="prosim_denoised"><integrator type="path"/></integrator>'
     scene.write_text(XML.replace('<integrator type="path"/>', within))
     done = prosim("render", scene, "--denoise")
-    assert done.exit_code == 2 and "prosim_denoised, denoises by itself; leave out --denoise" in done.stderr
+    assert done.exit_code == 2 and "prosim_denoised, already denoises; leave out --denoise" in done.stderr
     assert names(scene.parent) == ["scene.xml"]

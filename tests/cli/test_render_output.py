@@ -140,7 +140,7 @@ def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
 
     monkeypatch.setattr(Plan, "of", interrupted)
     scene.write_text(BANDS)
-    refused("Interrupted before the image had begun", "render", scene, folder=scene.parent, code=130)
+    refused("Interrupted before the first sample", "render", scene, folder=scene.parent, code=130)
 
 
 def test_stop_is_called_again_until_the_end(monkeypatch, capfd):

@@ -88,7 +88,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     lamp.rename(moved / "lamp.xml")
-    refuse("scene.xml does not exist, nor is it beside", "resume", tmp_path / "a.state.npz")
+    refuse("scene.xml does not exist, nor does the folder of", "resume", tmp_path / "a.state.npz")
     report = done("resume", tmp_path / "a.state.npz", "--noise", 0.02, "--scene", moved / "lamp.xml", "-o", moved / "b")
     assert re.search(r"noise 0\.0\d+ of 0\.02", report.stdout)
     third = moved.rename(tmp_path / "third")  # beside the state it is found
@@ -136,7 +136,7 @@ def test_wrong_use(scene, options, says):
 
 def test_noise_of_the_scene_with_a_part(lamp):
     lamp.write_text(LAMP.replace('"path"/>', '"path"/><float name="noise" value="0.1"/>'))
-    refuse("go by the whole image", "render", lamp, "--part", "1/2")
+    refuse("limits noise and time", "render", lamp, "--part", "1/2")
 
 
 def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
@@ -178,7 +178,7 @@ def test_a_disk_that_is_full(lamp, tmp_path_factory, monkeypatch):
     monkeypatch.setattr(atomic, "write", full)
     monkeypatch.setattr(atomic.tempfile, "tempdir", str(elsewhere))
     result = prosim("render", lamp, "--keep")
-    assert result.exit_code == 1 and result.stderr.count("the render goes on") == 1
+    assert result.exit_code == 1 and result.stderr.count("the render continues") == 1
     (folder,) = (path for path in elsewhere.iterdir() if path.name.startswith(atomic.RESCUE))
     assert f"The result is in {folder / 'scene.state.npz'}" in result.stderr
     assert names(lamp.parent) == ["scene.exr", "scene.png", "scene.xml"]

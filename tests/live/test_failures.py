@@ -29,7 +29,7 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
         viewer.requests.change(compared=True)
         viewer.requests.change(stopped=True)
         viewer.requests.change(stopped=False)
-        assert viewer.requests.call(lambda subject: subject.seen(4, 3)).result(20).startswith("Sphere")
+        assert viewer.requests.call(lambda subject: subject.surface_at(4, 3)).result(20).startswith("Sphere")
         viewer.requests.change(compared=False)
         assert viewer.publisher.state.doing == "failed" and words in viewer.publisher.state.error
 

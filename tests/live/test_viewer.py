@@ -217,7 +217,7 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         viewer.requests.change(stopped=True)
         until(lambda: viewer.publisher.state.doing == "stopped")
         number = viewer.publisher.pictures["own"].number
-        words = viewer.requests.call(lambda scene: (scene.seen(30, 20), scene.seen(1, 1))).result(20)
+        words = viewer.requests.call(lambda scene: (scene.surface_at(30, 20), scene.surface_at(1, 1))).result(20)
         assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
         assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.doing == "stopped"
         viewer.requests.change(stopped=False)
@@ -239,7 +239,9 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         viewer.requests.change(compared=True)
         until(lambda: "path" in viewer.publisher.pictures and is_done(viewer)())
         path_image = final(viewer, "path")
-        assert viewer.requests.call(lambda scene: scene.seen(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
+        assert (
+            viewer.requests.call(lambda scene: scene.surface_at(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
+        )
         assert np.array_equal(final(viewer), home)
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
@@ -334,7 +336,7 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
             assert {path, wood} <= viewer.files.known
             before = final(viewer)
-            assert viewer.requests.call(lambda scene: scene.seen(7, 5)).result(20).startswith("Sphere ball, ")
+            assert viewer.requests.call(lambda scene: scene.surface_at(7, 5)).result(20).startswith("Sphere ball, ")
             viewer.requests.move(lambda camera: camera.panned(0.3, 0))
             until(lambda viewer=viewer: viewer.publisher.state.view is not None and is_done(viewer)())
             assert "<matrix" in viewer.publisher.state.view

@@ -450,7 +450,7 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     shares = np.linspace(0.3, 1.7, cells) if cells > 1 else np.ones(1)
     allocation = Allocation.of(shares * (1 << 17) / cells)
     i = dr.arange(mi.UInt32, dr.width(allocation.cells))
-    start = caustics.sources.start(allocation.cells, allocation.shares, *start_points(mi.UInt32(7), i), mi.Color0f())
+    start = caustics.sources.start(allocation.cells, allocation.counts, *start_points(mi.UInt32(7), i), mi.Color0f())
     landed, _ = caustics.walk(start, i)
     power = dr.sum(dr.select(landed.valid, landed.flux.x, 0))[0]
     eye = parallel(32, 0.5, (0.2, 0.1, 2), (0.2, 0.1, 0), (0, 1, 0))

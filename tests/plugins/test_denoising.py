@@ -430,10 +430,11 @@ def test_time_is_left_for_the_denoiser(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ball, asked", [(None, 0.004), ({"type": "roughconductor", "material": "Cu"}, 0.006)])
+@pytest.mark.parametrize("ball, asked", [(None, 0.004), ({"type": "roughconductor", "material": "Cu"}, 0.003)])
 def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, ball, asked):
-    """Against 6 images of 256 samples. Of 12 seeds at least 9 lie within 0.6 and 1.1 of what was asked for: where 95 %
-    do, fewer are an event of probability 0.0002.
+    """Against 6 images of 256 samples, at limits that the first pass does not meet.
+
+    Of 12 seeds at least 9 lie within 0.6 and 1.1 of the limit: where 95 % do, fewer have a probability of 0.0002.
     """
     needs_oidn()
     luminance = [0.2126, 0.7152, 0.0722]

@@ -258,7 +258,7 @@ def test_each_part_of_the_spectrum_is_kept_once(variant_spectral):
     for n in (*range(1, 9), 12):
         t, key = dr.arange(mi.UInt32, 4 * n) + 12 * n, mi.UInt32(0x2B992DDF)
         begin = wavelengths.shared(mi.UInt32(0), t, mi.UInt32(n))
-        chosen = wavelengths.kept(key, t, n, mi.Float(0.99))
+        chosen = wavelengths.chosen(key, t, n, mi.Float(0.99))
         assert len(set(zip(np.array(dr.floor(begin * (4 * n))), np.array(dr.floor(chosen * 4))))) == 4 * n
         assert len(set(np.array(dr.floor(chosen * 4))[:4])) == 4
 

@@ -50,7 +50,7 @@ class Conductor(Material):
      * - distribution
        - |string|
        - Distribution of the microfacets' normals: ``beckmann``, ``phong`` or ``gaussian``. (Default: ``phong`` if
-         ``exponent`` is given, else ``beckmann``)
+         the parameter ``exponent`` exists, else ``beckmann``)
 
      * - alpha
        - |float| or |texture|

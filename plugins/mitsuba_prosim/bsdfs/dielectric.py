@@ -63,7 +63,7 @@ class Dielectric(Material):
      * - distribution
        - |string|
        - Distribution of the microfacets' normals: ``beckmann``, ``phong`` or ``gaussian``. (Default: ``phong`` if
-         ``exponent`` is given, else ``beckmann``)
+         the parameter ``exponent`` exists, else ``beckmann``)
 
      * - alpha
        - |float| or |texture|
@@ -184,7 +184,7 @@ class Dielectric(Material):
         weights: Sequence[mi.Float] | None,
         active: mi.Bool,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """The same as `sample` where glass disperses, for integrators that know what a ray carries: probabilities
+        """The same as `sample` where glass disperses, for integrators that know the throughput of a ray: probabilities
         ``weights`` of the wavelengths that a smooth surface chooses from, with the sum 1. None: all go the way of the
         middle one, which is wrong, but without noise.
         """
@@ -201,7 +201,8 @@ class Dielectric(Material):
         together: bool = False,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """`sample` by the wavelength that is chosen with the probabilities ``weights``. None: all are alike, which is
-        right in the mean, as nothing tells which ones a ray has lost. ``together``: all go the way of the middle one.
+        right in the mean, as a ray does not store which ones it has lost. ``together``: all go the way of the middle
+        one.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -253,7 +254,7 @@ class Dielectric(Material):
     def facet(
         self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Normal3f, mi.Float | None]:
-        """``(m, width)``: a facet by the area that is visible from ``wi``, and the roughness, None if there is none."""
+        """``(m, width)``: a facet by the area that is visible from ``wi``, and the roughness, None without one."""
         if self.roughness is None:
             return mi.Normal3f(0, 0, 1), None
         width = self.roughness.eval_1(si, active)
@@ -280,13 +281,15 @@ class Dielectric(Material):
         """
         cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
         a, b = dr.abs(i_m), dr.maximum(dr.abs(o_m), 1e-30)
-        seen = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
+        visible = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
         eta_it = dr.select(si.wi.z > 0, eta, dr.rcp(eta))
         spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, eta)), 1e-7)
         jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * spread) * b)
         density = self.distribution.D(m, width) * jacobian
-        lit = dr.select(reflected, dr.minimum(seen, 2 * m.z * cos_o / cos_i), seen * torrance_sparrow.g1(cos_o, m.z, b))
-        return density * lit, density * seen
+        lit = dr.select(
+            reflected, dr.minimum(visible, 2 * m.z * cos_o / cos_i), visible * torrance_sparrow.g1(cos_o, m.z, b)
+        )
+        return density * lit, density * visible
 
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
@@ -307,7 +310,7 @@ class Dielectric(Material):
         values, reflectances, ratios, pdf = [], [], [], mi.Float(0)
         for eta in etas:
             m, i_m, o_m = half_vectors.between(si.wi, wo, eta)
-            # A facet's front is seen from the front of the surface, its back from the back.
+            # A facet's front is visible from the front of the surface, its back from the back.
             facing = active & (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
             lit, density = self.facets(si, wo, m, i_m, o_m, reflected, width, eta)
             f, _, eta_it, _ = fresnel.interface(i_m, eta)

@@ -9,8 +9,8 @@ import click
 import mitsuba as mi
 
 from .. import atomic
+from ..compat import PLACE
 from ..scene import session
-from ..scene.errors import with_nearest
 from . import output as files
 from .image import check_denoising
 from .input_files import SCENE_FILE
@@ -26,7 +26,7 @@ LEAST = 7
 
 CACHE = click.Path(file_okay=False, path_type=Path)
 
-#: What the summary says of the light of a section.
+#: The words of the summary for the light of a section.
 LIGHT = {
     "paths": "all paths of light, without the ambient term",
     "direct": "direct light only",
@@ -52,7 +52,7 @@ def compare(
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5; the default sampler is the scene's. B also renders with as many samples, and in as
     much time, as A; errors are against a converged reference. Where A is prosim and B is not, A renders both B's light
-    and the scene's. Writes a page (.html) and its numbers (.json) beside the scene, as SCENE-compare.
+    and the scene's. Writes a page (.html) and its numbers (.json) in the scene's folder, as SCENE-compare.
     """
     need("compare", "prosim compare")
     scene = Path(job.scene)
@@ -79,8 +79,9 @@ def compare(
                 try:
                     opened.contestant(spec, spec.transport or "scene", spp=4)
                 except RuntimeError as error:
-                    words = scenes.unknown_parameter(spec, error) or with_nearest(session.message(error))
-                    raise ValueError(words) from None
+                    # The place is one of the scene, in which the contestant was put.
+                    words = PLACE.sub("", session.message(error)).removeprefix(": ")
+                    raise ValueError(scenes.unknown_parameter(spec, error) or f"'{spec.text}': {words}") from None
         width, height = opened.sensor().film().crop_size()
         if min(width, height) < LEAST:
             raise InputError(f"{scene}: SSIM needs {LEAST} x {LEAST} pixels; the image has {width} x {height}.")
@@ -111,7 +112,9 @@ def reference_folder(cache: Path | None, size: int) -> Path:
 def summary(facts: Mapping[str, Any]) -> str:
     """The main result in a few lines."""
     section = facts["sections"][0]
-    lines = [f"All in {LIGHT[section['transport']]}; samples and times as near to equal as the samplers allow:"]
+    lines = [
+        f"Every row follows {LIGHT[section['transport']]}; samples and times as near to equal as the samplers allow:"
+    ]
     labels = [row["name"] + row["role"][1:] for row in section["rows"]]
     for label, row in zip(labels, section["rows"]):
         lines.append(

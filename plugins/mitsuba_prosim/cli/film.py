@@ -42,8 +42,8 @@ SMALL = 30.0
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that is to be rendered. ``stem``: its path without suffix; ``facts``: its metadata, beside those of every
-    image.
+    """A frame that is to be rendered. ``stem``: its path without suffix; ``facts``: its metadata, besides those of
+    every image.
     """
 
     number: int
@@ -73,7 +73,7 @@ class Film:
                 )
 
     def render(self) -> str | None:
-        """Renders what is missing; returns what interrupted it, in words. Raises ClickException."""
+        """Renders the missing frames; returns the cause of an interruption, in words. Raises ClickException."""
         with (
             log(self.job.verbose),
             session.threads(self.job.threads),
@@ -94,7 +94,7 @@ class Film:
             return "interrupted" if self.signals else getattr(workers.dask, "gone", None)
 
     def missing(self, folder: Path) -> Iterator[Frame]:
-        """The frames that are to be rendered, each read when it is asked for, until a signal comes."""
+        """The frames that are to be rendered, each read when it is its turn, until a signal arrives."""
         for number in self.frames:
             if self.signals:
                 return
@@ -124,7 +124,7 @@ class Film:
             if self.signals:  # from here on the render listens itself
                 return
             yield frame, render_image(task, self.bar, workers)
-            # States are kept here, so that nothing is lost with a worker; and a time is that of all workers.
+            # The states are here, so that a lost worker loses no samples; and a time is that of all workers.
             if workers.dask is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
                 continue
             if workers.dask.seconds <= SMALL:
@@ -195,16 +195,16 @@ class Film:
 
 def on_worker(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str]) -> Image:
     """The image of a frame, rendered by a worker."""
-    begun = perf_counter()
+    started = perf_counter()
     steps = start(job, scene, sensor)
     for _ in steps:
         pass
-    return finish(job, scene, sensor, steps, perf_counter() - begun, facts=facts)
+    return finish(job, scene, sensor, steps, perf_counter() - started, facts=facts)
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
-    """SHA-256 of all that the bytes of a frame depend on: the scene's content, its changes, and what makes the samples.
-    It does not depend on the folder of the scene.
+    """SHA-256 of all that the bytes of a frame depend on: the scene's content, its changes, and the
+    :mod:`..engine.origin`. It does not depend on the folder of the scene.
     """
     here = origin.here()
     own = job if file.xml == file.path else replace(job, definitions={})  # the translation has them
@@ -231,7 +231,7 @@ def exists(frame: Frame) -> bool:
 def render(job: Job, stem: Path) -> None:
     """Renders the frames of ``job`` and prints a report; ends the process where it was interrupted.
 
-    Raises UsageError, InputError and ClickException; finished frames are kept.
+    Raises UsageError, InputError and ClickException; finished frames stay.
     """
     if given := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(given)}=... and --frames both define ${min(given)}; give one of them.")

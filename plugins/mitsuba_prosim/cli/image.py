@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
 
-#: The estimated error of a denoised image is said to be uncertain from this relative standard error on.
+#: From this relative standard error on, the report calls the estimated error of a denoised image uncertain.
 UNCERTAIN = 0.12
 
 
@@ -41,7 +41,7 @@ UNCERTAIN = 0.12
 class Task:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
-    ``about``: what its checkpoints belong to; None: it has none. ``begin``: continues from there. ``facts``:
+    ``about``: facts that identify its checkpoints; None: it has none. ``begin``: continues from there. ``facts``:
     further metadata, of a frame of a film, which is written only when it is finished.
     """
 
@@ -63,7 +63,7 @@ class Task:
         begin: Checkpoint | None = None,
         facts: Mapping[str, str] | None = None,
     ) -> Task:
-        """The task of a job whose scene ``file`` has been opened. Raises what loading it raises, and ValueError where
+        """The task of a job whose scene ``file`` has been opened. Raises the errors of loading it, and ValueError where
         the options do not suit the scene, or ``begin`` belongs to another one.
         """
         scene = file.load()
@@ -87,7 +87,7 @@ class Task:
         return self.scene.integrator()
 
     def writer(self) -> CheckpointWriter | None:
-        """What writes the checkpoints, if there are some. Raises InputError where the result can't be written."""
+        """The writer of the checkpoints, or None. Raises InputError where the result can't be written."""
         part = self.job.part
         states = [f".{part}.npz" if part else STATE] if self.about is not None else []
         output.check(
@@ -105,8 +105,8 @@ class Task:
 
 @dataclass(frozen=True)
 class Image:
-    """A rendered image; it can travel. ``contents``: of its files, by suffix; ``size``: in pixels; ``quality``: noise,
-    samples and time, line by line; ``black``: why nothing is visible, if that is so.
+    """A rendered image; it can be pickled. ``contents``: of its files, by suffix; ``size``: in pixels; ``quality``:
+    noise, samples and time, line by line; ``black``: the reason why nothing is visible, or None.
     """
 
     contents: Mapping[str, bytes]
@@ -127,8 +127,8 @@ class Image:
 
 @dataclass(frozen=True)
 class Result:
-    """The outcome of a task. ``report``: what to print; ``interruption``: what interrupted it, in words; ``black``: why
-    nothing is visible, if that is so.
+    """The outcome of a task. ``report``: lines to print; ``interruption``: its cause, in words;
+    ``black``: the reason why nothing is visible, or None.
     """
 
     report: str
@@ -156,7 +156,7 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
     consumers: list[Any] = [one for one in (writer, snapshots, shown and shown.update) if one]
     with interruptible(task.integrator.cancel) as signals:
         executor = workers.executor(task)
-        begun = perf_counter()
+        started = perf_counter()
         try:
             steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
             while not (signals or getattr(executor, "gone", None)) and (step := next(steps, None)) is not None:
@@ -171,7 +171,7 @@ def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | No
             raise InputError(str(error)) from None
         except (RuntimeError, MemoryError) as error:
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-        seconds, lost = perf_counter() - begun, getattr(executor, "gone", None)
+        seconds, lost = perf_counter() - started, getattr(executor, "gone", None)
         interruption = lost or ("interrupted" if signals else None)
         if interruption and not is_frame and report.nothing(steps.reached):
             end_without_image(signals, lost)
@@ -199,7 +199,7 @@ class Snapshots:
     """
 
     def __init__(self, task: Task) -> None:
-        self.task, self.left, self.begun = task, sorted(task.job.snapshots or ()), perf_counter()
+        self.task, self.left, self.started = task, sorted(task.job.snapshots or ()), perf_counter()
 
     def __call__(self, steps: Any) -> None:
         """Writes those that are due."""
@@ -207,7 +207,7 @@ class Snapshots:
         for text in [one for one in self.left if reached is not None and reached.least and due(one, reached)]:
             self.left.remove(text)
             steps.put()
-            facts = metadata(task.job, task.integrator, reached, False, perf_counter() - self.begun)
+            facts = metadata(task.job, task.integrator, reached, False, perf_counter() - self.started)
             facts |= {"prosim.ended": f"snapshot {text}", "prosim.noise_at_most": f"{steps.noise_at_most():.6g}"}
             exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
             output.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
@@ -222,7 +222,7 @@ def due(snapshot: str, reached: Reached) -> bool:
 
 def end_without_image(signals: Sequence[int], lost: str | None) -> NoReturn:
     """Ends the process that has rendered nothing. Raises ClickException where the cluster was ``lost``."""
-    nothing = "before the image had begun; nothing was written."
+    nothing = "before the first sample; nothing was written."
     if lost:
         raise click.ClickException(f"{lost} {nothing}")
     click.echo(f"Interrupted {nothing}", err=True)
@@ -238,7 +238,7 @@ def finish(
     interrupted: str | None = None,
     facts: Mapping[str, str] | None = None,
 ) -> Image:
-    """The image of a render that has ended. ``interrupted``: by what; ``facts``: further metadata."""
+    """The image of a render that has ended. ``interrupted``: the cause; ``facts``: further metadata."""
     integrator, film, reached = scene.integrator(), sensor.film(), steps.reached
     only_time = rendering.keeps(integrator) and integrator.time and not report.goals(integrator)
     at_most = steps.noise_at_most() if only_time and not job.denoise else None
@@ -271,11 +271,11 @@ def metadata(
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
     """Raises ClickException where the package is missing, ValueError where ``film`` stores no colours, or the
-    ``integrator`` denoises by itself.
+    ``integrator`` already denoises.
     """
     need("denoise", "--denoise")
     if integrator is not None and "denoised.R" in integrator.aov_names():
-        raise ValueError("the scene's integrator, prosim_denoised, denoises by itself; leave out --denoise.")
+        raise ValueError("the scene's integrator, prosim_denoised, already denoises; leave out --denoise.")
     halves.check(film)
 
 

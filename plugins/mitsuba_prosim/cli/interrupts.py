@@ -1,4 +1,4 @@
-"""Signals that end a render, which keeps what it has."""
+"""Handles signals that end a render; the samples so far are kept."""
 
 import os
 import signal
@@ -17,12 +17,12 @@ AGAIN = 0.1
 @contextmanager
 def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
     """Calls ``stop`` at the first signal of :data:`ENDING`, and again until the context ends, because a renderer that
-    has not begun yet forgets it. A second signal ends the process at once.
+    has not started yet forgets it. A second signal ends the process at once.
 
     Yields the list of these signals that have come. Signals that the process ignores (by ``nohup``, or in the
     background of a script) stay ignored; handlers of other signals run as before.
     """
-    seen: list[int] = []
+    received_signals: list[int] = []
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
     reader, writer = socket.socketpair()  # Windows can't wait for a pipe
     writer.setblocking(False)
@@ -50,7 +50,7 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
             reader.settimeout(AGAIN)
 
     def handle(number: int, _: object) -> None:
-        seen.append(number)
+        received_signals.append(number)
         stop()
 
     watcher = threading.Thread(target=watch, daemon=True)
@@ -58,7 +58,7 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
     wakeup = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     before = {number: signal.signal(number, handle) for number in handled}
     try:
-        yield seen
+        yield received_signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""What the options ask for: a :class:`Job`, whose fields are the options."""
+"""The render job: a :class:`Job`, whose fields are the options."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SCENES, NOISES = "what the scene says", "with --noise, --time: "
 
 
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
-    """A field of a :class:`Job` with its option; ``type_``: None for a flag; ``flags``: beside ``--field``."""
+    """A field of a :class:`Job` with its option; ``type_``: None for a flag; ``flags``: besides ``--field``."""
     settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
     return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)
 
@@ -61,7 +61,7 @@ _film, _distribution, _advanced = (partial(_option, group) for group in ("Film",
 
 @dataclass(frozen=True)
 class Job:
-    """A scene file, what changes in it, which image of it is rendered, how, and where it goes."""
+    """A scene file, its changes, the image to render, the sampling, and the output."""
 
     scene: str = ""
 
@@ -73,7 +73,7 @@ class Job:
     denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
 
     output: str | None = _output(
-        click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="beside the input"
+        click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="the input's folder"
     )
     layers: str | None = _output(
         click.Choice(KINDS[1:]), "Write layers to the EXR too, whose sum is the image; see prosim mix."
@@ -174,7 +174,7 @@ class Job:
             ) from None
 
     def about(self, file: scene_file.SceneFile) -> dict[str, Any]:
-        """What a checkpoint stores so that another process can continue it: ``job`` and ``digest``."""
+        """Facts of a checkpoint by which another process continues the job: ``job`` and ``digest``."""
         return {"job": self.image() | {"scene": os.path.abspath(self.scene)}, "digest": file.digest()}
 
     def file(self, folder: Path, **how: Any) -> scene_file.SceneFile:
@@ -297,7 +297,7 @@ def choose_variant(name: str | None) -> str:
 
 
 def refuse_scalar(names: list[str], variant: str) -> None:
-    """Raises InputError where one of these options is given with a scalar variant, which renders pixel by pixel."""
+    """Raises InputError for these options with a scalar variant, which renders pixel by pixel."""
     if variant.startswith("scalar_") and names:
         raise options.InputError(
             f"{', '.join(names)}: {variant} renders one pixel after the other, and knows nothing of the whole image. "

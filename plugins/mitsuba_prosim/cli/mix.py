@@ -19,10 +19,11 @@ from .options import Form, InputError
 #: Difference of an image and the sum of its layers, over the brightest value: that of half precision.
 ROUNDING = 0.01
 
+NUMBER = r"(\d+\.?\d*|\.\d+)"
 FACTOR = Form(
     "LAYER=FACTOR",
-    "lamp1=0.5, or lamp1=1,0.8,0.6 for red, green and blue",
-    r"(\w+)=([^,=]+)(?:,([^,=]+),([^,=]+))?",
+    "light_0=0.5, or light_0=1,0.8,0.6 for red, green and blue; factors are 0 or more",
+    rf"(\w+)={NUMBER}(?:,{NUMBER},{NUMBER})?",
     lambda name, *factors: (name, np.array([float(factor) for factor in factors if factor], dtype=np.float32)),
 )
 
@@ -37,9 +38,12 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     Each LAYER is multiplied by its FACTOR, a number or three of them (red, green, blue); the others stay as they are.
     The output is an EXR, which can be mixed again, and a PNG.
     """
-    with OpenEXR.File(str(image), separate_channels=True) as file:
-        header = {name: str(value) for name, value in file.header().items() if name.startswith("prosim.")}
-        planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
+    try:
+        with OpenEXR.File(str(image), separate_channels=True) as file:
+            header = {name: str(value) for name, value in file.header().items() if name.startswith("prosim.")}
+            planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
+    except (RuntimeError, ValueError):
+        raise InputError(f"{image} is no EXR image that can be read; give one by prosim render --layers.") from None
     layers = [name[:-2] for name in planes if re.fullmatch(r".+\.R", name)]
     if not layers or not all(is_sum(planes, layers, letter) for letter in "RGB"):
         raise InputError(
@@ -47,7 +51,9 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
         )
     for name, factor in factors:
         if name not in layers:
-            raise InputError(f"{image} has no layer '{name}'; it has {', '.join(layers) or 'none'}. See --layers.")
+            raise InputError(f"{image} has no layer '{name}'; it has {', '.join(layers)}.")
+        if [other for other, _ in factors].count(name) > 1:
+            raise InputError(f"{name} has several factors; give one.")
         for letter, value in zip("RGB", np.broadcast_to(factor, 3)):
             planes[f"{name}.{letter}"] = planes[f"{name}.{letter}"] * value
     for letter in "RGB":

@@ -1,4 +1,4 @@
-"""Where a command writes: checked before the work, and what happens if writing fails all the same."""
+"""Checks before the work whether a command can write its files, and rescues them if writing fails later."""
 
 import os
 import re
@@ -17,7 +17,7 @@ KNOWN = re.compile(
 
 
 def stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
-    """The path without suffix of what is written with all of ``suffixes``.
+    """The path, without suffix, of the files with all of ``suffixes``.
 
     ``output``: the value of ``-o``, a file with one of them or without, or a folder; None for ``default``. Raises
     BadParameter where it is empty, another kind of file, or a device.
@@ -78,7 +78,7 @@ def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Pa
 
 
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
-    """Writes suffix -> content; returns the paths. What can't be written there goes wherever there is room.
+    """Writes suffix -> content; returns the paths. Files that can't be written there are written to another folder.
 
     Raises ClickException, which says where that is.
     """
@@ -88,10 +88,10 @@ def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
     except OSError as error:
         failure = f"{' and '.join(map(str, files))} could not be written: {reason(error)}"
     try:
-        kept = atomic.rescue(files)
+        rescued = atomic.rescue(files)
     except OSError as error:
         raise click.ClickException(f"{failure}; nor could anything else: {reason(error)}") from None
-    raise click.ClickException(f"{failure}. The result is in {' and '.join(map(str, kept))}") from None
+    raise click.ClickException(f"{failure}. The result is in {' and '.join(map(str, rescued))}") from None
 
 
 def reason(error: OSError) -> str:

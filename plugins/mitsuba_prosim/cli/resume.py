@@ -105,7 +105,7 @@ def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | Non
         for path in filter(None, (moved, scene, state.parent / scene.name)):
             if path.is_file():
                 return record, replace(job, scene=str(path))
-        raise ValueError(f"{scene} does not exist, nor is it beside {state}; give its path by --scene")
+        raise ValueError(f"{scene} does not exist, nor does the folder of {state} have it; give its path by --scene")
     except OSError as error:
         raise InputError(f"{state}: {output.reason(error)}") from None
     except (ImportError, ValueError) as error:

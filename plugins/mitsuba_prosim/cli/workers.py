@@ -25,7 +25,7 @@ class Workers(ExitStack):
         self.dask: DaskExecutor | None = None
 
     def executor(self, task: Task) -> DaskExecutor | None:
-        """What takes the samples of an image; None where that is this process.
+        """The executor for the samples of an image; None for this process.
 
         Raises InputError where the scene can't travel, and ClickException.
         """
@@ -47,6 +47,6 @@ class Workers(ExitStack):
             client = self.enter_context(there)
             self.dask = self.enter_context(DaskExecutor(client, bundle, warn))
         except RuntimeError as error:
-            said = str(error) if job.cluster else f"the workers can't be started here ({error})"
-            raise click.ClickException(said) from None
+            message = str(error) if job.cluster else f"the workers can't be started here ({error})"
+            raise click.ClickException(message) from None
         return self.dask

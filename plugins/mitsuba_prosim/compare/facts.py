@@ -14,7 +14,7 @@ from .scenes import Scene, Spec
 if TYPE_CHECKING:
     from .study import Section
 
-#: Values of a row of the table, beside the measures of error, that are medians of rounds.
+#: Values of a row of the table, besides the measures of error, that are medians of rounds.
 COSTS = ("seconds", "cpu")
 
 #: Kinds of maps, whose names end in these words: all of one kind share their scale.

@@ -1,4 +1,4 @@
-"""Rendering for measurement: converged references on disk, and timed runs by turns."""
+"""Rendering for measurement: converged references on disk, and timed, interleaved runs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Measures = Mapping[str, Callable[[np.ndarray, np.ndarray], float]]
 #: A function of the progress, 0 to 1.
 Tell = Callable[[float], None]
 
-#: The first seed of references, so that no measured image shares samples with its reference.
+#: The first seed of references: measured images have other samples.
 REFERENCE_SEEDS = 1 << 20
 
 
@@ -56,7 +56,7 @@ class Contestant:
         return np.array(image)[..., :3], seconds, cpu / max(dr.thread_count(), 1)
 
     def counts(self) -> np.ndarray:
-        """The number of samples of each pixel, shape (height, width); samplers round what they are asked for."""
+        """The number of samples of each pixel, shape (height, width); samplers round the requested number."""
         if self.counting is not None:
             if self.denoised:
                 return halves.DenoisedRender(self.scene, self.sensor, self.counting, 0, self.spp).run().counts()
@@ -85,7 +85,7 @@ class Runs:
         return float(np.median(self.values[name]))
 
 
-def by_turns(
+def interleaved(
     references: Mapping[Contestant, np.ndarray], rounds: int, measures: Measures, tell: Tell = lambda done: None
 ) -> dict[Contestant, Runs]:
     """Renders each contestant once to warm up and then once in each of ``rounds`` rounds, and measures the images
@@ -125,7 +125,7 @@ class Reference:
 def reference(
     folder: str | Path, key: str, estimators: Sequence[Contestant], seconds: float, tell: Tell = lambda done: None
 ) -> Reference:
-    """Renders the estimators (contestants of the same expected image) by turns for ``seconds`` seconds, and at least
+    """Renders the estimators (contestants of the same expected image) in turn for ``seconds`` seconds, and at least
     three times each.
 
     Sums are cached in ``folder`` under ``key``, any text that identifies the image; a later call continues them.
@@ -137,14 +137,14 @@ def reference(
         with np.load(path) as cached:
             spent, count, sums, squares = (cached[name] for name in ("spent", "count", "sums", "squares"))
         spent, count = float(spent), int(count)
-    begun = count
+    started = count
     while count < 3 or spent < seconds:
         start = time.perf_counter()
         images = np.array([e.render(REFERENCE_SEEDS + count)[0] for e in estimators], dtype=np.float64)
         sums, squares, count = sums + images, squares + images**2, count + 1
         spent += time.perf_counter() - start
         tell(min(spent / seconds, 1.0) if seconds else 1.0)
-    if count > begun:
+    if count > started:
         content = io.BytesIO()
         np.savez(content, spent=spent, count=count, sums=sums, squares=squares)
         atomic.write({path: content.getvalue()})

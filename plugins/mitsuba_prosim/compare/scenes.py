@@ -75,7 +75,7 @@ class Scene:
         self.integrator = props.plugin_name()
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
         here = origin.here()
-        #: Identifies what is rendered, for cached references.
+        #: Identifies the image, for cached references.
         self.key = json.dumps([file.digest(), file.changes, [here[name] for name in origin.EXACT]], sort_keys=True)
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:
@@ -117,7 +117,7 @@ class Scene:
 
 
 def can_light(background: Any) -> bool:
-    """Whether a background, a texture or None, can be an emitter."""
+    """Whether ``background`` (a texture or None) can be turned into an emitter."""
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 

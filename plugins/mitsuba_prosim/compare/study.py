@@ -1,4 +1,4 @@
-"""The comparison of two contestants: which runs, by turns."""
+"""The comparison of two contestants: its runs, interleaved."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def study(
     sections += [own] if own else []
     references = {c: section.reference.image for section in sections for c in section.contestants()}
     scaled = {name: lambda image, truth, m=m: m(image * scale, truth * scale) for name, m in measures.ALL.items()}
-    results = runs.by_turns(references, effort.rounds, scaled, lambda done: effort.tell("rendering by turns", done))
+    results = runs.interleaved(references, effort.rounds, scaled, lambda done: effort.tell("rendering in turn", done))
     height, width = sections[0].reference.image.shape[:2]
     result = {
         "scene": name,

@@ -45,11 +45,11 @@ class Halves:
 
     @property
     def colours(self) -> int:
-        """How many channels are colours."""
+        """Number of the channels that are colours."""
         return 1 if self.names[0] == "Y" else 3
 
     def denoised(self, fast: bool = False, denoiser: Denoiser | None = None) -> Denoised:
-        """What :func:`.denoise` makes of them; ``denoiser``: one with these features."""
+        """The result of :func:`.denoise` for both halves; ``denoiser``: one with these features."""
         assert self.second is not None
         first, second = (half[..., : self.colours] for half in (self.first, self.second))
         return mixed(first, second, denoiser or Denoiser(self.albedo, self.normal, fast))
@@ -102,8 +102,8 @@ class DenoisedRender:
     #: The denoiser estimates the error when the raw one is at most this many times the limit: at most so often with
     #: smaller networks, and so often with those of the final image.
     FAR, FAST, BEST = 5.0, 3, 2
-    #: The estimates over the error of the final image, about: with smaller networks, and with its own.
-    ABOVE = 1.22, 1.1
+    #: The error with the smaller networks over that with the final image's own, about.
+    SMALLER_NETWORKS = 1.1
     #: The power of the number of samples with which the final error falls: first assumption, and its bounds.
     SLOPE, LEAST, MOST = 0.4, 0.25, 0.6
 
@@ -144,7 +144,7 @@ class DenoisedRender:
         return self
 
     def put(self) -> None:
-        """Makes the first half so far what the film holds."""
+        """Puts the first half so far into the film."""
         if self.render is not None:
             self.render.put()
 
@@ -155,7 +155,7 @@ class DenoisedRender:
         self._blocks.close()
 
     def checkpoint(self) -> Checkpoint:
-        """What another process needs to continue it."""
+        """The checkpoint by which another process continues the render."""
         assert self.render is not None
         return self.render.checkpoint()
 
@@ -166,12 +166,14 @@ class DenoisedRender:
 
     @property
     def finished(self) -> bool:
-        """Whether it has all the samples that were asked for."""
+        """Whether the image has all requested samples."""
         return len(self._images) == 2 if self.render is None else self.render.finished
 
     @property
     def reached(self) -> Any:
-        """How far it came, as :class:`~mitsuba_prosim.engine.render.Reached`; None for integrators of Mitsuba."""
+        """Samples, error and time so far, as :class:`~mitsuba_prosim.engine.render.Reached`; None for integrators of
+        Mitsuba.
+        """
         return None if self.render is None else self.render.reached
 
     @property
@@ -227,15 +229,15 @@ class DenoisedRender:
         elif last is not None:
             noise = tuple(error * (last[0] / samples) ** state.slope for error in last[2:])
         if timed or (best < self.BEST and (self.fast or target.excess((noise[0], noise[1], noise[2])) <= ENOUGH)):
-            begun = time.perf_counter()
+            started = time.perf_counter()
             noise = self._record(state, samples, False, self.denoised())
             if target.seconds:
-                render.target = dataclasses.replace(target, reserved=1.2 * (time.perf_counter() - begun))
+                render.target = dataclasses.replace(target, reserved=1.2 * (time.perf_counter() - started))
         return noise[0], noise[1], noise[2]
 
     def _record(self, state: FilmState, samples: float, fast: bool, image: Denoised) -> tuple[float, ...]:
         """Keeps the estimated error, rounded, and how fast it falls."""
-        noise = tuple(float(f"{error / self.ABOVE[not fast]:.3g}") for error in image.errors())
+        noise = tuple(float(f"{error / (self.SMALLER_NETWORKS if fast else 1):.3g}") for error in image.errors())
         if state.estimates and samples > state.estimates[-1][0]:
             before, _, error, *_ = state.estimates[-1]
             state.slope = min(max(np.log(error / noise[0]) / np.log(samples / before), self.LEAST), self.MOST)
@@ -245,7 +247,7 @@ class DenoisedRender:
         return noise
 
     def _blocking(self, spp: int) -> Generator[Step, None, None]:
-        """Renders the halves by an integrator that says nothing until the end of each."""
+        """Renders the halves by an integrator that reports no progress."""
         # No neighbouring seed, which may be that of another image.
         for seed in (self.seed, combine(hash32(self.seed), 1)):
             yield from rendering.progressive(self.scene, self.sensor, seed, spp, self.integrator)

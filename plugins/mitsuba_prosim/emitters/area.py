@@ -237,7 +237,7 @@ class Area(mi.Emitter):
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
         wavelengths, weight = sample_spectrum(self.radiance, si, sample, active)
-        # The particle tracer, alone to ask for this, gives the direction towards the camera in world coordinates.
+        # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
         return wavelengths, weight * self.beam.towards(si.wi)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:

@@ -17,13 +17,15 @@ if TYPE_CHECKING:
 
 
 def has_own_rays(sensor: mi.Sensor) -> bool:
-    """Whether :func:`ray_sampler` knows the camera's matrices, so that the crop window of the film has no say."""
+    """Whether :func:`ray_sampler` knows the camera's matrices, so that the rays do not depend on the film's crop
+    window.
+    """
     return bool(sensor.class_name() == PERSPECTIVE)
 
 
 def ray_sampler(sensor: mi.Sensor) -> RaySampler:
-    """Returns what ``sensor.sample_ray_differential`` does without differentials, by a place on the whole film. A
-    sensor without :func:`has_own_rays` is to be :func:`uncropped` when it is called.
+    """A function like ``sensor.sample_ray_differential`` without differentials, for positions on the whole film. A
+    sensor without :func:`has_own_rays` must be :func:`uncropped` during a call.
 
     Not every sensor has a ``sample_ray``. Mitsuba's perspective camera has the film's size as a constant in its code,
     so that Dr.Jit would compile a kernel for each resolution: its rays are made here, by its own matrices.

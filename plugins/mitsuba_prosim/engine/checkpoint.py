@@ -50,7 +50,7 @@ class Checkpoint:
     """A :class:`.FilmState` between two steps, as NumPy arrays, to the bit.
 
     ``facts``: names and numbers, as JSON; ``pixels``: name -> values of all pixels of the state, shape (pixels,);
-    ``second``: the same of the second image. ``about``: what it is of, as JSON, by whoever keeps it.
+    ``second``: the same of the second image. ``about``: further facts of the caller, as JSON.
     """
 
     facts: Mapping[str, Any]
@@ -60,7 +60,7 @@ class Checkpoint:
 
     @classmethod
     def of(cls, state: FilmState, seconds: float, finished: bool) -> Checkpoint:
-        """The checkpoint of ``state`` after so many seconds; ``finished``: it has all samples that were asked for."""
+        """The checkpoint of ``state`` after ``seconds``; ``finished``: the image has all requested samples."""
         facts = {
             "samples": identity(state),
             "sampling": {name: value for name, value in asdict(state.plan.sampling).items() if name not in FREE},
@@ -83,17 +83,17 @@ class Checkpoint:
 
     @property
     def finished(self) -> bool:
-        """Whether the image has all samples that were asked for."""
+        """Whether the image has all requested samples."""
         return bool(self.facts["finished"])
 
     @property
     def part(self) -> Part | None:
-        """The part of the image that it is of; None for all."""
+        """The part of the image; None for the whole image."""
         return Part(*self.facts["part"]) if self.facts["part"] else None
 
     def restore(self, state: FilmState) -> bool:
-        """Makes this the content of ``state``, which has no samples yet. Decisions for another target are taken again.
-        Returns whether it was finished, with the same target.
+        """Copies this checkpoint into ``state``, which has no samples yet; returns whether the image was finished with
+        the same target. Decisions for another target are taken again.
 
         Raises ValueError if these are the samples of another image.
         """
@@ -153,7 +153,7 @@ class Checkpoint:
 
 
 def identity(state: FilmState) -> dict[str, Any]:
-    """Which samples an image takes, and which sums it keeps."""
+    """The facts that identify the samples and the sums of an image."""
     plan, caustics = state.plan, state.estimator.transport.caustics
     return {
         "samples of a pass": plan.n,
@@ -225,7 +225,7 @@ def about(path: str | Path) -> dict[str, Any]:
 
 
 def load(path: str | Path, warn: bool = True) -> Checkpoint:
-    """Reads a checkpoint, and warns if it comes from another kind of processor, unless told not to.
+    """Reads a checkpoint, and warns if it comes from another kind of processor, if ``warn``.
 
     Raises as :func:`read`, and CheckpointError if it was made by other versions or in another variant.
     """
@@ -270,8 +270,8 @@ class CheckpointWriter:
 
     def __call__(self, render: Any, last: bool = False) -> None:
         """Writes the checkpoint of ``render`` if it is time for it, or the ``last`` one."""
-        begun = time.perf_counter()
-        if not last and begun < self.next:
+        started = time.perf_counter()
+        if not last and started < self.next:
             return
         content = replace(render.checkpoint(), about=self.about).write
         try:
@@ -280,10 +280,12 @@ class CheckpointWriter:
             if last:
                 self.unwritten = content
             elif not self.failed:
-                self.warn(f"the state can't be written to {self.path}: {error.strerror or error}; the render goes on")
+                self.warn(
+                    f"{self.path}: the checkpoint can't be written: {error.strerror or error}; the render continues"
+                )
             self.failed = True
         end = time.perf_counter()
-        self.next = end + max(self.SHORTEST, (end - begun) / self.SHARE)
+        self.next = end + max(self.SHORTEST, (end - started) / self.SHARE)
 
 
 # ---------------------------------------------------------------- parts
@@ -339,7 +341,7 @@ def check_parts(texts: Mapping[Path, Mapping[str, Any]]) -> None:
                 f"{path} is the state of a whole image, not a part of one; continue it by prosim resume"
             )
         other, first = next(iter(texts.items()))
-        mine, theirs = said(text), said(first)
+        mine, theirs = common_facts(text), common_facts(first)
         if different := ", ".join(
             f"{k}: {v} here, {theirs.get(k)} there" for k, v in mine.items() if v != theirs.get(k)
         ):
@@ -357,7 +359,7 @@ def check_parts(texts: Mapping[Path, Mapping[str, Any]]) -> None:
         raise CheckpointError(f"of {of} parts, {names} missing")
 
 
-def said(text: Mapping[str, Any]) -> dict[str, Any]:
+def common_facts(text: Mapping[str, Any]) -> dict[str, Any]:
     """The facts that all parts of one image have in common."""
     facts, of = text["facts"], text["about"]
     everything = facts["samples"] | facts["sampling"] | text["origin"] | of.get("job", {})

@@ -1,4 +1,4 @@
-"""Derivatives of an image with respect to the parameters of its scene, by the very samples of the image."""
+"""Derivatives of an image with respect to the parameters of its scene, by the samples of the image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .camera import uncropped
 from .film import film_values
 from .plan import index_within, pixels
 
-#: Samples that are followed at a time: many, as each time all is traced anew; but each keeps some 100 numbers a node.
+#: Samples per kernel: many, as Dr.Jit traces the code again for each; but each sample stores some 100 numbers a node.
 LANES = 1 << 18
 
 
@@ -81,9 +81,9 @@ class Derivatives:
                 if dr.grad_enabled(value):
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
             # All lanes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
-            # but the sum itself would be a kernel of its own.
+            # but the sum itself would be another kernel.
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
-            dr.eval()  # what was scattered to the parameters, so that each time has the same kernels
+            dr.eval()  # the derivatives of the parameters, so that each time has the same kernels
 
     def forward(self) -> mi.TensorXf:
         """The derivative of the film's values, by those that the scene's parameters have."""

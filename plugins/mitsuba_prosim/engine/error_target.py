@@ -1,4 +1,4 @@
-"""The error target of an image: when it is reached, how the error is estimated, and the samples that reach it."""
+"""The error target of an image: the stopping criterion, the error estimator, and the samples of the next pass."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
 from .plan import UNLIMITED, Sampling, area
 
-#: With a time limit, a work item takes at most so many seconds, and this part of the limit.
+#: Maximum seconds of a work item with a time limit; and the maximum as a fraction of the limit.
 STEP, SHARE = 0.5, 0.01
 
-#: A pass takes at most so many times the samples so far, as few samples know little.
+#: Maximum samples of a pass over those so far: few samples estimate the error badly.
 GROWTH = 4.0
 
 #: The estimated error that ends a render, over the target: the estimate is uncertain, and an image whose error is small
 #: by chance would end too early. A pass aims a little lower.
 ENOUGH, AIM = 0.97, 0.94
 
-#: A photon set is worth while for so many times fewer samples than it has photons, or than all pixels take.
+#: A pass may use a photon set if the number of its samples is at least that of the photons, or that of one sample of
+#: all pixels per map, over this.
 SPARSE = 2
 
 
@@ -39,7 +40,7 @@ class ErrorTarget:
 
     limits: tuple[float, float, float]
     seconds: float
-    begun: float = field(default_factory=time.perf_counter)
+    started: float = field(default_factory=time.perf_counter)
     #: Seconds at the end for the denoiser.
     reserved: float = 0.0
 
@@ -56,7 +57,7 @@ class ErrorTarget:
     @property
     def passed(self) -> float:
         """Seconds since the beginning."""
-        return time.perf_counter() - self.begun
+        return time.perf_counter() - self.started
 
     @property
     def left(self) -> float:
@@ -82,10 +83,10 @@ class SecondImage:
     (The variance of the samples within a pixel does not: well distributed samples can be ten times as good.)
     """
 
-    #: One pixel in so many, and at least so many pixels.
+    #: One pixel of this many is in the second image, and at least this number of pixels.
     ONE_IN, LEAST = 16, 4096
-    #: In images with fewer pixels, whose differences could all happen to be small, each is there several times, at most
-    #: so often.
+    #: Fewer pixels than this are repeated, because their differences could all be small by chance; and the maximum
+    #: number of copies of each.
     FEW, MOST = 512, 64
 
     def __init__(self, state: FilmState, complete: bool = False) -> None:
@@ -135,8 +136,8 @@ def requested(state: FilmState) -> np.ndarray:
 
 
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
-    """The counts of the next pass: in proportion to the requested samples, as many as the target needs, within what
-    a pass may take. Sets ``state.effort``. ``speed``: samples of a pixel in a second, 0 if not known.
+    """The counts of the next pass: in proportion to the requested samples, as many as the target needs, at most
+    those of a pass. Sets ``state.effort``. ``speed``: samples of a pixel in a second, 0 if not known.
     """
     request, count = requested(state), np.array(state.accumulators.count)
     deviation, have = display_variance(state.accumulators), mean(count)
@@ -178,10 +179,10 @@ def in_full_sets(have: np.ndarray, want: np.ndarray, most: int, maps: int, photo
     """
     last, lacking = int(want.max()), want > have
     if last == most or not lacking.any():
-        return last  # nothing more is to come
+        return last  # there are no further passes
     sets = -(-last // maps)
-    begun, ended = (np.bincount(counts[lacking], minlength=sets * maps + 1) for counts in (have, want))
-    samples = np.cumsum(begun - ended)[: sets * maps].reshape(sets, maps).sum(axis=1)
+    starts, ends = (np.bincount(counts[lacking], minlength=sets * maps + 1) for counts in (have, want))
+    samples = np.cumsum(starts - ends)[: sets * maps].reshape(sets, maps).sum(axis=1)
     enough = np.flatnonzero(samples >= min(photons, have.size * maps) / SPARSE)
     return (int(enough[-1]) + 1) * maps if enough.size else 0
 

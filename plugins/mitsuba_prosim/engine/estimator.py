@@ -22,7 +22,7 @@ from .policies import Policy
 
 
 class Estimator:
-    """Takes samples of ``scene`` as seen by ``sensor``; ``transport`` finds the radiance along rays."""
+    """Takes samples of the image of ``scene`` by ``sensor``; ``transport`` estimates the radiance along rays."""
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, transport: Any, channels: Channels) -> None:
         self.scene, self.sensor, self.transport, self.channels = scene, sensor, transport, channels

@@ -22,8 +22,8 @@ OWN_AOVS = ("samples", "error")
 class Channels:
     """The channels that every sample of an image has: the film's own and those of Mitsuba's ``aov`` integrator.
 
-    ``letters``: which of r, g and b are kept; ``nested``: names of what comes with the radiance; ``aovs``: Mitsuba's
-    ``aov`` integrator, or None.
+    ``letters``: which of r, g and b are stored; ``nested``: names of the values that the integrator returns besides;
+    ``aovs``: Mitsuba's ``aov`` integrator, or None.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class Channels:
         nested: Sequence[mi.Float] = (),
     ) -> list[mi.Float]:
         """The values of a sample of weight 1: the radiance ``L`` along the camera ray ``ray``, which ``hit`` a
-        surface, and what came with it.
+        surface, and the ``nested`` values.
         """
         return (
             self._own_values(L, ray.wavelengths, hit) + list(nested) + aov_values(self.aovs, scene, sampler, ray, True)
         )
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
-        """Red, green and blue of the radiance ``L``; 0 where they are not kept."""
+        """Red, green and blue of the radiance ``L``; 0 for those that are not stored."""
         if mi.is_spectral:
             rgb = mi.spectrum_to_srgb(L, wavelengths)
         else:
@@ -82,13 +82,13 @@ def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
 def aov_values(
     aovs: mi.Integrator | None, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
 ) -> list:
-    """What Mitsuba's ``aov`` integrator ``aovs`` (or None) computes at the camera ray ``ray``."""
+    """The AOVs of Mitsuba's ``aov`` integrator ``aovs`` along the camera ray ``ray``; none if ``aovs`` is None."""
     return [] if aovs is None else list(aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
 
 
 def asked_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
-    """What the parameter ``aovs`` asks for: ``(own, mitsuba)``, the names in :data:`OWN_AOVS` and an ``aov`` integrator
-    of Mitsuba's for the others, if there are any. Raises ValueError where it is neither.
+    """The AOVs that the parameter ``aovs`` names: ``(own, mitsuba)``, the names in :data:`OWN_AOVS` and an ``aov``
+    integrator of Mitsuba's for the others, if there are any. Raises ValueError where it is neither.
     """
     own, others = [], []
     for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
@@ -102,7 +102,7 @@ def asked_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
 
 
 def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
-    """``image``, shape (height, width, channels), and so many further channels of zeros, which come last."""
+    """``image``, shape (height, width, channels), with ``more`` further channels of zeros at the end."""
     height, width, channels = image.shape
     complete = dr.zeros(mi.Float, height * width * (channels + more))
     i = dr.arange(mi.UInt32, height * width * channels)

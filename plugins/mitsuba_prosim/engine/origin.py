@@ -1,4 +1,4 @@
-"""What made the samples of an image, as far as their bits depend on it."""
+"""The software and the processor that made the samples of an image: their bits depend on it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import mitsuba as mi
 
 from .. import __version__, llvm
 
-#: What has to be the same, and what may differ with a warning: samples are then as good, but not the same to the bit.
+#: Facts that must be the same; and facts that may differ, with a warning: samples are as good, but not bit-identical.
 EXACT, CLOSE = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LLVM", "processor")
 
 
 def here() -> dict[str, str]:
-    """Names and versions of what makes samples in this process."""
+    """Names and versions of the software, the variant and the processor of this process."""
     found = llvm.version() if (mi.variant() or "").startswith("llvm") else None
     return {
         "mitsuba-prosim": __version__,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Policy:
     """Every pixel gets all samples: the policy ``none``, and the base class of the others.
 
-    ``threshold``: the integrator's parameter. A subclass overrides what differs.
+    ``threshold``: the integrator's parameter. A subclass overrides the differences.
     """
 
     #: How many pixels around a pixel the policy looks at.
@@ -117,7 +117,7 @@ def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32, reach: i
     """Means over the other pixels within ``reach`` of each pixel, in rows and columns, as far as they are sampled;
     infinite without any. One entry a pixel, row by row; ``width``, ``height``: opaque integers.
 
-    The pixel itself has no say: a decision by the very samples that are averaged would bias the image (Kirk and Arvo
+    The pixel itself is left out: a decision by the samples that are averaged would bias the image (Kirk and Arvo
     1991).
     """
     width, height = mi.Int32(width), mi.Int32(height)
@@ -132,10 +132,10 @@ def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32, reach: i
 
     # First along the rows, then along the columns of their sums; the middle row is taken without the pixel.
     dr.eval(arrays)
-    beside = [along(values, x, width, 1) for values in arrays]
-    rows = [sums + values for sums, values in zip(beside, arrays)]
-    dr.eval(beside, rows)
-    sums = [sums + along(row, y, height, width) for sums, row in zip(beside, rows)]
+    in_row = [along(values, x, width, 1) for values in arrays]
+    rows = [sums + values for sums, values in zip(in_row, arrays)]
+    dr.eval(in_row, rows)
+    sums = [sums + along(row, y, height, width) for sums, row in zip(in_row, rows)]
 
     def within(place: mi.Int32, size: mi.Int32) -> mi.Int32:
         return dr.minimum(place + reach, size - 1) - dr.maximum(place - reach, 0) + 1

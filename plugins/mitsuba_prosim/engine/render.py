@@ -24,13 +24,13 @@ from .policies import POLICIES
 from .tiles import Part
 from .work import Executor, Local, Pixels, Step, photon_steps, work_items
 
-#: A pass over the image takes at most so many times the samples that a pixel has, unless it is the last.
+#: Maximum ratio of the samples of a pixel after a pass and before it; the last pass may take more.
 GROWTH = 4
 
 
 @dataclass(frozen=True)
 class Reached:
-    """How far an image came."""
+    """Samples, error and time of an image so far."""
 
     #: Mean number of samples of a pixel, and the least.
     samples: float
@@ -82,10 +82,10 @@ class Render:
     """The image of ``plan``, or a ``part`` of it, in progress: an iterator of :class:`Step`.
 
     Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To leave
-    its loop is to cancel it: :meth:`close` then gives every pixel a sample, if it has begun. ``estimator`` takes the
-    samples; ``own_aovs``: names of the channels of statistics, None to leave the film alone; ``executor``: of this
-    process by default; ``begin``: continues from there. ``denoiser``: the samples are taken for a complete second image
-    as well, and this estimates the error of the denoised image.
+    its loop is to cancel it: :meth:`close` then completes the first sample of every pixel, if the render has started.
+    ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics, None to leave the film alone;
+    ``executor``: of this process by default; ``begin``: continues from there. ``denoiser``: the samples are taken for a
+    complete second image as well, and this estimates the error of the denoised image.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -104,7 +104,7 @@ class Render:
         self.state, self.executor = FilmState(plan, estimator, self.policy, part), executor or Local()
         self.film, self.own_aovs, self._put = estimator.sensor.film(), own_aovs or [], own_aovs is not None
         self.target = ErrorTarget.of(plan.sampling, 0.0 if begin is None else begin.facts["seconds"])
-        #: Whether it has ended; and whether the image then has all the samples that were asked for.
+        #: Whether the render has ended; and whether the image has all requested samples.
         self.ended = self.finished = False
         self._stopped, self._finished_before, self._done = False, False, 0.0
         if begin is not None:
@@ -241,7 +241,7 @@ class Render:
         """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
         in proportion to those that the policy requests.
         """
-        state, second, begun = self.state, self.second, time.perf_counter()
+        state, second, started = self.state, self.second, time.perf_counter()
         have = mean(state.counts)
         speed = have / self.target.passed if state.effort else 0.0  # else the first pass had to compile
         while True:
@@ -253,7 +253,7 @@ class Render:
                         return
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
                 if (more := mean(state.counts) - have) > 0:
-                    speed = more / max(time.perf_counter() - begun, 1e-9)
+                    speed = more / max(time.perf_counter() - started, 1e-9)
                     yield Pass.nothing(state, None)
             target = self.target
             if target.over or target.excess(state.noise) <= ENOUGH:
@@ -267,7 +267,7 @@ class Render:
             have, wanted = mean(count), mean(state.wanted)
             end = max(have * remaining(state, target), wanted) if any(target.limits) else np.inf
             work = Pass(state, state.wanted, (have / end, wanted / end), shown=False, timed=True)
-            begun = time.perf_counter()
+            started = time.perf_counter()
             yield work
             if not work.complete:
                 return
@@ -281,7 +281,7 @@ class Render:
 
     @alone()
     def put(self, second: bool = False) -> None:
-        """Makes the image so far what the film holds; ``second``: the second one, which is complete."""
+        """Puts the image so far into the film; ``second``: the second image, which is complete."""
         state = self.state
         sums = self.second.accumulators if second and self.second else None
         names = state.estimator.channels.names
@@ -289,7 +289,7 @@ class Render:
         offset = mi.ScalarPoint2i(state.plan.window[:2])
         self.film.put_block(mi.ImageBlock(film_values(state, self.own_aovs, sums), offset, border=False))
         self.film.schedule_storage()
-        dr.eval()  # what is pending in one thread is in the way of a function that another one freezes
+        dr.eval()  # pending work of one thread would break dr.freeze in another
 
     @alone()
     def image(self, second: bool = False) -> mi.TensorXf:
@@ -300,7 +300,7 @@ class Render:
     @property
     @alone()
     def reached(self) -> Reached:
-        """How far it came."""
+        """Samples, error and time so far."""
         counts = self.counts()
         return Reached(mean(counts), int(counts.min()), *self.state.noise, self.target.passed)
 
@@ -333,7 +333,7 @@ class Render:
 
     @alone()
     def checkpoint(self) -> Checkpoint:
-        """What another process needs to continue it."""
+        """The :class:`.Checkpoint` by which another process continues the render."""
         return Checkpoint.of(self.state, self.target.passed, self.finished)
 
 

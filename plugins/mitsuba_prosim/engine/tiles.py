@@ -10,19 +10,19 @@ import numpy as np
 
 from .plan import Rectangle, area
 
-#: Pixels of the side of a tile, at least; and at most, for each pixel around that decisions look at. A part also takes
-#: the first samples of these: large tiles have less around them, small ones are more alike. So many tiles each part
-#: should have at least.
+#: Minimum side of a tile in pixels; maximum side over the margin that decisions look at; and minimum number of tiles of
+#: a part. A part also takes the first samples of the margin: large tiles have less margin, small ones cost about the
+#: same.
 SMALLEST, LARGEST, TILES = 8, 12, 16
 
-#: The part of all owners by which they move on from one row to the next, about: the golden section, by which no part
-#: gets columns or diagonals of its own.
+#: The shift of the owners from one row of tiles to the next, as a fraction of their number: by the golden section no
+#: part gets whole columns or diagonals.
 SHIFT = 0.6180339887
 
 
 @dataclass(frozen=True)
 class Part:
-    """Part ``number``, from 1, of ``of``: every so-manieth tile of the image."""
+    """Part ``number``, from 1, of ``of`` parts of an image."""
 
     number: int
     of: int
@@ -37,7 +37,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Tiles:
-    """The pixels of ``region``, cut into columns and rows of tiles that are dealt out to so many parts in turn."""
+    """The pixels of ``region``, cut into columns and rows of tiles that are distributed over ``parts`` in turn."""
 
     region: Rectangle
     columns: int
@@ -61,7 +61,9 @@ class Tiles:
 
     @cached_property
     def shift(self) -> int:
-        """By how many owners these move on from one row to the next; each comes to each column in the end."""
+        """The shift of the owners from one row to the next; it is coprime, so that every owner has tiles in every
+        column.
+        """
         coprime = (shift for shift in range(1, self.parts + 1) if gcd(shift, self.parts) == 1)
         return min(coprime, key=lambda shift: abs(shift - SHIFT * self.parts))
 

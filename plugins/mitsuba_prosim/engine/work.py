@@ -23,12 +23,12 @@ from .policies import Policy
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-#: Pixels are sampled together that lack about as many samples, within a factor of two to one over this.
+#: Pixels in one work item lack about the same number of samples, within a factor of 2 to the power of 1 over this.
 CLASSES = 4
 
 
 class Step(NamedTuple):
-    """What :class:`.Render` yields after each work item."""
+    """The progress that :class:`.Render` yields after each work item."""
 
     #: The part of the image that is done, 0 to 1, as far as is known: it may fall.
     done: float
@@ -76,7 +76,7 @@ class WorkItem:
             return self.estimator.take(self.plan, self.x, self.y, self.start, self.end, self.policy)
 
 
-#: Work items with their sums; None while there is nothing new: the caller may stop then.
+#: Work items with their sums; None while no result is ready: the caller may stop then.
 Results = Generator["tuple[WorkItem, Accumulators] | None", None, None]
 
 
@@ -96,8 +96,8 @@ class Executor(Protocol):
 class TimeSlicer:
     """Sizes work items to take ``seconds``, about, by the time of those before."""
 
-    #: The speed grows by this factor at most from one work item to the next; and the rest, up to so many work items, is
-    #: one.
+    #: Maximum growth of the speed from one work item to the next; and the remaining samples are one work item if they
+    #: are fewer than this number of work items.
     GROWTH, LAST = 4, 1.25
 
     def __init__(self, seconds: float) -> None:
@@ -137,10 +137,10 @@ class Local:
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each of ``items`` with its sums."""
         for item in items:
-            begun = time.perf_counter()
+            started = time.perf_counter()
             sums = item.take()
             dr.sync_thread()
-            self.slicer.learn(item.work, time.perf_counter() - begun)
+            self.slicer.learn(item.work, time.perf_counter() - started)
             yield item, sums
 
 
@@ -204,7 +204,7 @@ def photon_steps(pixels: Pixels, wanted: np.ndarray, sets: int | None) -> list[n
     if not lacking.any():
         return []
     maps = caustics.maps(pixels.plan.n)
-    further = maps * (sets or caustics.kept)
-    begun = int(have[lacking].min()) // maps * maps
-    ends = range(begun + further, int(wanted.max()) + further, further)
+    further = maps * (sets or caustics.capacity)
+    first = int(have[lacking].min()) // maps * maps
+    ends = range(first + further, int(wanted.max()) + further, further)
     return [np.minimum(wanted, np.uint32(end)) for end in ends]

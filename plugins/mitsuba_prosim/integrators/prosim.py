@@ -57,8 +57,8 @@ class Prosim(ProgressiveIntegrator):
      * - noise, noise_99, noise_999, time
        - |float|
        - Error targets of the displayed image (white = 1): the RMS error, the error of 99 % and of 99.9 % of the pixels;
-         and a limit in seconds. The first that is reached ends the render. Not with :monosp:`thesis`. (Default: 0,
-         none)
+         and a limit in seconds. The first limit that is met ends the render. Not with :monosp:`thesis`.
+         (Default: 0, none)
 
      * - max_level
        - |int|
@@ -142,7 +142,7 @@ class Prosim(ProgressiveIntegrator):
     component, so caustics and diffuse interreflection are missing, unless :monosp:`caustics` and
     :monosp:`diffuse_bounces` add them. Multiple importance sampling combines lobes and sources.
 
-    Two kinds of light are noisy: highlights of smooth surfaces seen in rough ones, without :monosp:`caustics`; and, on
+    Two kinds of light are noisy: highlights of smooth surfaces in rough ones, without :monosp:`caustics`; and, on
     diffuse surfaces, sources other than spheres and a constant sky.
 
     **Caustics.** Photons go from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse

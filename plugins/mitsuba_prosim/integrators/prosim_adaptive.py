@@ -33,7 +33,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 
-    Takes samples where the image is noisy, until an error target or a time limit is reached, with the engine of
+    Takes samples where the image is noisy, up to an error target or a time limit, with the engine of
     :ref:`integrator-prosim`. The expected value is that of the nested integrator. The image has the same bits for any
     crop window, :monosp:`band` and number of threads (but crop windows with :monosp:`noise`, and all with
     :monosp:`time`). The sensor's sampler is not used.

@@ -1,4 +1,4 @@
-"""What a denoiser is told of a view, as an integrator."""
+"""An integrator of the features of a view for denoisers: albedo and normal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
        - Camera rays do not see light sources (Default: |false|)
 
     Renders the visible albedo, and gives the channels :monosp:`albedo.R`, :monosp:`.G`, :monosp:`.B` and
-    :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` beside it, which :monosp:`mitsuba_prosim.denoise` takes.
+    :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` besides, which :monosp:`mitsuba_prosim.denoise` takes.
 
     The albedo is that of the diffuse lobes, plus the albedo that the specular lobes show, up to six reflections and
     refractions deep, with the tint of metals and Fresnel's equations. Sources and the sky have their radiance, at most

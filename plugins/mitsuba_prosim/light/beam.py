@@ -2,7 +2,7 @@
 
 A cone of half-opening alpha is the constant 1 for beta <= alpha; a spot is cos^n(beta), cut off at alpha (90 degrees by
 default). beta is the angle between the source's direction and that of the light. Both are described by the versines of
-the angles, 1 - cos, which keep their digits in narrow beams, and by the exponent n, which is None for a cone.
+the angles, 1 - cos, which stay precise in narrow beams, and by the exponent n, which is None for a cone.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class Beam:
 def read_beam(props: mi.Properties) -> Beam:
     """Reads ``distribution``, ``direction``, ``angle`` and ``exponent`` of a plugin.
 
-    Raises ValueError for what is missing, wrong or without effect.
+    Raises ValueError for missing or wrong parameters, and for those without effect.
     """
     name = choice(props, "distribution", SHAPES)
     needless = {"uniform": ("direction", "angle", "exponent"), "cone": ("exponent",), "spot": ()}[name]

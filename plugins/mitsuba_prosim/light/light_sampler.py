@@ -67,7 +67,7 @@ class LightSampler:
         self, receiver: Receiver, total: mi.Float, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """``(k, probability, rest)``: the number of the lamp that ``sample`` in [0, 1) chooses, the probability of
-        that lamp, and what ``sample`` leaves over, again in [0, 1). ``total``: :meth:`total`.
+        that lamp, and the rest of ``sample``, rescaled to [0, 1). ``total``: :meth:`total`.
         """
         sample = sample * total
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
@@ -150,7 +150,7 @@ def models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
         rows[k] = near_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
     rows[far, 4] = np.square(FAR * size) * sample_lamps(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
-    # Powers are compared as the light in the scene, at its radius from what is near.
+    # Powers are compared as irradiance in the scene; near lamps count at the distance of the scene's radius.
     scale = np.where(np.isin(np.arange(len(emitters)), list(rays)), size, FAR * size) ** 2
     least = LEAST_POWER * (rows[:, 4:6].sum(1) / scale).mean()
     rows[:, 4] += (least or 1.0) * scale
@@ -173,7 +173,7 @@ def near_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, s
     center = (low + high) / 2
     radius = max(np.linalg.norm(origins - center, axis=1).max(), 1e-4 * size)
     mean = power @ directions / (power.sum() or 1)
-    # The mean cosine of cos^n is (n + 1) / (n + 2); a cosine's is 2/3, and what is less has an even part.
+    # The mean cosine of cos^n is (n + 1) / (n + 2); a cosine's is 2/3; a smaller mean has an even part.
     # Those of spheres and surfaces are known but for the noise of the rays.
     cosine = min(float(np.linalg.norm(mean)), 0.9999)
     exponent = (2 * cosine - 1) / (1 - cosine) if cosine > 0.7 else 1.0

@@ -1,4 +1,4 @@
-"""Reparameterisation: how a direction towards a source moves when the source or the receiver does, for derivatives
+"""Reparameterisation: derivatives of a direction towards a source that moves, or whose receiver moves
 (Loubet et al. 2019).
 
 The direction that was sampled is fixed while an image is made. If it were fixed in the derivatives too, the light that
@@ -80,7 +80,7 @@ def with_sphere(
     """``(d, jacobian)``, both with derivatives: the direction ``d`` from ``receiver``, which moves with a sphere that
     it meets.
 
-    The direction is that of a point of the disk that the sphere's outline encloses as seen from the receiver, lifted to
+    The direction is that of a point of the disk within the sphere's outline for the receiver, lifted to
     the unit sphere: along the normal where the whole sphere is above the horizon, so that a diffuse surface gains and
     loses no light between the parts of the sphere (the map of :mod:`.spherical_cap`), else along the sphere's axis. A
     point of the sphere itself would be right too, except near its outline, where the Jacobian varies without bound.

@@ -1,5 +1,5 @@
-"""A sphere seen from a surface: its projected solid angle above the horizon, in closed form, and directions drawn from
-it.
+"""A sphere that lights a surface: its projected solid angle above the horizon, in closed form, and directions drawn
+from it.
 
 Directions with density cos(theta) / (projected solid angle) leave no variance in the direct light of a diffuse surface
 that sees the whole of a uniform sphere (section 4.2.2.1 samples the solid angle; the projected one is due to Ureña and
@@ -62,7 +62,7 @@ def sample_projected_cap(
     square is continuous within each of the two pieces and keeps area ratios, so that stratified samples stay so.
     Parameters as in `projected_cap_area`; ``sin_n`` is the sine that belongs to ``cos_n`` (of a source overhead, the
     cosine alone does not tell where it is); the density is per solid angle. Both results are detached: derivatives go
-    through what is evaluated in the direction, not through the choice of the direction.
+    through the value in the direction, not through the choice of the direction.
     """
     cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     # Most receivers see the whole sphere; the branch spares them the crescent, which costs more than all the rest.
@@ -93,7 +93,7 @@ def _sample_whole_cap(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample: mi.Point2f
 ) -> tuple[mi.Vector3f, mi.Float]:
     """Direction to a point of the ellipse, and the ellipse's area."""
-    # Seen from above: the point's height is that on the cap's boundary circle, plus the bulge within.
+    # In the projection from above: the point's height is that on the cap's boundary circle, plus the bulge within.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
     p = mi.warp.square_to_uniform_disk_concentric(sample)
     height = cos_max * cos_n + s * sin_n * p.x
@@ -142,13 +142,13 @@ class _Crescent:
         brought to a common denominator, has (y_t² - y²)² as its numerator and nothing negative below.
         """
         t = self.t * eta
-        gap = self.t2 * (1 - dr.square(eta))
+        rest = self.t2 * (1 - dr.square(eta))
         circle, ellipse = self.circle(t), dr.safe_sqrt(1 - dr.square(t))
         width = (
             self.sin2_n
-            * gap
+            * rest
             / dr.maximum(circle + self.x_t, 1e-12)
-            * (gap / dr.maximum((ellipse + self.m * self.x_t) * (ellipse + self.m * circle), 1e-12))
+            * (rest / dr.maximum((ellipse + self.m * self.x_t) * (ellipse + self.m * circle), 1e-12))
         )
         segments = _segment(self.s * t, circle) - self.m * _segment(t, ellipse)
         return 0.5 * t * dr.square(t) * segments + t * width, width
@@ -160,7 +160,7 @@ class _Crescent:
     def sample(self, u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
         """Point (x, y) uniform in area, and the height z of the unit hemisphere above it.
 
-        Inverts the area up to y by Newton's method on the 2.5th root of what lies beyond y: it vanishes at the tip with
+        Inverts the area up to y by Newton's method on the 2.5th root of the area beyond y: it vanishes at the tip with
         a power between 2 (m = 0, whose inverse is the first guess) and 3.
         """
         u = 2 * u - 1

@@ -25,7 +25,7 @@ class Receiver:
     si: mi.SurfaceInteraction3f | mi.Interaction3f
     #: ``mi.Normal3f``: unit normal on the viewer's side.
     n: mi.Normal3f
-    #: Mask of the surfaces that light from below the horizon reaches too (rough glass), or False where there is none.
+    #: Mask of the surfaces that light from below the horizon reaches too (rough glass), or False without such surfaces.
     both_sides: mi.Bool | bool = False
 
 
@@ -54,7 +54,7 @@ class OtherLights:
     other strategies. ``emitters``: those of this strategy, in the order of their numbers.
     """
 
-    #: Whether all of a source is sampled, also what is below the horizon.
+    #: Whether the whole source is sampled, the part below the horizon included.
     whole_sphere = True
     #: Whether :meth:`may_meet` can exclude that a ray meets a source.
     can_exclude = False
@@ -72,7 +72,7 @@ class OtherLights:
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """``(ds, weight)``: a point of the source ``number``, which is ``emitter``, as seen from ``receiver``, with the
+        """``(ds, weight)``: a point of the source ``number``, which is ``emitter``, for ``receiver``, with the
         density ``ds.pdf`` per solid angle; and radiance over density. ``sample``: a point in [0, 1)².
         """
         ds, weight = emitter.sample_direction(receiver.si, sample, active)

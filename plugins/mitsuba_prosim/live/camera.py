@@ -18,7 +18,7 @@ STEEPEST = 89.0
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A view in the world: ``to_world``, a 4x4 matrix without scaling, by which Mitsuba's cameras look along +z with +x
-    to the left of the image; ``distance`` from the eye to the point that it turns around, straight ahead; ``up``, the
+    to the left of the image; ``distance`` from the eye to the pivot, along the viewing direction; ``up``, the
     unit axis that it turns about; ``across``, what it sees at distance 1, (width, height); and ``home``, the distance
     of the scene's own view, None for this one.
     """
@@ -109,5 +109,5 @@ def as_xml(moved: Camera) -> str:
 
 
 def numbers(values: np.ndarray | tuple[float, ...], size: float = 0.0) -> str:
-    """Numbers in seven digits, those of single precision; what is negligible beside ``size`` is 0."""
+    """Numbers in seven digits, the precision of 32 bits; those that are negligible relative to ``size`` are 0."""
     return " ".join(format(0.0 if abs(v) < 1e-7 * size else float(v) + 0.0, ".7g") for v in values)

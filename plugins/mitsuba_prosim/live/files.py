@@ -15,10 +15,10 @@ from ..scene import errors
 #: Seconds between two polls, at least, and the share of the time that they may take.
 EVERY, SHARE = 0.02, 0.02
 
-#: What is quoted, as its second group; the apostrophe of "the scene's" is no quote.
+#: The text within quotes, as its second group; the apostrophe of "the scene's" is no quote.
 QUOTED = re.compile(r"""(?<!\w)(["'])([^\n\0]+?)\1(?!\w)""")
 
-#: No name of a file has so many characters.
+#: Longer texts are no names of files.
 LONGEST = 256
 
 #: Differs after a file was written; None where there is no file.
@@ -74,9 +74,9 @@ class Files:
         def look() -> None:
             every = waiting = 0.0
             while not end.wait(max(EVERY, every)):
-                begun = clock()
+                started = clock()
                 changed = self.changed()
-                every = (clock() - begun) / SHARE
+                every = (clock() - started) / SHARE
                 if waiting and not changed:
                     tell()
                 waiting = changed
@@ -91,7 +91,7 @@ class Files:
 
 
 def places(path: Path) -> set[Path]:
-    """Where a file lies, and where that lies which it may be a link to."""
+    """The paths of a file: its own, and that of the file that it links to."""
     return {path.absolute(), Path(os.path.realpath(path))}
 
 

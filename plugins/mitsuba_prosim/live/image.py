@@ -55,7 +55,7 @@ class ProgressiveImage:
         return self.integrator.progressive(self.scene, self.sensor, seed, spp, executor=Local(SECONDS), **how)
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
-        """The layers of a :class:`.Picture` of the image so far; None before the render has begun.
+        """The layers of a :class:`.Picture` of the image so far; None before the render has started.
 
         During the first pass ``final`` only: pixels without a sample are those of :meth:`coarse`, or black.
         """
@@ -67,11 +67,11 @@ class ProgressiveImage:
         return now if known.all() else {"final": over(known, now["final"], self._coarse)}
 
     def taken(self) -> dict[str, np.ndarray] | None:
-        """The layers of the samples so far, see :func:`.of_render`; None before the render has begun."""
+        """The layers of the samples so far, see :func:`.of_render`; None before the render has started."""
         return None if self.render is None else of_render(self.render)
 
     def reached(self) -> Any:
-        """Its samples, noise and seconds, a :class:`.Reached`."""
+        """Samples, noise and seconds so far, a :class:`.Reached`."""
         return self.render.reached
 
     def coarse(self) -> np.ndarray:

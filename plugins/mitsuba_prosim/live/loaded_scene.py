@@ -24,7 +24,7 @@ COARSE = 1 << 14
 
 
 class LoadedScene:
-    """A scene file that ``opener`` opens. Raises what that raises."""
+    """A scene file that ``opener`` opens. Raises the errors of ``opener``."""
 
     def __init__(self, opener: Opener) -> None:
         self.file, self.scene, self.sensor = opener()
@@ -115,7 +115,7 @@ class LoadedScene:
 
     # ---------------------------------------------------------------- the surface of a pixel
 
-    def seen(self, x: int, y: int) -> str:
+    def surface_at(self, x: int, y: int) -> str:
         """The name of the visible surface in the middle of pixel (x, y)."""
         place = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
         ray, _ = self.sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))

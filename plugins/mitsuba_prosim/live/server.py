@@ -179,8 +179,8 @@ class Pages:
         found: dict[str, Any] = {
             name: picture.at(x, y, (width, height)) for name, picture in self._publisher.pictures.items()
         }
-        seen = self._requests.call(lambda scene: scene.seen(x, y) if scene is not None else "")
-        found["seen"] = await asyncio.wait_for(asyncio.wrap_future(seen), PATIENCE)
+        surface = self._requests.call(lambda scene: scene.surface_at(x, y) if scene is not None else "")
+        found["surface"] = await asyncio.wait_for(asyncio.wrap_future(surface), PATIENCE)
         return JSONResponse(found)
 
     async def save(self, request: Request) -> Response:

@@ -11,7 +11,7 @@ EVERY, SHARE = 0.1, 0.03
 
 
 class Throttle:
-    """True when the next picture is due. Pictures that take longer to draw are drawn less often."""
+    """Tells whether the next picture is due. Pictures that take longer to draw are drawn less often."""
 
     def __init__(self) -> None:
         self._next = 0.0
@@ -22,7 +22,7 @@ class Throttle:
     @contextmanager
     def drawing(self) -> Iterator[None]:
         """Surrounds the drawing of a picture, due or not."""
-        begun = clock()
+        started = clock()
         yield
         now = clock()
-        self._next = now + max(EVERY, (now - begun) / SHARE)
+        self._next = now + max(EVERY, (now - started) / SHARE)

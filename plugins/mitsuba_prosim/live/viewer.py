@@ -44,7 +44,7 @@ class Viewer:
         self._spp, self._seed, self._kind = spp, seed, DenoisedImage if denoise else ProgressiveImage
         self._scene: LoadedScene | None = None
         self._home: Camera | None = None  # the view of the scene that was opened last
-        #: What is shown, or being rendered.
+        #: The request that is shown or being rendered.
         self._shown = Request(saves=-1)
         #: By name: ``own``, that of the scene's integrator, and maybe ``path``; and their pictures so far.
         self._images: dict[str, ProgressiveImage] = {}
@@ -55,8 +55,8 @@ class Viewer:
         self._number, self._seconds, self._reported = 0, 0.0, 0.0
 
     def result(self) -> tuple[State, mi.Bitmap, Any, Any]:
-        """The state, the image of the scene's integrator as it is shown, that integrator, and how far it came; for
-        :meth:`.Requests.call`.
+        """The state, the image of the scene's integrator as it is shown, that integrator, and its samples, noise and
+        time; for :meth:`.Requests.call`.
         """
         picture = self.publisher.pictures["own"]
         planes = {name: picture.layers["final"][..., k] for k, name in enumerate("RGB")}
@@ -114,7 +114,7 @@ class Viewer:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
             scene = LoadedScene(self._opener)
         gc.collect()
-        said = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
+        messages = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self.files.opened(scene.files)
         self._scene, home, self._home, self.requests.home = scene, self._home, scene.home, scene.home
         if home is None or scene.home is None or (home.to_world != scene.home.to_world).any():
@@ -122,7 +122,7 @@ class Viewer:
             request = replace(request, camera=None)
         elif request.camera is not None:
             scene.look(request.camera)
-        self.publisher.publish(warnings=said, size=scene.size, movable=scene.home is not None)
+        self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None)
         self._begin(request, scene)
 
     def _begin(self, request: Request, scene: LoadedScene) -> None:
@@ -172,7 +172,7 @@ class Viewer:
         """Renders a work item of the image that has waited longest."""
         if self._shown.stopped or self._done() or self._scene is None:
             return
-        begun = time.perf_counter()
+        started = time.perf_counter()
         which = next(name for name, image in self._images.items() if not image.done)
         image = self._images[which]
         complete = image.step()
@@ -183,11 +183,11 @@ class Viewer:
             final = self._pictures["own"].layers["final"]
             why = black.why(self._scene.scene, self._scene.sensor, final, ON_THE_PAGE)
             self.publisher.publish(black=why)
-        self._seconds += time.perf_counter() - begun
+        self._seconds += time.perf_counter() - started
         if self._done():
             self.publisher.publish(doing="done", part=1.0, seconds=self._seconds)
-        elif begun - self._reported > REPORT:
-            self._reported = begun
+        elif started - self._reported > REPORT:
+            self._reported = started
             self.publisher.publish(part=self._part, seconds=self._seconds)
 
     @property
@@ -201,13 +201,13 @@ class Viewer:
             if image.render is None or (found := image.layers()) is None:
                 return
             self._pictures[which] = self._picture(found)
-            said: dict[str, Any] = {}
+            measured: dict[str, Any] = {}
             if which == "own":
                 self._reached = reached = image.reached()
-                said = {"samples": reached.samples, "noise": None if isnan(reached.noise) else reached.noise}
+                measured = {"samples": reached.samples, "noise": None if isnan(reached.noise) else reached.noise}
             if "own" in self._pictures:
                 shown = tuple(self._pictures["own"].layers)
-                self.publisher.publish(self._pictures, layers=shown, seconds=self._seconds, **said)
+                self.publisher.publish(self._pictures, layers=shown, seconds=self._seconds, **measured)
 
     def _show_coarse(self, image: ProgressiveImage) -> None:
         """Publishes the coarse image, before the first pass."""

@@ -19,7 +19,7 @@ NAME = "ambient"
 def reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
     """Share of ambient light that ``bsdf`` reflects towards ``si.wi``; for an array of BSDFs, by ``dr.dispatch``.
 
-    Black where none is stated, and on the back of what has but one side.
+    Black without the parameter, and on the back of BSDFs with one side.
     """
     kind = bsdf.class_name()
     if kind == TWO_SIDED:
@@ -39,5 +39,5 @@ def reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = Tr
         return reflectance(parts(bsdf)["nested_bsdf"], si, active)
     if not dr.all(bsdf.has_attribute(NAME)):  # in scalar variants, to evaluate it then is an error
         return mi.UnpolarizedSpectrum(0)
-    seen = True if mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide) else si.wi.z > 0
-    return dr.select(active & seen, bsdf.eval_attribute(NAME, si, active), 0)
+    visible = True if mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide) else si.wi.z > 0
+    return dr.select(active & visible, bsdf.eval_attribute(NAME, si, active), 0)

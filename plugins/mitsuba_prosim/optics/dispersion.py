@@ -15,7 +15,7 @@ import mitsuba as mi
 from ..parameters import constant, number, reject
 from .reading import index
 
-#: Fraunhofer's lines d, F and C (nm), by which glasses are told apart: V = (n_d - 1) / (n_F - n_C).
+#: Fraunhofer's lines d, F and C (nm), which classify glasses: V = (n_d - 1) / (n_F - n_C).
 D, F, C = 587.5618, 486.1327, 656.2725
 
 #: Wavelengths (nm) that stand for r, g and b: the centroids of sRGB's colour matching functions, negative parts
@@ -86,7 +86,7 @@ class Dispersion:
 
 @dataclass(frozen=True)
 class Indices:
-    """The indices of refraction inside and outside of an interface: numbers, or what depends on the wavelength."""
+    """The indices of refraction inside and outside of an interface: numbers, or functions of the wavelength."""
 
     inside: float | Dispersion
     outside: float | Dispersion
@@ -112,7 +112,7 @@ class Indices:
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
 
     def coefficients(self) -> dict[str, mi.Float]:
-        """The coefficients of what depends on the wavelength, by the names that they are exposed under."""
+        """The coefficients of the functions of the wavelength, by their names in ``mi.traverse``."""
         return {
             f"{side}_{name}": value
             for side, ior in (("int", self.inside), ("ext", self.outside))
@@ -143,7 +143,7 @@ def read(props: mi.Properties, side: str, default: float | str) -> float | Dispe
     allowed = ways[-1:] if ior in props else given[:1]
     for name in given:
         if name not in allowed:
-            raise reject(props, name, props[name], f'no "{name}" beside "{ior if ior in props else given[0]}"')
+            raise reject(props, name, props[name], f'no "{name}" together with "{ior if ior in props else given[0]}"')
     name = given[0]
     if name.endswith("material"):
         chosen = str(props[name]).lower()
@@ -152,7 +152,7 @@ def read(props: mi.Properties, side: str, default: float | str) -> float | Dispe
         return Dispersion.of(False, MATERIALS[chosen])
     if name.endswith("abbe"):
         if ior not in props:
-            raise reject(props, name, props[name], f'"{ior}", the index at 587.6 nm, beside "{name}"')
+            raise reject(props, name, props[name], f'"{ior}", the index at 587.6 nm, together with "{name}"')
         dispersion = Dispersion.of(True, cauchy(index(props, ior, default), number(props, name, None, 1, 1000)))
     else:
         values = numbers(props, name)

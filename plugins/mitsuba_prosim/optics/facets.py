@@ -22,7 +22,7 @@ class Distribution(NamedTuple):
     """A distribution, and the plugin parameters that select it."""
 
     name: str  #: value of the parameter ``distribution``
-    parameter: str  #: what its roughness is called
+    parameter: str  #: name of its roughness
     range: tuple[float, float, str]  #: lowest and highest roughness, and that in words
     D: Callable[[mi.Vector3f, mi.Float], mi.Float]
     polar: Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]
@@ -66,7 +66,7 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 
     Term by term, the integral of t^k exp(-t) is k! exp(-s) (1 + s + ... + s^k / k!).
     """
-    s = dr.minimum(s, 40)  # exp(-40) is nothing beside 1, s^8 still a float
+    s = dr.minimum(s, 40)  # exp(-40) is negligible relative to 1, s^8 still a float
     total, power, term, partial = 0.0, 1.0, 1.0, 1.0
     for k, c in enumerate(SINE):
         total += c * power * partial

@@ -9,7 +9,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-#: A direction closer to the horizon than this (as a cosine) neither sees nor is seen: its square, and the densities
+#: A direction closer to the horizon than this (as a cosine) has no reflection: its square, and the densities
 #: that are divided by it, would leave the range of single precision.
 GRAZING = 1e-18
 

@@ -23,7 +23,7 @@ class Material(mi.BSDF):
         raise NotImplementedError
 
     def settings(self) -> dict[str, Any]:
-        """What ``to_string`` tells besides."""
+        """Further values for ``to_string``."""
         return {}
 
     def eval_pdf(

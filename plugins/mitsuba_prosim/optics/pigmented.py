@@ -11,7 +11,7 @@ import mitsuba as mi
 from .half_vectors import GRAZING
 from .material import Material
 
-#: A sample that weighs less than this, without the cosine, is nothing beside 1 in single precision.
+#: A sample that weighs less than this, without the cosine, is negligible relative to 1 in single precision.
 LEAST_WEIGHT = 2**-24
 
 

@@ -20,7 +20,7 @@ def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
 
 
 def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Float:
-    """Share of a facet that is both lit and seen, by reflection: w·m is the same for both directions."""
+    """Fraction of a facet that is both lit and visible, by reflection: w·m is the same for both directions."""
     return g1(dr.minimum(cos_i, cos_o), cos_m, i_m)
 
 

@@ -1,6 +1,6 @@
 """One image, or many, by the workers of a Dask cluster; the bits are those of one process.
 
-``bundle``: a scene as it travels; ``worker``: the tasks; ``executor``: hands them out; ``cluster``: workers of this
+``bundle``: a scene for a worker; ``worker``: the tasks; ``executor``: hands them out; ``cluster``: workers of this
 machine, and a scheduler elsewhere. All but ``bundle`` need Dask, the extra ``cluster``, and are imported when they are
 asked for.
 """

@@ -1,4 +1,4 @@
-"""A scene as it travels to a worker: its text, and the files that it names."""
+"""A scene for a worker: its text, and the files that it names."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ class SceneBundle:
     """A scene for :mod:`.worker`.
 
     ``key`` identifies the content; ``main`` is the name of the XML file; ``changes`` are further arguments of
-    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` says what the samples depend on, see :mod:`..engine.origin`.
-    ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They travel separately.
+    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` has the facts that the samples depend on, see
+    :mod:`..engine.origin`. ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They
+    travel separately.
     """
 
     key: str
@@ -52,14 +53,14 @@ class SceneBundle:
                     "the file there, and name it relative to that folder"
                 )
             place = Path(os.path.abspath(path))
-            if not place.is_relative_to(home):  # of a translation, which lies elsewhere
+            if not place.is_relative_to(home):  # of a translation, which is in another folder
                 place = Path(os.path.abspath(home / name))
             contents[place.relative_to(home).as_posix()] = path.read_bytes()
         key = hashlib.sha256(json.dumps([file.digest(), file.changes, sensor], sort_keys=True).encode()).hexdigest()
         return cls(key, file.xml.name, file.changes, sensor, origin.here(), contents)
 
     def load(self, contents: Mapping[str, bytes]) -> tuple[mi.Scene, mi.Sensor]:
-        """Its scene and its sensor. Raises what their plugins raise."""
+        """Its scene and its sensor. Raises the errors of their plugins."""
         with atomic.scratch() as folder:
             for name, content in contents.items():
                 path = folder / name

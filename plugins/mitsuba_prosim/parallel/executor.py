@@ -24,7 +24,7 @@ from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
-#: Seconds between two looks at the workers, and without workers until the user is told.
+#: Seconds between two looks at the workers, and without workers until a warning.
 LOOK, PATIENCE = 0.5, 10.0
 
 #: Tasks for each worker: one runs and one waits.
@@ -107,7 +107,7 @@ class DaskExecutor:
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each work item with its sums, and None while there is nothing new.
 
-        Raises ClusterError if no worker can take part, or if a work item fails again and again.
+        Raises ClusterError if no worker can take part, or if a work item fails too often.
         """
         return self._results(map(self._samples, items))
 

@@ -75,7 +75,7 @@ scenes: OrderedDict[str, Loaded] = OrderedDict()
 
 
 async def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
-    """Sets the variant and the number of threads; returns what the samples depend on.
+    """Sets the variant and the number of threads; returns the facts that the samples depend on.
 
     A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
     process. Raises ImportError or RuntimeError where it lacks the variant.
@@ -157,10 +157,10 @@ def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes
         plan, x, y, start, end, decides = pickle.loads(item)
         policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold) if decides else None
         whole = WorkItem(estimator(), plan, x, y, start, end, policy)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     sums = whole.take()
     dr.sync_thread()
-    return time.perf_counter() - begun, pickled(sums)
+    return time.perf_counter() - started, pickled(sums)
 
 
 @in_render_thread

@@ -1,4 +1,4 @@
-"""Photon maps of a scene for one camera: emitted in passes, kept, and gathered from."""
+"""Photon maps of a scene for one camera: emitted in passes, cached, and gathered."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ PILOTS, ROUNDS, EVEN = 1 << 16, 3, 0.1
 #: Greatest number of cells along the edge of a pair's unit square of directions, and mean number of photons in each.
 EDGE, PER_CELL = 32, 8
 
-#: Number of photons that are kept for later work items, of 40 bytes each (48 on glossy surfaces, where a photon may
-#: land too); at least two photon passes.
-KEPT = 1 << 22
+#: Maximum number of photons in the cache for later work items, of 40 bytes each (48 on glossy surfaces, where a photon
+#: may land too); at least two photon passes.
+CAPACITY = 1 << 22
 
 #: Identifies a photon pass: its seed, its number, and the samples that divide the spectrum.
 Which = tuple[int, int, int]
@@ -42,27 +42,27 @@ Which = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Allocation:
-    """How many of the photons of a map each cell has. The photons of a cell are in a row."""
+    """Number of the photons of a map in each cell. The photons of a cell are consecutive."""
 
     #: Number of photons of each cell, and the index of the first of them.
-    shares: mi.Float
+    counts: mi.Float
     begins: mi.UInt32
     #: The cell of each photon.
     cells: mi.UInt32
 
     @classmethod
     def of(cls, wanted: np.ndarray) -> Allocation:
-        """That of about ``wanted`` photons for each cell, and at least one."""
+        """The allocation of about ``wanted`` photons to each cell, at least one."""
         counts = np.maximum(np.round(wanted.ravel()), 1).astype(np.uint32)
         begins = np.cumsum(counts, dtype=np.uint32) - counts
         cells = np.repeat(np.arange(len(counts), dtype=np.uint32), counts)
         result = cls(mi.Float(counts.tolist()), mi.UInt32(begins.tolist()), mi.UInt32(cells.tolist()))  # see Targets
-        dr.make_opaque(result.shares, result.begins, result.cells)
+        dr.make_opaque(result.counts, result.begins, result.cells)
         return result
 
 
 class Caustics:
-    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a photon pass, traced by ``walk``.
+    """Photons of ``sources`` in ``scene`` for the image of ``sensor``: ``count`` in a photon pass, traced by ``walk``.
 
     A photon pass has several maps (:meth:`maps`), and each sample of a pixel gathers from its own: the ``t``-th from
     map ``t % maps`` of pass ``t // maps``, which must have been emitted (:meth:`draw`). In spectral variants all
@@ -102,9 +102,9 @@ class Caustics:
         return cls(scene, sensor, sources, count, deepest, tree)
 
     @property
-    def kept(self) -> int:
-        """Number of photon passes that are kept."""
-        return max(KEPT // self.count, 2)
+    def capacity(self) -> int:
+        """Maximum number of photon passes in the cache."""
+        return max(CAPACITY // self.count, 2)
 
     @staticmethod
     def maps(n: int) -> int:
@@ -115,11 +115,11 @@ class Caustics:
         """Lets samples gather from the photon pass ``number`` under ``seed``; ``n`` samples divide the spectrum."""
         self._current, glossy = self.photons((seed, number, n))
         if self.mis is not None and glossy is not None:
-            self.mis.use(glossy, self._allocation(n).shares)
+            self.mis.use(glossy, self._allocation(n).counts)
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
-        """A photon pass, kept or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
+        """A photon pass, from the cache or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
         if which not in self._passes:
             (diffuse, glossy), map_of, _ = self._emit(*which, self._allocation(which[2]))
             rest = map_of, self.maps(which[2]), self.footprint
@@ -129,13 +129,13 @@ class Caustics:
         return self._passes[which]
 
     def put(self, which: Which, photons: tuple[Photons, Photons | None]) -> None:
-        """Keeps a photon pass, which another process may have emitted."""
-        while len(self._passes) >= self.kept:
+        """Adds a photon pass to the cache; another process may have emitted it."""
+        while len(self._passes) >= self.capacity:
             self._passes.popitem(last=False)
         self._passes[which] = photons
 
     def has(self, which: Which) -> bool:
-        """Whether a photon pass is kept."""
+        """Whether the cache has a photon pass."""
         return which in self._passes
 
     def wavelength(self, t: mi.UInt32) -> mi.Float:
@@ -145,12 +145,12 @@ class Caustics:
         return wavelengths.shared(self._key, *self.division(t))
 
     def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-        """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
+        """The divisor of the spectrum for the ``t``-th samples, see :attr:`.NRook.division`."""
         return t, self._n
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32) -> mi.Spectrum:
         """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
-        glossy lobes, each with a ray of its own; after a diffuse reflection they gather none.
+        glossy lobes, each with its own ray; after a diffuse reflection they gather none.
         """
         assert self._current is not None, "no photons have been emitted"
         L = L + self.gathering(self._current, t % dr.opaque(mi.UInt32, self._current.maps), vertex)
@@ -171,13 +171,13 @@ class Caustics:
         map_of = i // dr.opaque(mi.UInt32, size)
         of_map = i - map_of * dr.opaque(mi.UInt32, size)
         cell = dr.gather(mi.UInt32, allocation.cells, of_map)
-        share = mi.UInt32(dr.gather(mi.Float, allocation.shares, cell))
+        share = mi.UInt32(dr.gather(mi.Float, allocation.counts, cell))
         key = combine(combine(hash32(dr.opaque(mi.UInt32, seed)), dr.opaque(mi.UInt32, number)), 0)
         # The points of a cell continue from map to map, so that those of all maps together are evenly spread too.
         of_cell = map_of * share + of_map - dr.gather(mi.UInt32, allocation.begins, cell)
         t = i if white else dr.opaque(mi.UInt32, number * maps) + map_of
         points = start_points(combine(key, cell), of_cell)
-        start = self.sources.start(cell, allocation.shares, *points, self._wavelengths(seed, t, n))
+        start = self.sources.start(cell, allocation.counts, *points, self._wavelengths(seed, t, n))
         landed = self.walk(start, combine(key, i + 1))
         dr.eval(landed, map_of, cell)
         return landed, map_of, cell
@@ -191,7 +191,7 @@ class Caustics:
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _allocation(self, n: int) -> Allocation:
-        """The :class:`Allocation` of a map: in proportion to the RMS of what the photons of a cell add to a pixel,
+        """The :class:`Allocation` of a map: in proportion to the RMS contribution of the photons of a cell to a pixel,
         which minimises the noise (Neyman 1934), by some rounds of pilot photons.
         """
         maps, pairs, edge = self.maps(n), self.sources.pairs, 1
@@ -206,7 +206,7 @@ class Caustics:
         for k in range(ROUNDS):
             pilots = Allocation.of(fractions * PILOTS)
             landed, _, cell = self._emit(0, k, 1, pilots, white=True)
-            count = np.array(pilots.shares, dtype=np.float64)
+            count = np.array(pilots.counts, dtype=np.float64)
             sums = np.bincount(np.array(cell), importance(landed), minlength=squares.size)
             squares += (count**2 * sums).reshape(squares.shape)
             number += count.reshape(squares.shape)

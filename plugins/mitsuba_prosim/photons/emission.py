@@ -39,7 +39,7 @@ class Start:
     """Photons as they leave their sources."""
 
     ray: mi.Ray3f
-    #: ``mi.Spectrum``: power of each photon, 0 where there is none.
+    #: ``mi.Spectrum``: power of each photon, 0 in lanes without a photon.
     flux: mi.Spectrum
     #: Number of photons per area at right angles to the ray and per solid angle; :data:`ENDLESS` from points and in a
     #: single direction.
@@ -53,13 +53,13 @@ class Start:
 @dataclass(frozen=True)
 class Draw:
     """Photons to emit: the numbers of their sources, targets and cells, the number of photons of each cell
-    (``shares``), the points in [0, 1)² that choose the start and the direction, and the wavelengths.
+    (``counts``), the points in [0, 1)² that choose the start and the direction, and the wavelengths.
     """
 
     number: mi.UInt32
     target: mi.UInt32
     cell: mi.UInt32
-    shares: mi.Float
+    counts: mi.Float
     position: mi.Point2f
     aimed: mi.Point2f
     wavelengths: mi.Color0f
@@ -108,7 +108,7 @@ class Sources:
     pair ``p`` is that of the source ``p // targets.count`` and the target ``p % targets.count``.
 
     The square that a pair's photons are aimed by is divided into ``k`` x ``k`` cells, each with its own number of
-    photons. Cell ``c`` belongs to the pair ``c // k²``. ``k`` follows from the number of entries of ``shares``.
+    photons. Cell ``c`` belongs to the pair ``c // k²``. ``k`` follows from the number of entries of ``counts``.
     """
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
@@ -123,9 +123,9 @@ class Sources:
             return
         self.pointers = emitter_pointers(scene, self.emitters)
         self.kind = mi.UInt32([KINDS.index(name) for name in kinds.values()])
-        balls = [sphere_of(e) if name == "surface" and SphereLights.takes(e) else None for e, name in kinds.items()]
-        self.has_balls = any(balls)
-        values = [[*np.ravel(np.array(b[0])), *np.ravel(np.array(b[1]))] if b else [0, 0, 0, 0] for b in balls]
+        spheres = [sphere_of(e) if name == "surface" and SphereLights.takes(e) else None for e, name in kinds.items()]
+        self.has_spheres = any(spheres)
+        values = [[*np.ravel(np.array(b[0])), *np.ravel(np.array(b[1]))] if b else [0, 0, 0, 0] for b in spheres]
         x, y, z, radii = np.array(values, dtype=np.float32).T.tolist()  # see Targets
         self.centers, self.radii = mi.Point3f(x, y, z), mi.Float(radii)
         sphere = scene.bbox().bounding_sphere()
@@ -136,17 +136,17 @@ class Sources:
         dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), dr.reinterpret_array(mi.UInt32, self.pointers))
         dr.make_opaque(self.pointers, self.kind, self.centers, self.radii, self.middle, self.far, self.numbers)
 
-    def cells(self, shares: mi.Float) -> mi.UInt32:
+    def cells(self, counts: mi.Float) -> mi.UInt32:
         """Number of cells along an edge of the square that each pair is aimed by."""
-        return dr.opaque(mi.UInt32, math.isqrt(dr.width(shares) // self.pairs))
+        return dr.opaque(mi.UInt32, math.isqrt(dr.width(counts) // self.pairs))
 
     def start(
-        self, cell: mi.UInt32, shares: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
+        self, cell: mi.UInt32, counts: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
     ) -> Start:
-        """Emits photons of the cells ``cell``. ``shares``: the number of photons of each cell;
+        """Emits photons of the cells ``cell``. ``counts``: the number of photons of each cell;
         ``position``, ``aimed``: points in [0, 1)²; ``wavelengths``: those of the flux.
         """
-        edge = self.cells(shares)
+        edge = self.cells(counts)
         pair = cell // edge**2
         of_pair = cell - pair * edge**2
         row = of_pair // edge
@@ -154,7 +154,7 @@ class Sources:
         number = pair // self.targets.count
         target = pair - number * self.targets.count
         emitter, kinds = dr.gather(mi.EmitterPtr, self.pointers, number), dr.gather(mi.UInt32, self.kind, number)
-        draw = Draw(number, target, cell, shares, position, aimed, wavelengths)
+        draw = Draw(number, target, cell, counts, position, aimed, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0), dr.zeros(mi.PositionSample3f), emitter)
         for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._beam, self._far))):
             if name in self.kinds:
@@ -168,7 +168,7 @@ class Sources:
         center, radius = self.targets.at(draw.target)
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
-        density = self._density(draw.number, draw.shares, _from_point(x, ray.d), active, draw)
+        density = self._density(draw.number, draw.counts, _from_point(x, ray.d), active, draw)
         met, lit = self._met(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
@@ -178,14 +178,14 @@ class Sources:
         center, radius = self.targets.at(draw.target)
         ps, _ = emitter.sample_position(0.0, draw.position, active)
         per_area = mi.Float(ps.pdf)
-        if self.has_balls:
-            middle, own_radius = self._ball(draw.number)
+        if self.has_spheres:
+            middle, own_radius = self._sphere(draw.number)
             towards = aim.direction(middle, center, radius, draw.aimed)
-            ps = dr.select(own_radius > 0, on_ball(ps, middle, own_radius, towards, draw.position), ps)
+            ps = dr.select(own_radius > 0, on_sphere(ps, middle, own_radius, towards, draw.position), ps)
         x, n = ps.p, ps.n
         d = aim.direction(x, center, radius, draw.aimed)
         density_of = self._from_surface(draw.number, per_area, x, n, d)
-        density = self._density(draw.number, draw.shares, density_of, active, draw)
+        density = self._density(draw.number, draw.counts, density_of, active, draw)
         cos = dr.dot(n, d)
         active = active & (cos > 0) & (density > 0)
         ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
@@ -200,7 +200,7 @@ class Sources:
         """Not aimed: the point of the surface decides where the photon goes."""
         ps, _ = emitter.sample_position(0.0, draw.position, active)
         pair = mi.Bool(True), mi.Float(ps.pdf), draw.aimed
-        density = self._density(draw.number, draw.shares, lambda c, r: pair, active, draw)
+        density = self._density(draw.number, draw.counts, lambda c, r: pair, active, draw)
         si = mi.SurfaceInteraction3f(ps, draw.wavelengths)
         lit = active & (density > 0)
         L = dr.dispatch(emitter, beam_radiance, si, lit)
@@ -213,15 +213,15 @@ class Sources:
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
-        density = self._density(draw.number, draw.shares, _from_afar(x, d), active, draw)
+        density = self._density(draw.number, draw.counts, _from_afar(x, d), active, draw)
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, ENDLESS, density * ds.pdf)
         return Start(mi.Ray3f(x - d * back, d), flux, density, dr.zeros(mi.PositionSample3f), emitter)
 
-    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, shares: mi.Float, active: mi.Bool) -> mi.Float:
-        """Density of photons (:attr:`Start.density`) on the ray of light that comes to ``it`` along ``ds``; 0 where
-        none start. ``shares``: as for :meth:`start`.
+    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, counts: mi.Float, active: mi.Bool) -> mi.Float:
+        """Density of photons (:attr:`Start.density`) on the ray of light that arrives at ``it`` along ``ds``; 0 where
+        none start. ``counts``: as for :meth:`start`.
         """
         number = dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
         active = active & (number < self.count)
@@ -237,22 +237,22 @@ class Sources:
                 ds.emitter.pdf_direction(it, ds, lit & varies) * cos / dr.square(ds.dist),
                 ds.emitter.get_shape().pdf_position(ds, but_not(lit, varies)),
             )
-            density = self._density(number, shares, self._from_surface(number, per_area, ds.p, ds.n, d), lit)
+            density = self._density(number, counts, self._from_surface(number, per_area, ds.p, ds.n, d), lit)
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if "far" in self.kinds:
             lit = active & (kinds == KINDS.index("far"))
             pdf = ds.emitter.pdf_direction(it, ds, lit)
-            result = dr.select(lit, self._density(number, shares, _from_afar(it.p, d), lit) * pdf, result)
+            result = dr.select(lit, self._density(number, counts, _from_afar(it.p, d), lit) * pdf, result)
         return result
 
     def _density(
-        self, number: mi.UInt32, shares: mi.Float, density_of: DensityOf, active: mi.Bool, own: Draw | None = None
+        self, number: mi.UInt32, counts: mi.Float, density_of: DensityOf, active: mi.Bool, own: Draw | None = None
     ) -> mi.Float:
         """Density of a ray among the photons of all pairs of the source ``number``. ``own``: the photon of this ray,
-        which meets its target and lies in its cell, whatever rounding says.
+        which counts as meeting its target in its cell, also where rounding contradicts.
         """
         first, count = number * self.targets.count, dr.opaque(mi.UInt32, self.targets.count)
-        edge = self.cells(shares)
+        edge = self.cells(counts)
 
         def step(k: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
             met, density, aimed = density_of(*self.targets.at(k))
@@ -261,8 +261,8 @@ class Sources:
             if own is not None:
                 met |= k == own.target
                 cell = dr.select(k == own.target, own.cell, cell)
-            share = dr.gather(mi.Float, shares, cell, active)
-            return k + 1, total + dr.select(met, share * density, 0) * mi.Float(edge**2)
+            in_cell = dr.gather(mi.Float, counts, cell, active)
+            return k + 1, total + dr.select(met, in_cell * density, 0) * mi.Float(edge**2)
 
         return dr.while_loop(
             (mi.UInt32(0), mi.Float(0)), lambda k, total: active & (k < count), step, labels=("k", "total")
@@ -272,18 +272,18 @@ class Sources:
         self, number: mi.UInt32, per_area: mi.Float, x: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f
     ) -> DensityOf:
         """For the ray (x, d) from a surface of normal ``n``, whose own method samples ``x`` with this density."""
-        middle, own_radius = self._ball(number) if self.has_balls else (mi.Point3f(0), mi.Float(0))
+        middle, own_radius = self._sphere(number) if self.has_spheres else (mi.Point3f(0), mi.Float(0))
 
         def density_of(c: mi.Point3f, r: mi.Float) -> tuple[mi.Bool, mi.Float, mi.Point2f]:
             area, aimed = per_area, aim.aimed_by(x, d, c, r)
-            if self.has_balls:
+            if self.has_spheres:
                 towards = aim.direction(middle, c, r, aimed)
-                area = dr.select(own_radius > 0, per_area_of_ball(n, own_radius, towards), area)
+                area = dr.select(own_radius > 0, per_area_of_sphere(n, own_radius, towards), area)
             return aim.meets(x, d, c, r), area / aim.solid_angle(x, c, r), aimed
 
         return density_of
 
-    def _ball(self, number: mi.UInt32) -> tuple[mi.Point3f, mi.Float]:
+    def _sphere(self, number: mi.UInt32) -> tuple[mi.Point3f, mi.Float]:
         return dr.gather(mi.Point3f, self.centers, number), dr.gather(mi.Float, self.radii, number)
 
     def _met(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
@@ -301,7 +301,7 @@ def _from_point(x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
 
 
 def _from_afar(x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
-    """For the ray through ``x`` from far away, apart from the density of its direction ``d``."""
+    """The :data:`DensityOf` of the ray through ``x`` from far away, without the density of its direction ``d``."""
 
     def density_of(c: mi.Point3f, r: mi.Float) -> tuple[mi.Bool, mi.Float, mi.Point2f]:
         across = mi.Frame3f(d).to_local(x - c)
@@ -319,10 +319,12 @@ def beam_radiance(emitter: mi.Emitter, si: mi.SurfaceInteraction3f, active: mi.B
     return mi.Spectrum(0) if radiance is None else mi.Spectrum(radiance.eval(si, active))
 
 
-def on_ball(
+def on_sphere(
     ps: mi.PositionSample3f, middle: mi.Point3f, radius: mi.Float, d: mi.Vector3f, sample: mi.Point2f
 ) -> mi.PositionSample3f:
-    """A point on a sphere: most of them on the side that faces the direction ``d``, uniform as seen from there."""
+    """A point on a sphere: most of them on the side that faces the direction ``d``, uniform in the projection along
+    ``d``.
+    """
     faces = sample.x < FACING
     u = mi.Point2f(dr.select(faces, sample.x / FACING, (sample.x - FACING) / (1 - FACING)), sample.y)
     front = mi.Frame3f(d).to_world(mi.warp.square_to_cosine_hemisphere(u))
@@ -332,8 +334,8 @@ def on_ball(
     return result
 
 
-def per_area_of_ball(n: mi.Normal3f, radius: mi.Float, d: mi.Vector3f) -> mi.Float:
-    """Density per area with which :func:`on_ball` samples the point with the normal ``n``."""
+def per_area_of_sphere(n: mi.Normal3f, radius: mi.Float, d: mi.Vector3f) -> mi.Float:
+    """Density per area with which :func:`on_sphere` samples the point with the normal ``n``."""
     facing = dr.maximum(dr.dot(n, d), 0)
     return (FACING * 4 * facing + (1 - FACING)) / (4 * dr.pi * dr.square(radius))
 

@@ -34,15 +34,15 @@ class Footprint:
                 sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(x, y), mi.Point2f(0.5))[0]
                 for x, y in ((0.5, 0.5), (0.5 + 1 / width, 0.5), (0.5, 0.5 + 1 / height))
             )
-        apart, turned = (
+        offset, spread = (
             min(float(dr.norm(getattr(ray, name) - getattr(middle, name))[0]) for ray in (right, below))
             for name in ("o", "d")
         )
         least = LEAST * float(scene.bbox().bounding_sphere().radius)
-        # Rays start at the near plane, where those of a perspective camera are already apart.
+        # Rays start at the near plane, where those of a perspective camera already have a distance.
         eye = world_transform(sensor, sensor.shutter_open()).translation()
-        begun = float(dr.norm(middle.o - eye)[0])
-        result = cls(mi.Point3f(eye), mi.Float(max(apart - begun * turned, least)), mi.Float(turned))
+        near = float(dr.norm(middle.o - eye)[0])
+        result = cls(mi.Point3f(eye), mi.Float(max(offset - near * spread, least)), mi.Float(spread))
         dr.make_opaque(result.eye, result.size, result.spread)
         return result
 

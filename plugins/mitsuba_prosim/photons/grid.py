@@ -69,13 +69,13 @@ class Photons:
 
     @classmethod
     def of(cls, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> Photons:
-        """Sorts what has ``landed``; ``map_of``: the map of each."""
+        """Sorts the photons ``landed``; ``map_of``: the map of each."""
         size = dr.width(map_of) // maps
         buckets = 1 << max(4, (size - 1).bit_length())
         mask = dr.opaque(mi.UInt32, buckets - 1)
         there = dr.compress(landed.valid)
         if dr.width(there) == 0:
-            there = mi.UInt32(0)  # one that lies far away
+            there = mi.UInt32(0)  # a photon that is far away
         of_each = [landed.p, landed.d, landed.flux, dr.select(landed.wide, mi.Float(WIDE), 1)]
         if landed.density is not None:
             of_each += [landed.density, landed.level]
@@ -161,11 +161,11 @@ def within_reach(
     """
     distance = footprint.distance(si.p)
     reach = times * footprint.at(distance)
-    # What lies within reach is seen at about the same distance: mostly from one grid, seldom from two.
+    # Photons within reach have about the same distance from the eye: mostly one grid has them, seldom two.
     first = level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
     last = level_of(times * footprint.at(distance + reach))
     inv_reach2 = dr.rcp(dr.square(reach))
-    # They lie between two planes beside the surface: along its normal mostly in one cell, not in two.
+    # They are between two planes parallel to the surface: along its normal mostly in one cell, not in two.
     n2 = dr.square(si.n)
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + OFF * dr.sqrt(n2), 1) * (reach * (1 + 1e-3))
     low_corner, high_corner = si.p - off_axis, si.p + off_axis

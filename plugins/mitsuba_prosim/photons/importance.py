@@ -1,4 +1,4 @@
-"""How much a photon matters to an image, by where it lands: an importance map (Peter and Pietrek 1998)."""
+"""The importance of a photon for an image, by the place where it lands: an importance map (Peter and Pietrek 1998)."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ OTHER = 0.1
 
 
 class Importance:
-    """What a photon adds to the pixels of ``sensor``, by its flux and by the place where it lands.
+    """The contribution of a photon to the pixels of ``sensor``, by its flux and by the place where it lands.
 
     Rays of the camera go by ``walk`` as photons do. In each cell of space, the sum of the squared reflectances of what
-    they meet tells how well it is seen, directly or by way of specular surfaces.
+    they meet is its visibility, directly or through specular surfaces.
     """
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, walk: Walk, footprint: Footprint) -> None:
@@ -47,14 +47,14 @@ class Importance:
         through = dr.select(beyond.valid, dr.sqrt(dr.minimum(dr.max(beyond.flux), 1)) * dr.inv_pi, 0)
         entries = np.concatenate([np.array(self._entry(p)) for p in (si.p, beyond.p)])
         reflectances = np.concatenate([np.array(reflectance(si)), np.array(through)]).astype(np.float64)
-        self.seen = np.bincount(entries, reflectances**2, minlength=ENTRIES)
+        self.visibility = np.bincount(entries, reflectances**2, minlength=ENTRIES)
         rays = np.bincount(entries, reflectances > 0, minlength=ENTRIES)
         self.reflectances = np.bincount(entries, reflectances, minlength=ENTRIES) / np.maximum(rays, 1)
         self.irradiance, self.rounds = np.zeros(ENTRIES), 0
 
     def __call__(self, landed: Sequence[Landed | None]) -> np.ndarray:
-        """Mean square of what each photon of a round adds to a pixel, in display units up to a factor; 0 where none has
-        ``landed``.
+        """Mean square contribution of each photon of a round to a pixel, in display units up to a factor; 0 where none
+        has ``landed``.
 
         The tone curve is about a square root: the square of its slope is as the inverse of the radiance, which all
         rounds up to this one tell.
@@ -67,13 +67,13 @@ class Importance:
             self.irradiance += np.bincount(np.array(entry), per_area, minlength=ENTRIES)
         self.rounds += 1
         radiance = self.reflectances * self.irradiance / self.rounds
-        weights = mi.Float((self.seen / (OTHER + radiance)).tolist())  # a list: see Targets
+        weights = mi.Float((self.visibility / (OTHER + radiance)).tolist())  # a list: see Targets
         result = mi.Float(0)
         for one, entry in zip(kinds, entries):
             width = self.footprint.width(one.p)
             added = dr.max(one.flux) / (dr.square(width) * dr.select(one.wide, WIDE, 1))
-            seen = dr.gather(mi.Float, weights, entry, one.valid)
-            result += dr.select(one.valid, seen * dr.square(added), 0)
+            weight = dr.gather(mi.Float, weights, entry, one.valid)
+            result += dr.select(one.valid, weight * dr.square(added), 0)
         return np.array(result, dtype=np.float64)
 
     def _entry(self, p: mi.Point3f) -> mi.UInt32:

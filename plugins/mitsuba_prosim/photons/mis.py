@@ -9,7 +9,7 @@ R is the density of photons times an étendue. The density is their number per a
 solid angle. It is known at the source. Along a chain of specular surfaces it falls only by absorption and by the choice
 of a lobe, and scales with the square of the index of refraction as radiance does: neither mirrors nor lenses change the
 product of area and solid angle of a beam. The étendue belongs to the ray of the eye (:class:`RayWithEtendue`): the area
-on which photons count at G, seen along the ray, over the density with which the lobe samples the ray.
+on which photons count at G, perpendicular to the ray, over the density with which the lobe samples the ray.
 
 A near-specular surface (:mod:`.near_specular`) may be part of such a chain. There each end multiplies by the value of
 the lobe over the density of the eye's sample. Light sampling there, and photons at several glossy surfaces, are further
@@ -104,9 +104,9 @@ class PhotonMIS:
         self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))
         self._emitted: tuple[Photons, mi.Float] | None = None
 
-    def use(self, photons: Photons, shares: mi.Float) -> None:
-        """Samples gather from ``photons`` from now on; ``shares``: number of photons of each cell in a map."""
-        self._emitted = photons, shares
+    def use(self, photons: Photons, counts: mi.Float) -> None:
+        """Samples gather from ``photons`` from now on; ``counts``: number of photons of each cell in a map."""
+        self._emitted = photons, counts
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Density of the photons that come from the source to ``it`` along ``ds``."""
@@ -156,10 +156,10 @@ class PhotonMIS:
     ) -> mi.Float:
         """MIS weight of the emission that ``ray`` meets; ``weight`` where no photon could have found it.
 
-        ``ds``: the source as seen from ``origin``, which light sampling takes with the density ``pdf`` in the lanes
-        ``uses_mis``.
+        ``ds``: the direction sample of the source from ``origin``, which light sampling takes with the density ``pdf``
+        in the lanes ``uses_mis``.
         """
-        # Rays alone find what comes directly from a sky.
+        # Only rays find light directly from a sky.
         found = active & (ray.earlier > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
         others = dr.select(uses_mis & found, 1 + dr.square(pdf / ray.pdf), 1)
         # No photon lands on a near-specular surface that the source lights directly.
@@ -184,7 +184,7 @@ class PhotonMIS:
 
     def radiance(self, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of photons by the glossy lobes at ``vertex``, with MIS weights, for the ``t``-th sample of a pixel.
-        ``drawn``: the lobes, each with a ray of its own.
+        ``drawn``: the lobes, each with its own ray.
         """
         assert self._emitted is not None, "no photons have been emitted"
         photons, ray, si, bsdf = self._emitted[0], vertex.ray, vertex.si, vertex.bsdf
@@ -264,7 +264,7 @@ class PhotonMIS:
             f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, eye, hit.bsdf, hit.si.wi, active)
             f, pdf = f + f_lobe, pdf + pdf_lobe
         first = hit.level == 0
-        # Light sampling alone finds what comes directly from a source without size; rays alone, what comes from a sky.
+        # Only light sampling finds light directly from a source without size; only rays find that of a sky.
         alone = start.density == ENDLESS
         if self.lights.sky is not None:
             alone |= start.emitter.is_environment()
@@ -307,8 +307,8 @@ def passed_on(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.
 
 
 def expected(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float | None) -> mi.Float:
-    """Number of photons of this ``density`` that are expected on ``area`` (seen from where they come from) for each ray
-    that a lobe samples there with the density ``pdf``, and for each of the eye's other strategies.
+    """Number of photons of this ``density`` that are expected on ``area`` (perpendicular to their direction) for each
+    ray that a lobe samples there with the density ``pdf``, and for each of the eye's other strategies.
 
     ``f``: value of the lobe. ``etendue``: of the ray that sees the surface, if that is near-specular, so that photons
     land beyond it too; 0 or None if it is not.

@@ -1,4 +1,4 @@
-"""Near-specular surfaces: glossy ones with lobes so narrow that rougher surfaces see highlights in them."""
+"""Near-specular surfaces: glossy ones with narrow lobes, in which rougher surfaces see highlights."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class NearSpecular:
 def density_of_rays(identities: list[int]) -> np.ndarray:
     """Density per solid angle that nine in ten sampled rays of each BSDF's glossy lobes exceed; 0 without such rays.
 
-    The surfaces are seen at 45°, anywhere on their textures.
+    The surfaces are evaluated at 45°, anywhere on their textures.
     """
     count = len(identities)
     i = dr.arange(mi.UInt32, RAYS * count)

@@ -35,7 +35,7 @@ class Targets:
         spheres = [sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         if not spheres:
             return None
-        # Lists: memory of NumPy's would be used as it is, and kernels differ by how that lies.
+        # Lists: Dr.Jit would use the memory of NumPy arrays, and kernels differ by its alignment.
         x, y, z, radii = np.array(merged(spheres), dtype=np.float32).T.tolist()
         targets = cls(mi.Point3f(x, y, z), mi.Float(radii), len(radii))
         dr.make_opaque(targets.centers, targets.radii)
@@ -107,7 +107,7 @@ def around(spheres: np.ndarray) -> tuple[float, ...]:
 
 
 def solid_angle(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
-    """Solid angle of a sphere as seen from ``x``; all directions from within it."""
+    """Solid angle of a sphere at the point ``x``; all directions from within it."""
     return total(versine(x, center, radius), None)
 
 
@@ -143,5 +143,5 @@ def meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -
 
 
 def line_meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:
-    """Whether the straight line through ``x`` along ``d`` meets a sphere."""
+    """Whether the line through ``x`` along ``d`` meets a sphere."""
     return dr.squared_norm(dr.cross(center - x, d)) <= dr.square(radius)

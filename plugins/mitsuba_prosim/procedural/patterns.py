@@ -24,7 +24,7 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
         whole = dr.floor(x)
         return whole * duty + dr.clip(x - whole - low, 0, duty)
 
-    # A box narrower than a band and than a gap meets one edge at most; then nothing is lost to rounding.
+    # A box narrower than a band and than the space between two meets at most one edge; this form has no rounding error.
     narrow = dr.clip((duty / 2 - dr.abs(x - 0.5)) / width + 0.5, 0, 1)
     wide = dr.clip((integral(x + width / 2) - integral(x - width / 2)) / width, 0, 1)
     return dr.select(width < dr.minimum(duty, 1 - duty), narrow, wide)

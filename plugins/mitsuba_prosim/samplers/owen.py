@@ -29,7 +29,7 @@ class OwenSampler(PureSampler):
        - Seed offset (Default: 0)
 
     Takes the samples of every pixel and dimension from Sobol's sequence in two dimensions, each shuffled and scrambled
-    by a hash of its own (Burley 2020). The sequence has no end: any number of samples is well distributed, powers of
+    by its own hash (Burley 2020). The sequence has no end: any number of samples is well distributed, powers of
     two a little better. A sample is a pure function of seed, pixel, dimension and sample index; no state of a random
     generator is kept.
 
@@ -49,7 +49,7 @@ class OwenSampler(PureSampler):
     def set_sample_count(self, spp: int) -> None:
         """Sets the number of samples per pixel, any."""
         mi.Sampler.set_sample_count(self, spp)
-        self.samples_per_wavefront = None  # until told
+        self.samples_per_wavefront = None  # until it is set
 
     def points(self) -> Sobol:
         return Sobol(self.pixel, self.index)

@@ -1,10 +1,10 @@
-"""Integer hashes: what makes a sample a pure function of where it is taken."""
+"""Integer hashes, which make a sample a pure function of pixel, space and index."""
 
 from __future__ import annotations
 
 from typing import Any
 
-#: 2^32 over the golden ratio: multiples of it are far apart.
+#: 2^32 over the golden ratio: multiples of it have large distances modulo 2^32.
 GOLDEN = 0x9E3779B9
 
 

@@ -128,7 +128,7 @@ class NRook:
     def in_first_epoch(
         cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi"
     ) -> NRook:
-        """What :meth:`at` gives for ``t`` < N², for less."""
+        """The result of :meth:`at` for ``t`` < N², at less cost."""
         r = t // permutations.n
         points = cls(permutations, key, r, t - r * permutations.n, jitter)
         points.t = t
@@ -139,15 +139,15 @@ class NRook:
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
-        # Rows are associated anew in every pass (figure 5.10); the columns belong to the rows, and turn (figure 5.11).
+        # Every pass associates the rows again (figure 5.10); the columns belong to the rows, and turn (figure 5.11).
         row = permute(h_pass, self.i)
         col = permute(h_space, row) + self.r
         col = dr.select(col >= n, col - n, col)
         h = combine(h_pass, self.i + n)
         u, v = to_unit(h), to_unit(hash32(h))
         if self.jitter == "multi":
-            # All rows share one permutation, and all columns one: correlated multi-jitter, which keeps points apart
-            # (Kensler 2013).
+            # All rows share one permutation, and all columns one: correlated multi-jitter, which keeps a distance
+            # between points (Kensler 2013).
             u = (permute(combine(h_space, n + 1), col) + u) / n
             v = (permute(combine(h_space, n + 2), row) + v) / n
         below_one = 1 - 2.0**-24

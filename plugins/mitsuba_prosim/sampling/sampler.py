@@ -1,4 +1,4 @@
-"""What samplers share whose samples are pure functions of seed, pixel, dimension and index."""
+"""The base class of samplers whose samples are pure functions of seed, pixel, dimension and index."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PureSampler(mi.Sampler):
         super().__init__(props)
         self.base_seed = whole(props, "seed", 0, 0, 2**32 - 1)
         self.pixel, self.index, self.dimension = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
-        self.samples_per_wavefront: int | None = None  # until told
+        self.samples_per_wavefront: int | None = None  # until it is set
         self.set_sample_count(whole(props, "sample_count", 4, 1))
 
     def points(self) -> NRook | Sobol:
@@ -53,10 +53,10 @@ class PureSampler(mi.Sampler):
             dr.make_opaque(key)
             lane = dr.arange(mi.UInt32, self.wavefront_size())
         if self.samples_per_wavefront is None:
-            # Integrators in C++, which seed with an array, tell the base class alone how many samples of a pixel lie
-            # side by side: all of them, as long as the wavefront has less than 2^32 lanes.
-            apart = isinstance(seed, int) or self.wavefront_size() % self.sample_count() > 0
-            self.samples_per_wavefront = 1 if apart else self.sample_count()
+            # Integrators in C++, which seed with an array, pass only to the base class how many samples of a pixel are
+            # in adjacent lanes: all of them, as long as the wavefront has less than 2^32 lanes.
+            separate = isinstance(seed, int) or self.wavefront_size() % self.sample_count() > 0
+            self.samples_per_wavefront = 1 if separate else self.sample_count()
         self.pixel = pixel_key(key, lane // self.samples_per_wavefront)
         self.index = mi.UInt32(lane % self.samples_per_wavefront)
         self.dimension = dr.opaque(mi.UInt32, 0)

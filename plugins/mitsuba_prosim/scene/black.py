@@ -1,4 +1,4 @@
-"""Why an image is black, as far as the scene tells."""
+"""Finds the reason why an image is black."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ IN_THE_PNG = "The EXR has it all; --exposure {} makes it bright in the PNG"
 def why(
     scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
 ) -> str | None:
-    """Why an image is black, and what may help; None for any other image.
+    """The reason why an image is black, and a remedy; None for any other image.
 
     ``colours``: linear, as they are displayed with ``exposure``; ``brighter``: as :data:`IN_THE_PNG`.
     """
@@ -51,14 +51,14 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5))
     si = scene.ray_intersect(ray)
-    seen = si.is_valid()
-    if not dr.any(seen):
+    visible = si.is_valid()
+    if not dr.any(visible):
         return "nothing is in view. " + _place(scene, sensor, np.array(ray.d).mean(axis=1))
-    if dr.all(~seen | (dr.dot(si.n, ray.d) > 0)):
-        return "all visible surfaces are seen from inside: the eye is within a solid, or a mesh is turned inside out."
+    if dr.all(~visible | (dr.dot(si.n, ray.d) > 0)):
+        return "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out."
     on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
-    ds, light = scene.sample_emitter_direction(si, on_light - dr.floor(on_light), False, seen)
-    lit = seen & (dr.max(mi.unpolarized_spectrum(light)) > 0)
+    ds, light = scene.sample_emitter_direction(si, on_light - dr.floor(on_light), False, visible)
+    lit = visible & (dr.max(mi.unpolarized_spectrum(light)) > 0)
     if not dr.any(lit):
         return "no light arrives at the visible surfaces: the lights shine elsewhere, or are dark."
     lit &= dr.dot(si.n, ds.d) > 0

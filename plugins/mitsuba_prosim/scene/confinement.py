@@ -100,6 +100,6 @@ class Confinement:
 
 
 def _is_below(path: str, folder: str) -> bool:
-    """Whether a path without links is ``folder`` or lies below it."""
+    """Whether a path without links is ``folder`` or below it."""
     path, folder = os.path.normcase(path), os.path.normcase(folder)
     return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)

@@ -35,7 +35,7 @@ def files(words: str) -> list[str]:
 
 
 def _is_below(path: Path, folder: Path) -> bool:
-    """Whether a file lies in ``folder`` or below, links followed."""
+    """Whether a file is in ``folder`` or below, links followed."""
     return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
 
 

@@ -15,7 +15,7 @@ def encode(
 ) -> dict[str, bytes]:
     """Suffix -> content of an EXR with the metadata ``facts``, and of a PNG with those of ``shown``.
 
-    The PNG has ``exposure`` stops more, and compressed highlights. There is none of a film without colours.
+    The PNG has ``exposure`` stops more, and compressed highlights. A film without colours has no PNG.
     """
     images = {".exr": exr(bitmap, facts)}
     linear = colours(bitmap)

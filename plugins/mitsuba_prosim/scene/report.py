@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: A render has used its time from this part of it on, as it aims to end before.
 IN_TIME = 0.97
 
-#: Goal of an integrator, and value that a render has reached -> the same in words.
+#: Goal of an integrator, and measured value of a render -> the same in words.
 NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
 
 

@@ -45,7 +45,7 @@ def set_variant(variant: str | None = None) -> str:
         _, need = BACKENDS[variant.partition("_")[0]]
         raise RuntimeError(
             f"{variant} needs {need}, and Dr.Jit finds none here. This machine can run "
-            f"{', '.join(filter(has_backend, mi.variants()))}; prosim doctor tells more."
+            f"{', '.join(filter(has_backend, mi.variants()))}; run prosim doctor."
         )
     mi.set_variant(variant)
     load_plugins()

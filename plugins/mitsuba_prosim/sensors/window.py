@@ -33,7 +33,7 @@ class Window(mi.Sensor):
 
      * - near_clip, far_clip
        - |float|
-       - Depths between which objects are seen. (Default: 0.01, 10000)
+       - Depths between which objects are visible. (Default: 0.01, 10000)
 
     The pinhole camera of the thesis's scene language (VIEW in appendix A): the film's pixels evenly divide a window of
     any place and proportions. For square pixels, Mitsuba's ``perspective`` with a principal point offset shoots the

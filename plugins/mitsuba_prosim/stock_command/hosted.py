@@ -69,13 +69,13 @@ def run(plugin: str, words: Sequence[str]) -> None:
     options = parse_arguments(words)
     set_up(options)
     parameters = dict(definition.split("=", 1) for definition in options.define)
-    begun = False
+    started = False
     for path in options.scenes:
         folders = [*filter(None, options.append.split(";")), os.path.dirname(path) or "."]
         with session.resolving(session.resolver(last=folders)), session.enough_threads():
             state = scene_file.parse(path, parameters)
-            begun = begun or plugin in {node.props.plugin_name() for node in state.nodes}
-            if begun:
+            started = started or plugin in {node.props.plugin_name() for node in state.nodes}
+            if started:
                 scene = scene_file.instantiate(state)
                 sensor = scene_file.pick_sensor(scene, options.sensor)
                 scene.integrator().render(scene, sensor, develop=True, evaluate=True)

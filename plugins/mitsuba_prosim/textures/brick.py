@@ -59,7 +59,7 @@ class Brick(Mixture):
     The texture :monosp:`t-tijolo` of the thesis's example scene: rows along x (or u), one above the other along y
     (or v). On (u, v) the origin is the middle of a joint, so that a whole number of bricks closes without a seam. In a
     solid, bricks are as deep along z as they are wide, and the origin is the middle of a brick: a face through it does
-    not run along a joint. A surface seen with ray differentials has the edges averaged over the pixel's footprint,
+    not run along a joint. With ray differentials the edges are averaged over the pixel's footprint,
     analytically.
 
     .. tabs::

@@ -58,7 +58,7 @@ class Stripes(Mixture):
 
     The texture :monosp:`t-listra` of the thesis's example scene. The origin is the middle of a stripe of ``color0``: a
     whole number of pairs closes without a seam where u goes from 1 to 0, and a flat end of a solid does not fall on an
-    edge. A surface seen with ray differentials has the edges averaged over the pixel's footprint, analytically.
+    edge. With ray differentials the edges are averaged over the pixel's footprint, analytically.
 
     .. tabs::
         .. code-tab:: xml

@@ -113,8 +113,8 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
 def unless_in_shadow(
     context: Context, vertex: Vertex, p: mi.Point3f, values: list[mi.Spectrum], active: mi.Bool
 ) -> list[mi.Spectrum]:
-    """The ``values``, less what is absorbed, where nothing is between ``vertex`` and the point ``p``; else 0. The first
-    contains the others.
+    """The ``values`` times the transmittance, where nothing is between ``vertex`` and the point ``p``; else 0. The
+    first contains the others.
     """
     si = vertex.si
     if context.settings.shadows:

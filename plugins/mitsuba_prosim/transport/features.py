@@ -31,7 +31,7 @@ class State:
     active: mi.Bool
     level: mi.UInt32
     sampler: mi.Sampler
-    #: What the ray goes through, where the scene has media.
+    #: The medium of the ray, where the scene has media.
     medium: mi.MediumPtr | None = None
 
 
@@ -46,9 +46,9 @@ def features(
     """``(albedo, normal, hit)`` of the camera ray ``ray``: albedo in [0, 1], and the shading normal of the first
     surface, on the viewer's side; 0 where there is no surface.
 
-    The albedo is that of the diffuse lobes, by one sample, plus that seen in the specular lobes, times their
-    reflectance or transmittance. Sources and the sky have their radiance, at most 1; with ``hide_emitters`` the camera
-    does not see them. ``around``: the medium of the camera.
+    The albedo is that of the diffuse lobes, by one sample, plus that of the surfaces that the specular lobes show,
+    times their reflectance or transmittance. Sources and the sky have their radiance, at most 1; with ``hide_emitters``
+    the camera does not see them. ``around``: the medium of the camera.
     """
     media = around is not None or any(True for _ in media_of(scene))
     scattering = Scattering.of(scene, separate=False)
@@ -63,9 +63,9 @@ def features(
             t = dr.select(si.is_valid(), si.t, ENDLESS)
             throughput = throughput * transmittance(medium, ray.wavelengths, t, active)
         emitter = si.emitter(scene)
-        seen = active & (state.level > 0) if hide_emitters else active
-        if not idle(seen) and emitter is not None:
-            albedo = albedo + dr.select(seen, throughput * dr.clip(emitter.eval(si, seen), 0, 1), 0)
+        visible = active & (state.level > 0) if hide_emitters else active
+        if not idle(visible) and emitter is not None:
+            albedo = albedo + dr.select(visible, throughput * dr.clip(emitter.eval(si, visible), 0, 1), 0)
         surface = active & si.is_valid()
         if idle(surface):
             return State(ray, albedo, throughput, state.normal, surface, state.level, state.sampler, medium)

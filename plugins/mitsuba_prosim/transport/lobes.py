@@ -9,7 +9,7 @@ import mitsuba as mi
 
 #: Names of the ``mi.BSDFFlags`` of the specular reflection, glossy or ideal.
 REFLECTED = ("GlossyReflection", "DeltaReflection")
-#: Those of the specular transmission, glossy or ideal, and of what passes straight through.
+#: Those of the specular transmission, glossy or ideal, and of null lobes.
 REFRACTED = ("GlossyTransmission", "DeltaTransmission", "Null")
 #: Those of the diffuse reflection and transmission.
 DIFFUSE = ("DiffuseReflection", "DiffuseTransmission")
@@ -34,7 +34,7 @@ def reflected() -> mi.BSDFContext:
 
 
 def refracted() -> mi.BSDFContext:
-    """The context of the specular transmission, straight through included."""
+    """The context of the specular transmission, null lobes included."""
     return _context(mask(*REFRACTED))
 
 
@@ -54,7 +54,7 @@ def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
 
 
 def and_through(context: mi.BSDFContext) -> mi.BSDFContext:
-    """``context`` and what passes straight through."""
+    """``context`` with null lobes."""
     return _context(context.type_mask | mask("Null"), context.mode)
 
 

@@ -75,7 +75,7 @@ def one_of_two(
     a = dr.select(reflects, dr.max(specular.throughput), 0)
     b = dr.select(scatters, dr.max(diffuse.throughput), 0)
     p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
-    # What chooses among lobes by itself has used the number of the choice; no ray is refracted by itself here.
+    # Code that chooses among lobes has already used the number of the choice; no ray is only refracted here.
     chosen = context.scattering.mixes or context.scattering.any_inseparable
     choose = points.choice(context.space(vertex.ray.node, REFRACTED if chosen else CHOICE)) < p
     ray = dr.select(choose, diffuse, specular)

@@ -124,7 +124,7 @@ class Scattering:
         """
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):
             return choice
-        return wavelengths.kept(combine(points.key, space), *points.division, choice)
+        return wavelengths.chosen(combine(points.key, space), *points.division, choice)
 
 
 def sample_lobe(

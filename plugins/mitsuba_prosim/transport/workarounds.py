@@ -143,11 +143,11 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
 
 
 class Leaf(NamedTuple):
-    """A BSDF within others and its share; None for what passes straight through."""
+    """A BSDF within others and its weight; None for a null lobe."""
 
     share: mi.Float
     bsdf: mi.BSDF | None
-    #: Whether a ``twosided`` lets it be seen from the front always.
+    #: Whether a ``twosided`` always shows it the front side.
     turned: bool = False
 
     def scaled(self, part: mi.Float) -> Leaf:
@@ -156,7 +156,7 @@ class Leaf(NamedTuple):
 
 
 def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
-    """The BSDFs that ``bsdf`` mixes at ``si``, with shares that sum up to 1."""
+    """The BSDFs that ``bsdf`` mixes at ``si``, with weights that sum up to 1."""
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
         weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
@@ -176,7 +176,7 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
 
 
 def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
-    """The BSDFs of a ``twosided``: each with 1 where ``si`` is seen from its side, else 0."""
+    """The BSDFs of a ``twosided``: each with weight 1 where ``si`` is on its side, else 0."""
     inner = parts(bsdf)
     front, back = inner["brdf_0"], inner["brdf_1"]
     if front is back:
@@ -186,7 +186,7 @@ def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi
 
 
 def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
-    """``si`` as if it were seen from the front."""
+    """``si`` with the viewer on the front side."""
     other = mi.SurfaceInteraction3f(si)
     other.wi.z = dr.abs(si.wi.z)
     return other

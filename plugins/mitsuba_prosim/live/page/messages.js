@@ -2,8 +2,8 @@
 
 /** Writes messages into a box, unless they are there. */
 export function tell(box, text) {
-    if (box.dataset.told === text) return;
-    box.dataset.told = text;
+    if (box.dataset.text === text) return;
+    box.dataset.text = text;
     box.replaceChildren();
     for (const line of text.split("\n").filter((line) => line.trim())) {
         const kind = /^\s/.test(line) ? "PRE" : "P";
@@ -13,7 +13,7 @@ export function tell(box, text) {
     showCarets(box);
 }
 
-/** Moves quoted lines that are too long so that their carets are seen. */
+/** Scrolls quoted lines that are too long to their carets. */
 export function showCarets(box) {
     for (const quoted of box.querySelectorAll("pre")) {
         const lines = quoted.textContent.split("\n"), caret = Math.max(...lines.map((line) => line.search(/\^~*\s*$/)));

@@ -1,4 +1,4 @@
-// The page of prosim watch: it is told the state by events, fetches the layers that it shows, and asks for what is wished.
+// The page of prosim watch: it receives the state as events, fetches the layers that it shows, and sends requests.
 
 import {follow} from "./events.js";
 import {colours, HALVES, map, most} from "./tone.js";
@@ -6,13 +6,13 @@ import {showCarets, tell} from "./messages.js";
 import {Place} from "./place.js";
 
 const find = (id) => document.getElementById(id);
-/** Writes what is not there yet: what is marked, to be copied, stays so, and nothing is read out twice. */
+/** Writes text if it differs: a selection stays, and a screen reader reads nothing twice. */
 const write = (element, text) => { if (element.textContent !== text) element.textContent = text; };
 const TAKES = ["own", "path"], LAYERS = document.querySelectorAll("input[name=layer]");
 const shown = {own: null, path: null};
 let state = null, pointed = null, wanted = false, comparing = null;
 
-// ---- what is shown
+// ---- the shown layers
 
 const layer = () => document.querySelector("input[name=layer]:checked").value;
 const stops = () => Number(find("exposure").value);
@@ -47,7 +47,7 @@ function tellScale(image) {
     scale.ariaLabel = `${MAPS[image.layer]}, dark: 0, pale yellow: ${marks[2].textContent}`;
 }
 
-/** Fetches what is to be shown and is not yet, one after the other; what changes meanwhile, after that. */
+/** Fetches the missing layers one after the other; then those that have changed meanwhile. */
 async function refresh() {
     if (document.hidden) return; // nobody sees it
     if (wanted) { wanted = "again"; return; }
@@ -89,11 +89,11 @@ function splitting() {
     find("border").style.left = find("split").ariaValueText = `${part}%`;
 }
 
-// ---- what is told
+// ---- the state
 
 const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "stopped", done: "done", missing: "the file has gone; its last picture is shown until it is there again", failed: "not rendered; the next save is awaited"};
 
-function told(news) {
+function receive(news) {
     state = news;
     const parts = [WORDS[state.doing]], whose = state.compared ? `${state.integrator}: ` : "", percent = `${Math.round(100 * state.part)} %`;
     write(find("scene"), state.scene);
@@ -106,7 +106,7 @@ function told(news) {
     }
     write(find("state"), parts.join(" · "));
     // What changes ten times a second is not read out.
-    write(find("said"), state.doing === "done" ? find("state").textContent : WORDS[state.doing]);
+    write(find("announcement"), state.doing === "done" ? find("state").textContent : WORDS[state.doing]);
     document.body.dataset.doing = state.doing;
     document.body.dataset.newest = state.pictures.own ?? "";
     find("part").value = state.part;
@@ -151,8 +151,8 @@ function duration(seconds) {
 function lost(refused) {
     const text = refused
         ? "this prosim watch has ended; one that was started since has printed another address"
-        : "prosim watch has ended, or can't be reached";
-    for (const id of ["state", "said"]) write(find(id), text);
+        : "prosim watch has ended, or does not answer";
+    for (const id of ["state", "announcement"]) write(find(id), text);
     document.body.dataset.doing = "gone";
     for (const id of ["stop", "camera", "compare", "home"]) find(id).disabled = true;
     for (const input of LAYERS) input.disabled = !input.checked;
@@ -166,7 +166,7 @@ function savable(on) {
     }
 }
 
-// ---- what is wished
+// ---- requests
 
 const post = (path) => fetch(path, {method: "POST"}).catch(() => null);
 
@@ -200,11 +200,11 @@ function tellPixel() {
     } else if (details?.own) lines.push(`RGB ${details.own.final.map((v) => digits(v)).join(" ")}`);
     if (details?.path) lines.push(`path ${details.path.final.map((v) => digits(v)).join(" ")}`);
     if (details?.own?.error !== undefined) lines.push(`error ${digits(details.own.error)}`, details.own.samples === 1 ? "1 sample" : `${digits(details.own.samples)} samples`);
-    if (details?.seen) lines.push(details.seen);
+    if (details?.surface) lines.push(details.surface);
     find("pixel").textContent = lines.join(" · ");
 }
 
-/** Tells the pixel at once as far as it is known here, and the rest when the pointer rests; aloud, where keys move it. */
+/** Shows the known values of a pixel at once, and the others when the pointer rests; announces them for keys. */
 function point(pixel, aloud = false) {
     find("pixel").ariaLive = aloud ? "polite" : "off";
     if (!pixel || !state || (pointed && pixel[0] === pointed[0] && pixel[1] === pointed[1])) return;
@@ -273,7 +273,7 @@ find("copy").addEventListener("click", async () => {
         getSelection().selectAllChildren(find("text"));
         find("copy").textContent = navigator.platform.startsWith("Mac") ? "Press ⌘C" : "Press Ctrl-C";
     }
-    find("said").textContent = find("copy").textContent;
+    find("announcement").textContent = find("copy").textContent;
     setTimeout(() => { find("copy").textContent = "Copy the view"; }, 1500);
 });
-follow(told, lost);
+follow(receive, lost);

@@ -1,4 +1,4 @@
-// Where the picture lies on its stage: moved and zoomed by pointers, the wheel and keys.
+// The position and the zoom of the picture, by pointers, the wheel and keys.
 
 // So few pixels are no movement, as of a hand that clicks.
 const TREMBLE = 3;
@@ -74,7 +74,7 @@ export class Place {
         this.shift((x - this.x) * (1 - ratio), (y - this.y) * (1 - ratio));
     }
 
-    /** The pixel of the picture that lies at a place of the window; null for none. */
+    /** The pixel of the picture at a position of the window; null for none. */
     pixel(clientX, clientY) {
         const box = this.stage.getBoundingClientRect();
         const x = Math.floor((clientX - box.left - this.x) / this.zoom), y = Math.floor((clientY - box.top - this.y) / this.zoom);

@@ -84,7 +84,7 @@ WRONG = [
     (5, "SURFACE 0 { kd = 1 }", 16, "expression", "braces hold arithmetic"),
     (3, "VIEW {\n OBS 0 0 9\n}", 6, "expression", "blocks have none"),
     (5, "SURFACE 0 kd 1 0 0 }", 20, "foreign", "blocks have none"),
-    (6, "TRANSFORM 0 SCALE (3 3 3);", 26, "foreign", "without a mark"),
+    (6, "TRANSFORM 0 SCALE (3 3 3);", 26, "foreign", "no mark at its end"),
     *((1, f"{mark} a scene", 1, "foreign", "expected a comment to begin with #") for mark in ("%", "!", "//", "--")),
     (1, '<?xml version="1.0"?>', 1, "foreign", "XML"),
     # words of other languages, and their meaning in a statement
@@ -274,7 +274,7 @@ def test_encodings(tmp_path):
     assert prosim_scene.parse(text).lights[0].angle == 20
     for encoding in ("utf-16-le", "utf-16-be", "utf-32"):
         path.write_bytes(text.encode(encoding))
-        with pytest.raises(SceneError, match="no text in UTF-8"):
+        with pytest.raises(SceneError, match="the text is not UTF-8"):
             prosim_scene.read(path)
 
 

@@ -75,7 +75,7 @@ def translate(
     """
     checked = Options(**options)
     opened, source_path = _opened(source, define)
-    if not output.can_say(source_path.stem):
+    if not output.is_valid_in_xml(source_path.stem):
         raise SceneError(
             f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
             "it; expected a name without control characters, in UTF-8",
@@ -97,7 +97,7 @@ def translate(
             relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
         except ValueError:  # on another drive of Windows
             relative = path.resolve().as_posix()
-        if not output.can_say(relative):
+        if not output.is_valid_in_xml(relative):
             raise ValueError(f"the path {relative!r} cannot stand in XML; expected printable characters, in UTF-8")
         return relative
 

@@ -249,11 +249,11 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     (tmp_path / "scene" / "circle.png").symlink_to("circle.png")
     path = tmp_path / "scene" / "x.scn"
     for image, words in (
-        ("../outside.png", "outside the scene's folder; .*--allow-outside, allow_outside=True"),
+        ("../outside.png", "outside the scene's folder; .*--allow-outside, in Python allow_outside=True"),
         (f'"{tmp_path}/outside.png"', "outside"),
         ("none.png", "does not exist"),
         ("circle.png", "does not exist"),
-        ("text.png", r"'text.png' is no image; expected one of PNG, .* or TGA"),
+        ("text.png", r"'text.png' is not an image; expected one of PNG, .* or TGA"),
     ):
         path.write_text(with_line(4, f"CSG-TREE CUBE 0 {image}"))
         with pytest.raises(SceneError, match=words):

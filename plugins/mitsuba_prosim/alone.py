@@ -1,4 +1,4 @@
-"""A lock for what only one thread of a process may do at a time: load a scene, trace and launch kernels."""
+"""A lock for work of one thread at a time: loading a scene, tracing and launching kernels."""
 
 from __future__ import annotations
 

@@ -225,7 +225,7 @@ EXR_THREADS = 3
 
 
 # ---------------------------------------------------------------- files
-# Mitsuba has no list of what it looks for in its search path.
+# Mitsuba has no list of the files that it looks for in its search path.
 
 #: Suffixes of a plugin's file on Linux, macOS and Windows.
 LIBRARIES = (".so", ".dylib", ".dll")
@@ -250,7 +250,7 @@ PLUGINS_IN_PYTHON = (
 
 
 # ---------------------------------------------------------------- the words of errors
-# An error has no attributes: what it speaks of is in its words (as of 3.9).
+# An error has no attributes, only a text (as of 3.9).
 
 #: The Python traceback within a message of Mitsuba's, and a line of Mitsuba's source.
 TRACEBACK = re.compile(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?")

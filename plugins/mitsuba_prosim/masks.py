@@ -20,7 +20,7 @@ def idle(active: mi.Bool) -> bool:
 
 
 def dispatch(pointer: Any, function: Callable[..., Any], *args: Any) -> Any:
-    """What ``function(instance, *args)`` returns for each instance of a Dr.Jit ``pointer``: once for each kind, with
+    """The results of ``function(instance, *args)`` for the instances of a Dr.Jit ``pointer``: once for each kind, with
     everything that it computes with among ``args``. In scalar variants ``pointer`` is the instance.
     """
     return dr.dispatch(pointer, function, *args) if dr.is_jit_v(mi.Float) else function(pointer, *args)

@@ -17,7 +17,7 @@ def main() -> None:
     """Runs the command with the arguments of the process, and ends the process."""
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
-    end_at_once()  # but what has something to keep, a render, hears the signal itself meanwhile
+    end_at_once()  # a render, which has a result to keep, handles the signal itself
     from .group import prosim
 
     try:

@@ -4,7 +4,7 @@ import _thread
 import os
 import signal
 
-#: What a shell says of a process that Ctrl-C has ended.
+#: The exit code that shells use for a process that Ctrl-C has ended.
 EXIT_CODE = 128 + signal.SIGINT
 
 

@@ -11,7 +11,7 @@ import click
 #: Name -> (where the command is, what it does).
 COMMANDS = {
     "compare": ("compare:compare", "Compare two integrators or samplers on a scene."),
-    "doctor": ("doctor:doctor", "Print what was found on this machine."),
+    "doctor": ("doctor:doctor", "Print versions, backends and problems."),
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
     "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.link:link", "Let the mitsuba command run plugins in Python."),

@@ -3,7 +3,7 @@
     >>> import prosim_scene
     >>> prosim_scene.translate("examples/palito.scn", "build")
 
-Wrong input raises :class:`SceneError`, whose text shows the place; what is only doubtful, or approximated, is a
+Wrong input raises :class:`SceneError`, whose message shows the place; doubtful or approximated input is a
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 

@@ -1,6 +1,6 @@
 """VIEW -> the camera: exactly the rays of the language, for off-centre and oblique windows too.
 
-A pixel (i, j) looks from E through VRP + u (umin + (i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h).
+The ray of pixel (i, j) goes from E through VRP + u (umin + (i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h).
 """
 
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ import numpy as np
 
 from .language.document import Document
 
-PARALLEL = 1e-9  # sine of an angle below which two directions count as parallel
-NOTHING = 1e-15  # length below which a direction counts as none
+PARALLEL = 1e-9  # sine of the angle below which two directions are parallel
+MIN_LENGTH = 1e-15  # length below which a direction is 0
 WIDEST, NARROWEST = 1e5, 1e-9  # sides of a window in units of its distance
 
 
 @dataclass(frozen=True)
 class Camera:
-    """The frame of a view: unit axes u (right), v (up), n (towards the eye's side), and the window seen from the eye.
+    """The frame of a view: unit axes u (right), v (up), n (towards the eye's side), and the window relative to the eye.
 
     ``left, bottom, right, top`` are plane coordinates relative to the foot of the eye on the plane, ``depth`` the
     eye's distance to it.
@@ -50,11 +50,11 @@ class Camera:
         return np.asarray(min(self.pixel) * np.maximum(distance, 1e-3 * self.depth) / self.depth)
 
     def may_see(self, corners: np.ndarray) -> np.ndarray:
-        """Whether the convex hull of points (..., n, 3) may reach into the pyramid that the window shows."""
+        """Whether the convex hull of points (..., n, 3) may intersect the view frustum (conservative)."""
         x, y, z = np.moveaxis((corners - self.eye) @ self._axes.T, -1, 0)
         x, y = x * self.depth, y * self.depth  # against the window's borders at the depth z
-        without = [z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z]
-        return np.asarray(~np.any([side.all(axis=-1) for side in without], axis=0))
+        outside = [z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z]
+        return np.asarray(~np.any([side.all(axis=-1) for side in outside], axis=0))
 
     @cached_property
     def _axes(self) -> np.ndarray:
@@ -62,8 +62,9 @@ class Camera:
 
 
 def misfit(width: int, height: int, ratio: float) -> str | None:
-    """What is wrong with an image of so many pixels where the window is ``ratio`` times as wide as high: None unless
-    they are distorted by more than rounding, and than the eye forgives (a hundredth).
+    """The message about the distortion of an image with this size and a window with this aspect ``ratio``.
+
+    None if the distortion is below 1 %, or due to rounding.
     """
     rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
     if rounding or abs(width / (height * ratio) - 1) <= 0.01:
@@ -76,7 +77,7 @@ def misfit(width: int, height: int, ratio: float) -> str | None:
 
 
 def warn_of_distortion(document: Document) -> None:
-    """Says by a SceneWarning where a scene's own RESOLUTION and WINDOW do not fit each other."""
+    """Warns if a scene's RESOLUTION and WINDOW distort the image."""
     given = document.scene.view
     umin, vmin, umax, vmax = given.window
     wrong = misfit(*given.resolution, (umax - umin) / (vmax - vmin))
@@ -86,18 +87,18 @@ def warn_of_distortion(document: Document) -> None:
 
 
 def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
-    """The :class:`Camera` of a scene, with its own resolution or another; a degenerate view is a SceneError."""
+    """The :class:`Camera` of a scene; ``resolution`` replaces its own. Raises SceneError for a degenerate view."""
     view = document.scene.view
     eye, vrp, vup, normal = (np.array(x, dtype=float) for x in (view.eye, view.vrp, view.vup, view.vpn))
     if not normal.any():
         normal = eye - vrp
-        if np.linalg.norm(normal) < NOTHING:
+        if np.linalg.norm(normal) < MIN_LENGTH:
             raise document.error(
                 "OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane", "view", "eye"
             )
-    if np.linalg.norm(normal) < NOTHING:
+    if np.linalg.norm(normal) < MIN_LENGTH:
         raise document.error("VPN has length 0 in single precision; expected a direction, or 0 0 0", "view", "vpn")
-    if np.linalg.norm(vup) < NOTHING:
+    if np.linalg.norm(vup) < MIN_LENGTH:
         raise document.error("VUP has length 0; expected a direction", "view", "vup")
     n, up = normal / np.linalg.norm(normal), vup / np.linalg.norm(vup)
     depth = float((eye - vrp) @ n)

@@ -1,4 +1,4 @@
-"""Python's garbage collector, paused while many objects are made."""
+"""Pauses Python's garbage collection."""
 
 import gc
 from collections.abc import Iterator
@@ -7,10 +7,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def paused() -> Iterator[None]:
-    """Pauses the collector.
+    """Pauses garbage collection in a context.
 
-    It would search all objects again and again while a scene is read, for a third of the time; none of the new objects
-    refers to itself.
+    The collector takes a third of the time while a scene is read, and finds nothing: new objects have no cycles.
     """
     enabled = gc.isenabled()
     gc.disable()

@@ -4,7 +4,7 @@ from .language.words import INDICES, Flags, Word
 
 #: (role, name of the model) -> the meaning; see docs/language.md.
 MEANINGS = {
-    ("DEFAULT", "defaults"): "The default value of a $name; it stands above the first use of the name.",
+    ("DEFAULT", "defaults"): "The default value of a $name; write it above the first use of the name.",
     ("NAME", "name"): "The name of the scene. The file name gives the names of the images.",
     ("SETTING", "channels"): "The channels R, G and B that are written; the others are black. Default: all.",
     ("SETTING", "max_level"): "Deepest level of reflected and refracted rays; 0: camera rays only. Default: 3.",
@@ -17,7 +17,7 @@ MEANINGS = {
     ("BACKGROUND", "background"): "Radiance of a ray that leaves the scene, 65535 being 1.0; or a latitude-longitude "
     "image. It lights nothing. Default: 0 0 0.",
     ("VIEW", "view"): "The camera: RESOLUTION, WINDOW, OBS, VPN, VRP and VUP.",
-    ("SOLID", "solids"): "A tree with a name, which stands in other trees like a primitive, with an index.",
+    ("SOLID", "solids"): "A named tree; other trees use it like a primitive, with an index.",
     ("CSG_TREE", "csg"): "The solids, operators before their operands: - CUBE 1 SPHERE 2. Parentheses are comments.",
     ("SURFACE", "surfaces"): "Optics of the primitives with this index.",
     ("TRANSFORM", "transforms"): "The place of the primitives with this index: steps, applied in the order written.",

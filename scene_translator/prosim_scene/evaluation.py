@@ -1,4 +1,4 @@
-"""The errors and warnings that only the evaluation of the tree finds, for an editor: in a process of its own."""
+"""Evaluates the tree of a scene in a separate process, for an editor: its errors and warnings."""
 
 import asyncio
 import faulthandler
@@ -16,28 +16,28 @@ from .language.document import Document
 from .mitsuba.assemble import assemble
 from .options import Options
 
-#: Seconds after which an evaluation is stopped.
-PATIENCE = 60.0
-#: The folder of the package: the process imports from it, and never from the folder of a scene.
+#: The largest time of an evaluation in seconds.
+TIME_LIMIT = 60.0
+#: The folder of the package, from which the process imports; never the folder of a scene.
 PACKAGES = Path(__file__).parents[1]
 
 
 def evaluate(document: Document, folder: Path | None) -> list[SceneError | SceneWarning]:
-    """The errors and warnings of ``prosim_scene.check`` about a document; ``folder`` has its images."""
+    """The errors and warnings of ``prosim_scene.check`` for a document; ``folder`` has its images."""
     found: list[SceneError | SceneWarning] = []
-    with warnings.catch_warnings(record=True) as warned, tempfile.TemporaryDirectory() as nowhere:
+    with warnings.catch_warnings(record=True) as warned, tempfile.TemporaryDirectory() as empty_folder:
         warnings.simplefilter("always", SceneWarning)
         try:
-            assemble(document, folder or Path(nowhere), Options(), lambda name, _: name, str)
+            assemble(document, folder or Path(empty_folder), Options(), lambda name, _: name, str)
         except SceneError as error:
             found.append(error)
     return found + [one.message for one in warned if isinstance(one.message, SceneWarning)]
 
 
-async def evaluated(text: str, path: Path | None) -> list[SceneError | SceneWarning]:
-    """The result of :func:`evaluate` for a scene without errors; nothing if it takes longer than :data:`PATIENCE`.
+async def evaluate_in_process(text: str, path: Path | None) -> list[SceneError | SceneWarning]:
+    """The result of :func:`evaluate` for a scene without errors; empty if it takes longer than :data:`TIME_LIMIT`.
 
-    The process ends when this is cancelled.
+    Cancelling the task ends the process.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-c", "from prosim_scene.evaluation import main; main()"),
@@ -47,7 +47,7 @@ async def evaluated(text: str, path: Path | None) -> list[SceneError | SceneWarn
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )
     try:
-        found, _ = await asyncio.wait_for(process.communicate(pickle.dumps((text, path, PATIENCE))), PATIENCE)
+        found, _ = await asyncio.wait_for(process.communicate(pickle.dumps((text, path, TIME_LIMIT))), TIME_LIMIT)
     except asyncio.TimeoutError:
         return []
     finally:
@@ -60,12 +60,12 @@ async def evaluated(text: str, path: Path | None) -> list[SceneError | SceneWarn
 def main() -> None:
     """Evaluates the scene on standard input, and writes the result to standard output, both pickled.
 
-    Ends the process with 1 after the seconds that the input gives, also if its parent has ended before.
+    Ends the process with exit code 1 after the time limit in the input, also if its parent has ended before.
     """
     text, path, seconds = pickle.load(sys.stdin.buffer)
-    with open(os.devnull, "w") as nowhere:
-        # A signal, or a thread of Python, would have to wait for the operation on solids.
-        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+    with open(os.devnull, "w") as empty_folder:
+        # A signal or a thread of Python would wait for the operation on solids; this timer does not.
+        faulthandler.dump_traceback_later(seconds, exit=True, file=empty_folder)
         _, _, document = analyse(text, str(path or "<string>"))
         found = evaluate(document, path and path.parent) if document is not None else []
         faulthandler.cancel_dump_traceback_later()

@@ -1,4 +1,4 @@
-"""The extras of this project: packages that only parts of it need, and the message if they are missing."""
+"""The optional dependencies (extras) of this project, and the message if they are missing."""
 
 from importlib.util import find_spec
 
@@ -25,6 +25,6 @@ def missing(extra: str) -> list[str]:
 
 
 def needs(what: str, extra: str) -> str:
-    """The message that ``what`` needs an extra: which of its packages are missing, and how to install it."""
+    """The message that ``what`` needs an extra: its missing packages, and how to install it."""
     packages = ", ".join(missing(extra)) or "a package that can be imported"
     return f"{what} needs {packages}; to get it: pip install 'mitsuba-prosim[{extra}]'"

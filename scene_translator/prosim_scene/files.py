@@ -1,4 +1,4 @@
-"""Scene files: how they are read, and how files are replaced, all of them or nothing."""
+"""Reads scene files, and replaces files atomically."""
 
 import errno
 import os
@@ -12,12 +12,12 @@ from pathlib import Path
 from .language.analysis import SIZE_LIMIT, too_large
 from .language.diagnostics import SceneError
 
-#: The beginning of the name of an unfinished file. The name is short, so that it is never too long.
+#: The prefix of an unfinished file's name; short, so that the name is never too long.
 PART = ".prosim-part-"
 
 
 def read(path: str | PathLike[str]) -> str:
-    """The text of a scene file: UTF-8, UTF-16 where it begins with that encoding's mark, or else Latin-1."""
+    """The text of a scene file: UTF-8, UTF-16 with a byte order mark, or else Latin-1."""
     path = Path(path)
     try:
         if path.stat().st_size > SIZE_LIMIT:
@@ -29,29 +29,29 @@ def read(path: str | PathLike[str]) -> str:
         text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    if "\0" in text[:2]:  # most likely UTF-16 without its mark
-        raise SceneError(f"{path}: this is no text in UTF-8; save it in that encoding", str(path))
+    if "\0" in text[:2]:  # probably UTF-16 without a byte order mark
+        raise SceneError(f"{path}: the text is not UTF-8; save it in that encoding", str(path))
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def rewrite(path: str | PathLike[str], text: str) -> None:
-    """Replaces the text of a scene file, all of it or nothing.
+    """Replaces the text of a scene file atomically.
 
-    The file keeps its permissions; of a symbolic link the target is rewritten. Raises SceneError if the file cannot be
-    written; it is then unchanged.
+    The file keeps its permissions; a symbolic link stays, and its target is rewritten. Raises SceneError if the file
+    cannot be written; it is then unchanged.
     """
     try:
         os.stat(path)  # a missing file is an error
         replace(Path(path), text.encode("utf-8"))
     except OSError as error:
-        raise SceneError(f"{path}: {error.strerror or error}; the file is as it was", str(path)) from None
+        raise SceneError(f"{path}: {error.strerror or error}; the file is unchanged", str(path)) from None
 
 
 def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
-    """Replaces the file ``path``, or the target of this link, by one with ``content`` and the same permissions.
+    """Replaces the content of the file ``path``, or of a link's target, atomically; it keeps its permissions.
 
-    The new file is written to ``folder`` first, or beside ``path``: by default, for a link, and if ``folder`` is on
-    another disk. Raises OSError; then nothing has changed.
+    The new file is written to ``folder`` first; by default, for a link, and if ``folder`` is on another disk, to the
+    folder of ``path``. Raises OSError; then nothing has changed.
     """
     if path.is_symlink():
         path, folder = Path(os.path.realpath(path)), None
@@ -60,7 +60,7 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
     try:
         with open(part, "xb") as file:
             file.write(content)
-        with suppress(OSError):  # there is no old file, or the disk has no permissions
+        with suppress(OSError):  # no old file, or a file system without permissions
             part.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(part, path)
     except BaseException as error:
@@ -71,6 +71,6 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
 
 
 def refuse_special(path: Path) -> None:
-    """Raises OSError for a path that is neither a file nor a folder: replacing it would remove a device or a pipe."""
+    """Raises OSError for a device or a pipe, which a replacement would remove."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))

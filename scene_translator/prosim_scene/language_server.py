@@ -19,16 +19,16 @@ try:
 except ModuleNotFoundError:
     raise click.ClickException(extras.needs("the language server", "editors")) from None
 
-from .evaluation import evaluated
+from .evaluation import evaluate_in_process
 from .language.diagnostics import SceneError, SceneWarning
 from .language.formatter import format
 from .symbols import Completion, Occurrence, Symbols
 
-#: Larger trees are evaluated by ``prosim translate --check`` alone.
+#: The largest tree that the server evaluates; ``prosim translate --check`` has no limit.
 LARGEST = 1000
-#: Seconds without a keystroke after which a text is read again.
+#: Seconds after a keystroke until the text is read again.
 DELAY = 0.03
-#: The most words of one list of completions.
+#: The largest length of a list of completions.
 WORDS = 500
 KINDS = {
     "statement": lsp.CompletionItemKind.Keyword,
@@ -39,13 +39,13 @@ KINDS = {
     "name": lsp.CompletionItemKind.Variable,
     "function": lsp.CompletionItemKind.Function,
 }
-#: The line ends of the protocol. Python's ``splitlines`` has others too, such as the form feed.
+#: The line ends of the protocol; Python's ``splitlines`` has more, such as the form feed.
 NEWLINE = re.compile(r"\r\n?|\n")
 ENCODINGS = {"utf-8": ("utf-8", 1), "utf-16": ("utf-16-le", 2), "utf-32": ("utf-32-le", 4)}
 
 
-class Opened:
-    """A document that an editor has open. Its columns are in units of an ``encoding``, and from 0, as its lines are."""
+class OpenDocument:
+    """A document that is open in an editor. Lines and columns are from 0; columns are in units of ``encoding``."""
 
     def __init__(self, uri: str, text: str, encoding: str = "utf-16", version: int | None = None) -> None:
         path = to_fs_path(uri)
@@ -55,17 +55,17 @@ class Opened:
         self.change(text, version)
 
     def change(self, text: str, version: int | None) -> None:
-        """Takes another text, and cancels the work that is pending for the present one."""
+        """Sets the text, and cancels pending work for the previous one."""
         self.cancel()
         self.text, self.version = text, version
         self.lines = [0, *(newline.end() for newline in NEWLINE.finditer(text))]
-        # As from a file, but each character stays in its place: a lone CR becomes LF.
+        # As from a file, with the same offsets: a lone CR becomes LF.
         text = " " + text[1:] if text.startswith("\ufeff") else text
         self.scene = re.sub(r"\r(?!\n)", "\n", text)
         self._symbols: Symbols | None = None
 
     def cancel(self) -> None:
-        """Cancels the work that is pending."""
+        """Cancels pending work."""
         if self.pending is not None:
             self.pending.cancel()
 
@@ -76,7 +76,7 @@ class Opened:
         return self._symbols
 
     def offset(self, position: lsp.Position) -> int:
-        """The offset of a position; if that is after the end of its line, or of the text, the offset of the end."""
+        """The offset of a position, clamped to the end of its line and of the text."""
         if position.line >= len(self.lines):
             return len(self.text)
         start = self.lines[position.line]
@@ -94,15 +94,15 @@ class Opened:
         return lsp.Position(line, self._units(self.text[self.lines[line] : offset]))
 
     def range(self, start: int, end: int) -> lsp.Range:
-        """Two offsets as the protocol has them."""
+        """The protocol's range of two offsets."""
         return lsp.Range(self.position(start), self.position(end))
 
     def locations(self, found: list[Occurrence]) -> list[lsp.Location]:
-        """Occurrences as the protocol has them."""
+        """The protocol's locations of occurrences."""
         return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in found]
 
     def diagnostic(self, one: SceneError | SceneWarning) -> lsp.Diagnostic:
-        """An error or a warning as the protocol has it; at the beginning of the text if it has no place."""
+        """The protocol's diagnostic of an error or a warning; without a span it is at the beginning of the text."""
         severity = lsp.DiagnosticSeverity.Error if isinstance(one, SceneError) else lsp.DiagnosticSeverity.Warning
         start, end = one.span or (0, 1)
         place = self.range(start, max(end, start + 1))
@@ -118,24 +118,24 @@ class SceneServer(LanguageServer):
     """A server, and the documents that are open."""
 
     def __init__(self) -> None:
-        # An editor sends the whole text, which has to be read as a whole anyway.
+        # An editor sends the whole text, because the reader needs all of it.
         super().__init__("prosim", version("mitsuba-prosim"), text_document_sync_kind=lsp.TextDocumentSyncKind.Full)
-        self.documents: dict[str, Opened] = {}
+        self.documents: dict[str, OpenDocument] = {}
 
-    def diagnose(self, document: Opened, whole: bool) -> None:
-        """Publishes the diagnostics of a document; ``whole``: and later those of its evaluated tree, too."""
+    def diagnose(self, document: OpenDocument, whole: bool) -> None:
+        """Publishes the diagnostics of a document; ``whole``: also those of its evaluated tree, later."""
         document.cancel()
         symbols = document.symbols
         self.publish(document, symbols.diagnostics)
         if whole and symbols.document is not None and len(symbols.document.scene.csg) <= LARGEST:
             document.pending = asyncio.get_running_loop().create_task(self.evaluate(document, symbols.diagnostics))
 
-    async def evaluate(self, document: Opened, found: list[SceneError | SceneWarning]) -> None:
-        """Publishes the diagnostics of the tree beside those ``found``; a change of the document cancels it."""
-        if more := await evaluated(document.scene, document.path):
+    async def evaluate(self, document: OpenDocument, found: list[SceneError | SceneWarning]) -> None:
+        """Publishes ``found`` and the diagnostics of the tree; a change of the document cancels it."""
+        if more := await evaluate_in_process(document.scene, document.path):
             self.publish(document, [*found, *more])
 
-    def publish(self, document: Opened, found: list[SceneError | SceneWarning]) -> None:
+    def publish(self, document: OpenDocument, found: list[SceneError | SceneWarning]) -> None:
         """Publishes diagnostics."""
         diagnostics = [document.diagnostic(one) for one in found]
         self.text_document_publish_diagnostics(
@@ -144,8 +144,8 @@ class SceneServer(LanguageServer):
 
     def symbol(
         self, params: lsp.DefinitionParams | lsp.ReferenceParams | lsp.RenameParams
-    ) -> tuple[Opened, Occurrence] | None:
-        """The document and the symbol at a place."""
+    ) -> tuple[OpenDocument, Occurrence] | None:
+        """The document and the symbol at a position."""
         document = self.documents.get(params.text_document.uri)
         here = document.symbols.at(document.offset(params.position)) if document else None
         return (document, here) if document and here else None
@@ -161,25 +161,25 @@ def language_server() -> None:
     An editor starts it, and communicates with it by standard input and output.
     """
     server.start_io()
-    gc.freeze()  # Python would search all objects for garbage before it ends: seconds, after a long scene
+    gc.freeze()  # skips a garbage collection at exit, which takes seconds after a long scene
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
 def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams) -> None:
-    """Adds a document, and publishes all diagnostics, also of its tree."""
+    """Adds a document, and publishes all diagnostics, also those of its tree."""
     one = params.text_document
     encoding = lsp.PositionEncodingKind(ls.workspace.position_encoding or "utf-16").value
-    ls.documents[one.uri] = Opened(one.uri, one.text, encoding, one.version)
+    ls.documents[one.uri] = OpenDocument(one.uri, one.text, encoding, one.version)
     ls.diagnose(ls.documents[one.uri], whole=True)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
 def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
-    """Changes a document, and publishes the diagnostics when nothing has been typed for a moment."""
+    """Changes a document, and publishes the diagnostics after a delay without a keystroke."""
     document = ls.documents[params.text_document.uri]
     for change in params.content_changes:
         text = change.text
-        if isinstance(change, lsp.TextDocumentContentChangePartial):  # of a client that ignores the kind of sync
+        if isinstance(change, lsp.TextDocumentContentChangePartial):  # from a client that ignores the kind of sync
             start = document.offset(change.range.start)
             end = max(start, document.offset(change.range.end))
             text = document.text[:start] + text + document.text[end:]
@@ -189,7 +189,7 @@ def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
 def saved(ls: SceneServer, params: lsp.DidSaveTextDocumentParams) -> None:
-    """Publishes all diagnostics, also of the tree."""
+    """Publishes all diagnostics, also those of the tree."""
     if document := ls.documents.get(params.text_document.uri):
         ls.diagnose(document, whole=True)
 
@@ -203,7 +203,7 @@ def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
 def complete(ls: SceneServer, params: lsp.CompletionParams) -> lsp.CompletionList:
-    """The words that fit; of very many only those with the typed part, and the editor asks again with a longer one."""
+    """The words that fit. A long list has only words with the typed part, and is marked incomplete."""
     document = ls.documents[params.text_document.uri]
     offset = document.offset(params.position)
     found = document.symbols.completions(offset)
@@ -215,7 +215,7 @@ def complete(ls: SceneServer, params: lsp.CompletionParams) -> lsp.CompletionLis
 
 
 def _completion(one: Completion, place: lsp.Range) -> lsp.CompletionItem:
-    """A word as the protocol has it. Indices are sorted as numbers."""
+    """The protocol's item of a completion. Indices are sorted as numbers."""
     return lsp.CompletionItem(
         label=one.label,
         kind=KINDS[one.kind],
@@ -247,20 +247,20 @@ def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Locati
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
-    """All places of a symbol."""
+    """All occurrences of a symbol."""
     found = ls.symbol(params)
     return found[0].locations(found[0].symbols.occurrences(found[1].symbol)) if found else []
 
 
 @server.feature(lsp.TEXT_DOCUMENT_RENAME)
 def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-    """Another name for a symbol, everywhere; raises JsonRpcException if that cannot be its name."""
+    """Renames all occurrences of a symbol; raises JsonRpcException for an invalid name."""
     if (found := ls.symbol(params)) is None:
         return None
     document, here = found
     new = "$" * (here.symbol.kind == "name") + params.new_name.removeprefix("$")
     if document.symbols.renamed(here.symbol, new) is None:
-        reason = f"{new!r} is another symbol's name, or no name of this kind ({here.symbol.kind}); choose another one"
+        reason = f"{new!r} is another symbol's name, or not a name of this kind ({here.symbol.kind}); choose another"
         raise JsonRpcException(reason, lsp.LSPErrorCodes.RequestFailed)
     places = document.locations(document.symbols.occurrences(here.symbol))
     return lsp.WorkspaceEdit({document.uri: [lsp.TextEdit(one.range, new) for one in places]})
@@ -268,13 +268,13 @@ def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | Non
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
-    """The canonical layout; nothing if the text has errors."""
+    """The canonical layout; None if the text has errors."""
     document = ls.documents[params.text_document.uri]
     lines = document.scene.replace("\r\n", "\n")
     try:
-        tidy = format(lines, document.path or document.uri)
+        formatted = format(lines, document.path or document.uri)
     except SceneError:
         return None
     newline = NEWLINE.search(document.text)
-    new = tidy.replace("\n", newline[0] if newline else "\n")
-    return [lsp.TextEdit(document.range(0, len(document.text)), new)] if tidy != lines else []
+    new = formatted.replace("\n", newline[0] if newline else "\n")
+    return [lsp.TextEdit(document.range(0, len(document.text)), new)] if formatted != lines else []

@@ -1,11 +1,11 @@
-"""The scene as typed, immutable values. ``language.document`` has their places in the text."""
+"""The scene as typed, immutable values. ``language.document`` has their spans in the text."""
 
 import html
 from dataclasses import dataclass, field
 
 Vector = tuple[float, float, float]
 
-#: kd of a surface that gives none.
+#: The default of kd.
 GREY: Vector = (0.5, 0.5, 0.5)
 
 
@@ -13,7 +13,7 @@ GREY: Vector = (0.5, 0.5, 0.5)
 class Light:
     """A source (5.2): a sphere, or a point whose ``radius`` is virtual."""
 
-    kind: str  # "area" or "point"; or "sky": an image all around, the only other value of which is ``image``
+    kind: str  # "area" or "point"; or "sky": an environment image; of the other values only ``image`` is used
     position: Vector = (0.0, 0.0, 0.0)
     intensity: Vector = (65535.0, 65535.0, 65535.0)  # 65535 is 1.0
     radius: float = 1.0
@@ -75,7 +75,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Surface:
-    """Optics of a primitive. Values that the text does not give are None; their defaults depend on the material."""
+    """Optics of a primitive. Missing values are None; their defaults depend on the material."""
 
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
     metal: str | None = None  # one of Mitsuba's tables
@@ -109,7 +109,7 @@ class Transform:
 
 @dataclass(frozen=True)
 class Pattern:
-    """A texture by name: the kind of a pattern and the parameters that its TEXTURE statement gives."""
+    """A named texture: the kind of its pattern, and the parameters of its TEXTURE statement."""
 
     kind: str  # "brick", "stripes" or "fractal"
     parameters: tuple[tuple[str, float | Vector], ...] = ()
@@ -119,9 +119,9 @@ class Pattern:
 class Scene:
     """A whole scene.
 
-    ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion; ``surfaces`` and ``transforms`` go
-    by the indices of the leaves, ``patterns`` by the names of their textures. A part of a named solid has an index of
-    its own for each use of that. ``text`` is what the scene was read from.
+    ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion; the keys of ``surfaces`` and
+    ``transforms`` are the indices of the leaves, those of ``patterns`` the names of textures. Each use of a part of a
+    named solid has a separate index. ``text`` is the text of the scene.
     """
 
     name: str

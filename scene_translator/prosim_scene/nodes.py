@@ -10,18 +10,18 @@ Node = dict[str, Any]
 
 @dataclass(frozen=True)
 class Default:
-    """A value that the user can set on Mitsuba's command line: ``-D name=value``."""
+    """The default of a value that Mitsuba's command line sets: ``-D name=value``."""
 
     name: str
     value: int | float
 
 
 class Comment(str):
-    """A comment that goes before the next element; its key does not matter."""
+    """A comment before the next element; its key is ignored."""
 
 
 class Point(list[float]):
-    """Three coordinates that the XML writes as a point, where a plain list is a vector."""
+    """Three coordinates that XML writes as a point; a plain list is a vector."""
 
 
 def rgb(color: Iterable[float]) -> Node:
@@ -30,5 +30,5 @@ def rgb(color: Iterable[float]) -> Node:
 
 
 def rgb_clipped(color: Iterable[float]) -> Node:
-    """A reflectance, which may not exceed 1, whatever a texture's factor."""
+    """A reflectance, clipped to 1."""
     return rgb(min(c, 1.0) for c in color)

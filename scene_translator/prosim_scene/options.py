@@ -1,4 +1,4 @@
-"""The options of a translation, which :func:`prosim_scene.translate` and others take as keywords."""
+"""The options of a translation, the keywords of :func:`prosim_scene.translate`."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from .mitsuba import TARGETS, lights
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a translation, those of :func:`translate`; SceneError for a value that is not allowed."""
+    """The options of a translation, see :func:`translate`. Raises SceneError for a wrong value."""
 
     target: str = "prosim"
     light_units: str = "calibrated"

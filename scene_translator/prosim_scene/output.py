@@ -1,10 +1,8 @@
-"""The files of a translation: binary PLY, XML, and where they go.
+"""The files of a translation: ``STEM.xml``, and its meshes as binary PLY files in ``STEM-meshes``.
 
-They are ``STEM.xml``, and its meshes in ``STEM-meshes``.
-
-A mesh's name ends in the digest of its content. So a mesh never changes under the XML that names it, whatever is killed
-when; translations of the same scene at the same time write the same files; and a file whose name agrees with its
-content is one that a translation wrote, and may be removed by the next one. Nothing else ever is.
+A mesh's name ends in the digest of its content. So a mesh never changes while an XML file names it, also if a
+translation is killed. Simultaneous translations of one scene write the same files. If the name of a file agrees with
+its content, a translation wrote it, and the next one may remove it. No other file is removed.
 """
 
 import os
@@ -27,14 +25,14 @@ from .nodes import Comment, Default, Node, Point
 
 
 def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
-    """The bytes of a PLY file.
+    """The bytes of a PLY file; None if all triangles have no area in single precision.
 
-    Triangles without area in single precision are left out; None where no others are.
+    Triangles without area are left out.
     """
     vertices, index = triangles.vertices.astype("<f4"), triangles.index
     a, b, c = (vertices[index[:, i]] for i in range(3))
-    kept = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
-    if not kept.any():
+    proper = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
+    if not proper.any():
         return None
     columns = [vertices, triangles.normals]
     names = ["x", "y", "z", "nx", "ny", "nz"]
@@ -42,10 +40,10 @@ def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
         columns.append(triangles.uv)
         names += ["u", "v"]
     vertices = np.concatenate(columns, axis=1).astype("<f4")
-    if not kept.all():
-        used, index = np.unique(index[kept], return_inverse=True)
+    if not proper.all():
+        used, index = np.unique(index[proper], return_inverse=True)
         vertices = vertices[used]
-    faces = np.empty(int(kept.sum()), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    faces = np.empty(int(proper.sum()), dtype=[("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, index.reshape(-1, 3)
     header = [
         "ply",
@@ -61,36 +59,36 @@ def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
 
 
 class Kept:
-    """A cache of the faces of the last tree that was evaluated, by the content of its solids, and of their PLY files.
+    """A translation cache: the surface of the last evaluated tree, with its cache key, and its PLY files.
 
-    Materials are no part of the content. The cache takes as much memory as the evaluation. ``made`` counts the trees
-    that were evaluated.
+    The key does not depend on materials. The cache takes as much memory as the evaluation. ``evaluations`` counts the
+    evaluated trees.
     """
 
     def __init__(self) -> None:
         self.key: Hashable = None
-        self.found: SurfaceMesh | None = None
+        self.surface: SurfaceMesh | None = None
         self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
-        self.made = 0
+        self.evaluations = 0
 
     def faces(self, key: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
-        """The result of ``make``, or the last one, if its ``key`` was equal."""
-        if self.found is None or key != self.key:
-            self.found = None  # before another takes its room
-            self.key, self.found = key, make()
-            self.made += 1
-        return self.found
+        """The result of ``make``, or the cached one if its ``key`` is equal."""
+        if self.surface is None or key != self.key:
+            self.surface = None  # frees memory before the evaluation
+            self.key, self.surface = key, make()
+            self.evaluations += 1
+        return self.surface
 
     def file(self, triangles: Triangles, with_uv: bool) -> bytes | None:
-        """The PLY file of some of these surfaces; see :func:`.output.ply`."""
-        known = self.files.setdefault(triangles, {})
-        if with_uv not in known:
-            known[with_uv] = ply(triangles, with_uv)
-        return known[with_uv]
+        """The PLY file of some triangles of the surface, see :func:`.output.ply`; cached."""
+        files = self.files.setdefault(triangles, {})
+        if with_uv not in files:
+            files[with_uv] = ply(triangles, with_uv)
+        return files[with_uv]
 
 
 INDENT = "    "
-UNSPEAKABLE = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+INVALID_IN_XML = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 #: The element of each plugin that the translator uses.
 TAGS = {
@@ -113,7 +111,7 @@ TAGS = {
 
 
 def plain(node: Node, transform: Callable[[np.ndarray], Any]) -> Node:
-    """The dictionary for ``mi.load_dict``: no comments, defaults by their values, ``transform`` applied to matrices."""
+    """The dictionary for ``mi.load_dict``: without comments, with values of defaults and converted matrices."""
 
     def value(v: Any) -> Any:
         if isinstance(v, dict):
@@ -128,7 +126,7 @@ def xml(scene: Node) -> str:
     root = ElementTree.Element("scene", version="3.0.0")
     for default in {d.name: d for d in _defaults(scene)}.values():
         ElementTree.SubElement(root, "default", name=default.name, value=number(default.value))
-    statements = []  # where they begin, each with a comment
+    statements = []  # positions of the comments that begin them
     for key, value in scene.items():
         if isinstance(value, Comment):
             statements.append(len(root))
@@ -140,14 +138,14 @@ def xml(scene: Node) -> str:
             root[i - 1].tail = f"\n{root[i - 1].tail}"
         else:
             root.text = f"\n{root.text}"
-    # ElementTree writes "<a />", and the line ends in a matrix as character references.
+    # ElementTree writes "<a />", and character references for line ends in a matrix.
     text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>").replace("&#10;", "\n")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
-def can_say(text: str) -> bool:
-    """Whether a name can stand in XML: no control characters, nor bytes that were no UTF-8."""
-    return not UNSPEAKABLE.search(text)
+def is_valid_in_xml(text: str) -> bool:
+    """Whether a name is valid in XML: it has no control characters, and no bytes that are not UTF-8."""
+    return not INVALID_IN_XML.search(text)
 
 
 def number(value: float) -> str:
@@ -167,7 +165,7 @@ def _entry(parent: ElementTree.Element, key: str, value: Any, depth: int) -> Non
     """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
     if isinstance(value, Comment):
         text = (
-            UNSPEAKABLE.sub("?", value)
+            INVALID_IN_XML.sub("?", value)
             .replace("&", "&amp;")
             .replace("<", "&lt;")
             .replace(">", "&gt;")
@@ -185,7 +183,7 @@ def _element(parent: ElementTree.Element, key: str, node: Node, depth: int) -> N
         ElementTree.SubElement(parent, "rgb", name=key, value=", ".join(map(number, node["value"])))
         return
     element = ElementTree.SubElement(parent, TAGS[node["type"]], type=node["type"])
-    # An object in the scene is known by its id, a nested texture by the parameter that it is.
+    # An object in the scene has an id, a nested texture the name of a parameter.
     if parent.tag == "scene":
         element.set("id", key)
     elif element.tag in ("texture", "bsdf", "medium"):
@@ -198,7 +196,7 @@ def _element(parent: ElementTree.Element, key: str, node: Node, depth: int) -> N
 def _property(parent: ElementTree.Element, name: str, value: Any, depth: int) -> None:
     if isinstance(value, np.ndarray):
         transform = ElementTree.SubElement(parent, "transform", name=name)
-        # The rows stand one below the other.
+        # One row per line.
         indent = "\n" + INDENT * (depth + 1) + " " * len('<matrix value="')
         ElementTree.SubElement(transform, "matrix", value=indent.join("  ".join(map(number, row)) for row in value))
         return
@@ -223,7 +221,7 @@ def _scalar(value: Any) -> tuple[str, str]:
 if sys.platform != "win32":
     import fcntl
 
-#: Stands in each XML file that a translation writes.
+#: A comment in each XML file that a translation writes.
 MARK = "A translation from the scene language; the next one takes its place"
 WAIT = 10.0  # seconds, for another translation to the same folder
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
@@ -242,27 +240,27 @@ def meshes_folder(stem: str) -> str:
 def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
     """Writes the XML ``text`` and the ``meshes`` by their file names; returns the path of the XML.
 
-    The XML comes last, by renaming: it never stands without its meshes. Meshes of earlier translations are removed.
-    Raises OSError, FileExistsError among them where a file of the user's is in the way; then nothing has changed.
+    The XML is renamed into place last, so its meshes always exist. Meshes of earlier translations are removed. Raises
+    OSError (FileExistsError if a user's file has that path); then nothing has changed.
     """
-    xml, bodies = folder / f"{stem}.xml", folder / meshes_folder(stem)
-    _make_sure_of(xml, bodies)
-    with _alone_in(bodies) as alone:
+    xml, folder_of_meshes = folder / f"{stem}.xml", folder / meshes_folder(stem)
+    _check_replaceable(xml, folder_of_meshes)
+    with _locked_folder(folder_of_meshes) as locked:
         written: list[Path] = []
         try:
             for name, content in meshes.items():
-                if not _holds(bodies / name, content):
-                    replace(bodies / name, content, bodies)
-                    written.append(bodies / name)
-            replace(xml, text.encode(), bodies)
+                if not _has_content(folder_of_meshes / name, content):
+                    replace(folder_of_meshes / name, content, folder_of_meshes)
+                    written.append(folder_of_meshes / name)
+            replace(xml, text.encode(), folder_of_meshes)
         except BaseException:
             for path in written:
                 path.unlink(missing_ok=True)
             with suppress(OSError):  # it is not empty, or a link
-                bodies.rmdir()
+                folder_of_meshes.rmdir()
             raise
-        if alone:
-            _tidy(bodies, meshes)
+        if locked:
+            _remove_old_meshes(folder_of_meshes, meshes)
     return xml
 
 
@@ -270,33 +268,29 @@ def _digest(content: bytes) -> str:
     return blake2b(content, digest_size=8).hexdigest()
 
 
-def _make_sure_of(xml: Path, bodies: Path) -> None:
-    """Raises where what is there already is not a translation's."""
+def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
+    """Raises OSError if an existing file or folder is not a translation's."""
     if xml.is_dir():
-        raise IsADirectoryError(
-            0, "this folder stands where the translation goes; move it, or choose another folder", xml
-        )
+        raise IsADirectoryError(0, "the translation would replace this folder; move it, or choose another folder", xml)
     refuse_special(xml)
     if xml.exists() and MARK.encode() not in xml.read_bytes():
         raise FileExistsError(
-            0, "this file is no translation and is not overwritten; move it, or choose another folder", xml
+            0, "this file is not a translation and is not overwritten; move it, or choose another folder", xml
         )
-    if os.path.lexists(bodies) and not bodies.is_dir():
+    if os.path.lexists(folder_of_meshes) and not folder_of_meshes.is_dir():
         raise FileExistsError(
             0,
-            "this file, or link to nowhere, stands where the folder of the meshes goes; move it, or choose another "
-            "folder",
-            bodies,
+            "the folder of the meshes would replace this file or broken link; move it, or choose another folder",
+            folder_of_meshes,
         )
 
 
 @contextmanager
-def _alone_in(folder: Path) -> Iterator[bool]:
-    """Makes the folder, and keeps other translations out of it as long as the context lasts: else one could remove the
-    meshes of another before the XML that names them is there. Raises TimeoutError after WAIT seconds.
+def _locked_folder(folder: Path) -> Iterator[bool]:
+    """Makes the folder and locks it against other translations, which could remove meshes before their XML is written.
 
-    Returns whether that can be done: not on Windows, nor in every network's file system. The lock is the folder's own,
-    so that nothing is left behind where a translation is killed.
+    Yields whether the lock is held: Windows and some network file systems have none. The system removes the lock of a
+    killed process. Raises TimeoutError after WAIT seconds.
     """
     end = time.monotonic() + WAIT
     while True:
@@ -306,20 +300,20 @@ def _alone_in(folder: Path) -> Iterator[bool]:
             return
         descriptor = os.open(folder, os.O_RDONLY)
         try:
-            alone = _locked(descriptor, folder, end)
+            locked = _lock(descriptor, folder, end)
             try:
                 if not os.path.samestat(os.fstat(descriptor), os.stat(folder)):
-                    continue  # it was removed, and perhaps made again, in the meantime
+                    continue  # another process removed it, and maybe made it again
             except FileNotFoundError:
                 continue
-            yield alone
+            yield locked
             return
         finally:
             os.close(descriptor)
 
 
-def _locked(descriptor: int, folder: Path, end: float) -> bool:
-    """Locks a folder; False where it cannot be locked. Raises TimeoutError after the time ``end``."""
+def _lock(descriptor: int, folder: Path, end: float) -> bool:
+    """Locks a folder; returns False if the file system has no locks. Raises TimeoutError after the time ``end``."""
     while sys.platform != "win32":
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -335,17 +329,17 @@ def _locked(descriptor: int, folder: Path, end: float) -> bool:
     return False
 
 
-def _holds(path: Path, content: bytes) -> bool:
+def _has_content(path: Path, content: bytes) -> bool:
     return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
 
 
-def _tidy(bodies: Path, meshes: dict[str, bytes]) -> None:
-    """Removes the meshes of earlier translations, and what those that were killed left unfinished."""
-    for path in bodies.iterdir():
-        if path.name not in meshes and path.is_file() and _ours(path):
+def _remove_old_meshes(folder_of_meshes: Path, meshes: dict[str, bytes]) -> None:
+    """Removes the meshes of earlier translations, and the unfinished files of killed ones."""
+    for path in folder_of_meshes.iterdir():
+        if path.name not in meshes and path.is_file() and _is_from_translation(path):
             path.unlink(missing_ok=True)
 
 
-def _ours(path: Path) -> bool:
+def _is_from_translation(path: Path) -> bool:
     match = MESH.fullmatch(path.name)
     return bool(path.name.startswith(PART) or (match and _digest(path.read_bytes()) == match[1]))

@@ -1,4 +1,4 @@
-"""A text for an editor: its symbols (indices, textures, solids, names), the words that fit at a place, and meanings."""
+"""The symbols of a text for an editor (indices, textures, solids, names), completion, and meanings of words."""
 
 import re
 from bisect import bisect_right
@@ -24,14 +24,14 @@ BRACES = re.compile(r"\{[^{}\n]*?([$\w]*)\Z")
 
 
 class Symbol(NamedTuple):
-    """Something with a name of its own: the ``kind`` is "index", "texture", "solid" or "name"."""
+    """A named thing: the ``kind`` is "index", "texture", "solid" or "name"."""
 
     kind: str
     key: str
 
 
 class Occurrence(NamedTuple):
-    """A place, offsets ``start`` to ``end``, where a symbol is used, or defined; ``after``: the keyword before it."""
+    """A use or a definition of a symbol, from offset ``start`` to ``end``; ``after``: the role before it."""
 
     symbol: Symbol
     start: int
@@ -41,7 +41,7 @@ class Occurrence(NamedTuple):
 
 
 class Completion(NamedTuple):
-    """A word for the place of the text from ``start`` on; ``detail``: its parameters. The lowest ``rank`` is first."""
+    """A word that fits at ``start``; ``detail``: its parameters. The lowest ``rank`` is first."""
 
     label: str
     kind: str  # "statement", "keyword", "value", "solid", "index", "name" or "function"
@@ -52,7 +52,7 @@ class Completion(NamedTuple):
 
 
 class Symbols:
-    """A text, read, and the table of its symbols."""
+    """A text, its diagnostics, and the table of its symbols."""
 
     def __init__(self, text: str, path: Path | str | None = None) -> None:
         self.text = text
@@ -60,7 +60,7 @@ class Symbols:
 
     @cached_property
     def tokens(self) -> list[Token]:
-        """All tokens but comments."""
+        """All tokens except comments."""
         return [token for token in self.reader.tokens if token.role not in ("COMMENT", "REST")]
 
     @cached_property
@@ -93,12 +93,12 @@ class Symbols:
         return self.table.get(symbol, [])
 
     def at(self, offset: int) -> Occurrence | None:
-        """The symbol at an offset, or that ends there."""
+        """The symbol at an offset, or one that ends there."""
         everywhere = (one for found in self.table.values() for one in found)
         return min((o for o in everywhere if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
     def renamed(self, symbol: Symbol, new: str) -> str | None:
-        """The text with another name for a symbol; None if that is no name of this kind, or another symbol's."""
+        """The text with a symbol renamed; None if the name is invalid, or another symbol's."""
         text = self.text
         for one in reversed(self.occurrences(symbol)):
             text = text[: one.start] + new + text[one.end :]
@@ -150,7 +150,7 @@ class Symbols:
     # ---- Completion
 
     def completions(self, offset: int) -> list[Completion]:
-        """The words that fit at an offset, whatever part of one stands there already."""
+        """The words that fit at an offset, in place of a partial word before it."""
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):
             start = offset - len(braces[1])
@@ -181,7 +181,7 @@ class Symbols:
         return [Completion(f"${name}", "name", start, value, rank=1) for name, value in self._names.items()]
 
     def _indices(self, role: str, start: int) -> list[Completion]:
-        """Indices that lack this statement; after a primitive, those that have a statement."""
+        """Indices without this statement; after a primitive, indices with a statement."""
         given: dict[str, set[int]] = {keyword: set() for keyword in INDEXED}
         for symbol, found in self.table.items():
             for one in found if symbol.kind == "index" else ():

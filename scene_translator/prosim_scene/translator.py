@@ -24,17 +24,19 @@ AnyPath = str | os.PathLike[str]
 
 
 def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
-    """A scene file, read: the scene, and the places of its values. ``define`` is that of :func:`prosim_scene.parse`.
+    """Reads a scene file: the scene, and the spans of its values. ``define`` is that of :func:`prosim_scene.parse`.
 
-    :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene whose ``name`` is
-    asked for first is read but once. Raises :class:`SceneError`.
+    :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene is read once. Raises
+    :class:`SceneError`.
     """
     return document_of(read(path), path, define)
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
     if isinstance(source, Document) and define:
-        raise SceneError(f"{source.source.filename}: this document has been read; give define to prosim_scene.document")
+        raise SceneError(
+            f"{source.source.filename}: define has no effect on a document; pass it to prosim_scene.document"
+        )
     opened = source if isinstance(source, Document) else document(source, define)
     return opened, Path(opened.source.filename)
 
@@ -50,17 +52,17 @@ def translate(
     """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
 
     ``out_dir``
-        Folder of the result, made if need be; by default the scene's own.
+        Folder of the result, made if it does not exist; by default the scene's folder.
     ``define``
-        Values, numbers or words, of the ``$names`` in the scene.
+        Values of the ``$names`` in the scene, numbers or words.
     ``kept``
-        What an earlier translation has left, and this one leaves: meshes of the same solids are not made again.
+        A translation cache, :class:`Kept`: the meshes of equal solids are reused.
 
     The other options are those of :func:`load` and :func:`check`, too:
 
     ``target``
-        "prosim" for this project's plugins, "stock" for those alone that Mitsuba brings (what these cannot say is
-        approximated, and each approximation is a SceneWarning, given once).
+        "prosim" for this project's plugins, "stock" for Mitsuba's own plugins only (each approximation is a
+        SceneWarning, once).
     ``light_units``
         "calibrated", "radiance" or "unattenuated": see :mod:`prosim_scene.mitsuba.lights`.
     ``tolerance``
@@ -70,15 +72,15 @@ def translate(
     ``allow_outside``
         Whether files outside the scene's folder may be used.
 
-    Everything is written, or nothing: wrong input raises :class:`SceneError` and leaves no file. Only what an earlier
-    translation wrote is overwritten or removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
+    Wrong input raises :class:`SceneError` and leaves no file. Only files of earlier translations are overwritten or
+    removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
     """
     checked = Options(**options)
     opened, source_path = _opened(source, define)
-    if not output.can_say(source_path.stem):
+    if not output.is_valid_in_xml(source_path.stem):
         raise SceneError(
-            f"{str(source_path)!r}: the names of the translation's files come from this one, and XML cannot hold "
-            "it; expected a name without control characters, in UTF-8",
+            f"{str(source_path)!r}: the translation's files have this name, and it is not valid in XML; "
+            "expected a name without control characters, in UTF-8",
             str(source_path),
         )
     folder = Path(out_dir) if out_dir is not None else source_path.parent
@@ -97,8 +99,8 @@ def translate(
             relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
         except ValueError:  # on another drive of Windows
             relative = path.resolve().as_posix()
-        if not output.can_say(relative):
-            raise ValueError(f"the path {relative!r} cannot stand in XML; expected printable characters, in UTF-8")
+        if not output.is_valid_in_xml(relative):
+            raise ValueError(f"the path {relative!r} is not valid in XML; expected printable characters, in UTF-8")
         return relative
 
     def store(name: str, content: bytes) -> str:
@@ -122,10 +124,9 @@ def load(
 ) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
 
-    The meshes are written to a temporary folder. It is removed when the dictionary and its copies are gone, or the
-    process ends. Mitsuba takes its own type alone for transforms: ``transform`` turns a 4x4 array into it. By default
-    it is ``mitsuba.ScalarTransform4f`` of the active variant where Mitsuba has been imported, and otherwise arrays are
-    left as they are.
+    The meshes are written to a temporary folder, which is removed when the dictionary and its copies are deleted, or
+    the process ends. ``transform`` converts a 4x4 array to Mitsuba's type. By default it is
+    ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are not converted.
     """
     checked = Options(**options)
     opened, path = _opened(source, define)
@@ -138,11 +139,11 @@ def load(
 
 
 class _Temporary:
-    """A folder that is removed when nobody knows this object, nor a file name from it, any more."""
+    """A folder that is removed when no reference to this object or to one of its file names exists."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
-        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)  # at the end of the process, too
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)  # also at the end of the process
 
     def store(self, name: str, content: bytes) -> str:
         """Writes a mesh; returns its file name."""
@@ -153,7 +154,7 @@ class _Temporary:
 
 
 class _FileName(str):
-    """The name of a file in a temporary folder, which is not removed as long as this name is known."""
+    """The name of a file in a temporary folder; a reference to the name keeps the folder."""
 
     folder: _Temporary
 
@@ -164,11 +165,10 @@ class _FileName(str):
 def sensor(
     source: Document, kept: Kept | None = None, *, transform: Callable[[Any], Any] | None = None, **options: Any
 ) -> Node:
-    """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``: a new view of solids that are translated
-    already. The options are those of :func:`load`. No solid is evaluated for it, and none becomes finer.
+    """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``: a new view of translated solids.
 
-    ``kept`` is what that translation has left: no face of it is cut off, however near or far it is. Raises
-    :class:`SceneError` for a view that there can't be.
+    The options are those of :func:`load`. No solid is evaluated or refined. ``kept`` is the cache of that translation:
+    the clipping planes enclose its faces. Raises :class:`SceneError` for a degenerate view.
     """
     return _plain(view_sensor(source, Options(**options), kept), transform)
 
@@ -181,9 +181,9 @@ def _plain(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
 
 
 def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
-    """Reads and judges a scene file without writing anything: raises :class:`SceneError` as :func:`translate` would.
+    """Analyses a scene file without writing a file; raises :class:`SceneError` as :func:`translate` does.
 
-    Returns the scene. The whole tree is evaluated, so that what vanishes or is empty is reported too.
+    Returns the scene. The tree is evaluated, so that empty results are reported too.
     """
     checked = Options(**options)
     opened, path = _opened(source, define)

@@ -219,7 +219,7 @@ def test_stop_and_go_on(page, scene):
     page.evaluate("getSelection().selectAllChildren(document.getElementById('scene'))")
     state = page.inner_text("#state")
     until(lambda: page.inner_text("#state") != state)
-    assert page.evaluate("String(getSelection())") == "little.scn" and page.inner_text("#said") == "rendering"
+    assert page.evaluate("String(getSelection())") == "little.scn" and page.inner_text("#announcement") == "rendering"
     page.click("#stop")
     is_(page, "stopped")
     number = page.get_attribute("#own", "data-number")

@@ -121,7 +121,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         assert final(viewer) is red
         (tmp_path.parent / "secret.png").write_bytes(b"secret")
         save(viewer, path, RED.replace("10000 NULL", '10000 "../secret.png"'))
-        until(lambda: "'../secret.png' lies outside the scene's folder" in (viewer.publisher.state.error or ""))
+        until(lambda: "'../secret.png' is outside the scene's folder" in (viewer.publisher.state.error or ""))
         path.unlink()
         viewer.requests.save()
         until(lambda: viewer.publisher.state.doing == "missing")

@@ -12,7 +12,7 @@ from test_exact_csg import EDGE, wrong_pixels
 
 @pytest.mark.parametrize("kind", ["general", "grid", "nested", "grazing"])
 def test_chains_in_halves_are_what_the_tree_means(variant_rgb, tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(csg, "DEEP", 0)
+    monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
     assert wrong_pixels(exact_csg.KINDS[kind](np.random.default_rng([1, 7])), tmp_path) <= EDGE
 
 
@@ -25,16 +25,16 @@ def test_a_comb_in_halves_is_the_comb_one_by_one(monkeypatch):
     tree = " ".join(["-+"[i % 2] for i in range(20)]) + " " + " ".join(f"CUBE {i}" for i in range(21))
     text = scene(tree, transforms)
     expected = volume(list(solids(text).values()))
-    monkeypatch.setattr(csg, "DEEP", 0)
+    monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
     meshes = list(solids(text).values())
     assert_closed(meshes)
     assert volume(meshes) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore:.*nothing is seen of CUBE 1")
+@pytest.mark.filterwarnings("ignore:.*nothing is visible of CUBE 1")
 def test_a_face_that_was_covered_and_is_laid_bare_again_is_the_cutters(monkeypatch):
     # CUBE 1 covers the top of CUBE 0; CUBE 2 takes it away down to just there.
-    monkeypatch.setattr(csg, "DEEP", 0)
+    monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
     text = scene("- + CUBE 0 CUBE 1 CUBE 2", ["", "TRANSLATE (0 0 .5)", "SCALE (3 3 3) TRANSLATE (-1 -1 1)"])
     assert solids(text).keys() == {0, 2}
 
@@ -52,8 +52,8 @@ def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
     surfaces = ["material condutor n-refr = 1.2 k-abs = 3"] + [material or "kd = .5"] * 64
     text = scene(" ".join([sign] * 64 + [f"CUBE {i}" for i in range(65)]), transforms, surfaces)
     plain = solids(text)
-    monkeypatch.setattr(csg, "CROWD", 1)
-    monkeypatch.setattr(csg, "FEW", 1)
+    monkeypatch.setattr(csg, "MAX_CUTS", 1)
+    monkeypatch.setattr(csg, "REFINED_CUTS", 1)
     again = solids(text)
     assert {key: area(mesh) for key, mesh in again.items()} == pytest.approx({k: area(m) for k, m in plain.items()})
     if result:

@@ -107,7 +107,7 @@ def test_a_ball_less_itself_is_nothing_however_it_is_turned():
             )
 
 
-@pytest.mark.filterwarnings("ignore:.*nothing is seen of CUBE 2")
+@pytest.mark.filterwarnings("ignore:.*nothing is visible of CUBE 2")
 def test_two_halves_of_one_ball():
     # The same ball twice, turned, cut in halves by the same block from both sides: together the ball again.
     for turn in turns(5, seed=9):
@@ -127,7 +127,7 @@ def test_two_halves_of_one_ball():
 def test_a_ball_in_a_pipe_of_its_own_width_does_not_show_through():
     # Their facets would cross along the circle in which they touch.
     for turn in turns(5, seed=10):
-        with pytest.warns(SceneWarning, match="nothing is seen of SPHERE 1"):
+        with pytest.warns(SceneWarning, match="nothing is visible of SPHERE 1"):
             solids(
                 scene("+ CYLINDER 0 SPHERE 1", [f"SCALE (1 1 4) TRANSLATE (0 0 -2) {turn}", f"ROTATE-Y (40) {turn}"])
             )

@@ -74,21 +74,21 @@ def test_the_rim_of_a_lens_is_as_fine_as_its_faces(tree, expected, recwarn):
 @pytest.mark.slow
 def test_equal_solids_are_united_once():
     text = scene("+ " * 3000 + "SPHERE 0 " * 3000 + "SPHERE 1", ["SCALE (3 3 3)", "ROTATE-X (20) SCALE (3 3 3)"])
-    with pytest.warns(SceneWarning, match="nothing is seen of"):
+    with pytest.warns(SceneWarning, match="nothing is visible of"):
         many = solids(text)
     (one,) = solids(scene("SPHERE 0", ["SCALE (3 3 3)"])).values()
     assert many.keys() == {0} and len(many[0].positions) == len(one.positions)
 
 
 def test_more_triangles_than_memory_holds_are_coarser_with_a_warning(monkeypatch):
-    monkeypatch.setattr(detail, "MOST_TRIANGLES", 10_000)
+    monkeypatch.setattr(detail, "MAX_TRIANGLES", 10_000)
     with pytest.warns(SceneWarning, match="curved faces are approximated to .* pixels instead of 0.1"):
         n = segments(UNION, BALLS)
     assert sum(k * k // 2 for k in n) <= 10_000
 
 
 def test_more_primitives_than_memory_holds_are_an_error(monkeypatch):
-    monkeypatch.setattr(detail, "MOST_TRIANGLES", 1000)
+    monkeypatch.setattr(detail, "MAX_TRIANGLES", 1000)
     with pytest.raises(
         SceneError, match="20 different primitives have at least 2,560 triangles; expected 1,000 at most"
     ) as error:

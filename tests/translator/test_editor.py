@@ -10,7 +10,7 @@ import pytest
 from prosim_scene import descriptions
 from prosim_scene.evaluation import evaluate
 from prosim_scene.language.analysis import analyse
-from prosim_scene.language.diagnostics import MOST
+from prosim_scene.language.diagnostics import MAX_ERRORS
 from prosim_scene.language.words import WORDS
 from prosim_scene.symbols import Symbol, Symbols
 
@@ -62,7 +62,9 @@ def test_an_error_is_the_one_of_the_translator(text):
 def test_every_wrong_statement_is_reported():
     text = "VIEW OBS 1 2\nSURFACE 0 kd 1 2\nAMBIENT {$b} 1 1\nNAMEX: y\nCSG (\nDEFAULT $a 2\n"
     assert codes(text) == ["count", "count", "undefined", "unknown-word", "unclosed", "no-end"]
-    assert codes("CSG-TREE CUBE 9\n" + "".join(f"SURFACE {i} kd 2\n" for i in range(200))) == ["range"] * (MOST + 1)
+    assert codes("CSG-TREE CUBE 9\n" + "".join(f"SURFACE {i} kd 2\n" for i in range(200))) == ["range"] * (
+        MAX_ERRORS + 1
+    )
 
 
 def test_the_evaluation_finds_solids_that_vanish():

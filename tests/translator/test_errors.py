@@ -84,7 +84,7 @@ WRONG = [
     (5, "SURFACE 0 { kd = 1 }", 16, "expression", "braces hold arithmetic"),
     (3, "VIEW {\n OBS 0 0 9\n}", 6, "expression", "blocks have none"),
     (5, "SURFACE 0 kd 1 0 0 }", 20, "foreign", "blocks have none"),
-    (6, "TRANSFORM 0 SCALE (3 3 3);", 26, "foreign", "without a mark"),
+    (6, "TRANSFORM 0 SCALE (3 3 3);", 26, "foreign", "no mark at its end"),
     *((1, f"{mark} a scene", 1, "foreign", "expected a comment to begin with #") for mark in ("%", "!", "//", "--")),
     (1, '<?xml version="1.0"?>', 1, "foreign", "XML"),
     # words of other languages, and their meaning in a statement
@@ -249,11 +249,11 @@ def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     (tmp_path / "scene" / "circle.png").symlink_to("circle.png")
     path = tmp_path / "scene" / "x.scn"
     for image, words in (
-        ("../outside.png", "outside the scene's folder; .*--allow-outside, allow_outside=True"),
+        ("../outside.png", "outside the scene's folder; .*--allow-outside, in Python allow_outside=True"),
         (f'"{tmp_path}/outside.png"', "outside"),
         ("none.png", "does not exist"),
         ("circle.png", "does not exist"),
-        ("text.png", r"'text.png' is no image; expected one of PNG, .* or TGA"),
+        ("text.png", r"'text.png' is not an image; expected one of PNG, .* or TGA"),
     ):
         path.write_text(with_line(4, f"CSG-TREE CUBE 0 {image}"))
         with pytest.raises(SceneError, match=words):
@@ -274,7 +274,7 @@ def test_encodings(tmp_path):
     assert prosim_scene.parse(text).lights[0].angle == 20
     for encoding in ("utf-16-le", "utf-16-be", "utf-32"):
         path.write_bytes(text.encode(encoding))
-        with pytest.raises(SceneError, match="no text in UTF-8"):
+        with pytest.raises(SceneError, match="the text is not UTF-8"):
             prosim_scene.read(path)
 
 

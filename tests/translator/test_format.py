@@ -78,7 +78,7 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(scene, step, monkeypatch)
         monkeypatch.setattr(files, "open", full, raising=False)
     else:
         monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is as it was"):
+    with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is unchanged"):
         prosim_scene.rewrite(scene, "END\n")
     assert scene.read_text() == "fim" and os.listdir(scene.parent) == ["s.scn"]
 

@@ -159,9 +159,9 @@ def test_dielectrics_give_way_to_opaque_solids():
     assert volume([meshes[0]]) == pytest.approx(1)
     # Of the ball there is the upper half; its shell is closed by the box's top.
     assert area(meshes[1]) == pytest.approx(2 * math.pi * 0.16, rel=1e-3)
-    alone = solids(scene("- SPHERE 0 CUBE 1", ["", "TRANSLATE (-.5 -.5 0) SCALE (4 4 4)"], [glass, glass]), 0.005)
-    assert_closed(list(alone.values()))
-    assert len(alone) == 1
+    unshared = solids(scene("- SPHERE 0 CUBE 1", ["", "TRANSLATE (-.5 -.5 0) SCALE (4 4 4)"], [glass, glass]), 0.005)
+    assert_closed(list(unshared.values()))
+    assert len(unshared) == 1
 
 
 def test_two_glasses_have_one_interface():
@@ -184,7 +184,7 @@ def test_a_cut_face_belongs_to_the_cutter_whatever_it_is_made_of():
 
 
 def test_what_vanishes_is_reported():
-    with pytest.warns(SceneWarning, match=r"nothing is seen of SPHERE 1 \(line 3\)"):
+    with pytest.warns(SceneWarning, match=r"nothing is visible of SPHERE 1 \(line 3\)"):
         solids(scene("+ CUBE 0 SPHERE 1", ["", "SCALE (.1 .1 .1) TRANSLATE (.5 .5 .5)"]))
     with pytest.warns(SceneWarning, match="the tree's result is empty"):
         assert solids(scene("* CUBE 0 SPHERE 1", ["", "TRANSLATE (9 9 9)"])) == {}
@@ -200,7 +200,7 @@ def test_what_fills_a_hollow_has_not_vanished():
         warnings.simplefilter("error")
         solids(scene("+ - SPHERE 0 SPHERE 1 SPHERE 2", sizes[:3], [glass, glass, wine]), 0.5)
         solids(scene("+ - SPHERE 0 SPHERE 1 * SPHERE 2 CUBE 3", sizes, [glass, glass, wine, wine]), 0.5)
-    with pytest.warns(SceneWarning, match="nothing is seen of SPHERE 1"):
+    with pytest.warns(SceneWarning, match="nothing is visible of SPHERE 1"):
         solids(scene("+ SPHERE 0 SPHERE 1", sizes[:2], [glass, wine]), 0.5)
 
 
@@ -258,7 +258,7 @@ def test_a_solid_that_vanishes_by_an_operator_between_its_operands_is_told_of_th
         + "END\n"
     )
     expected = (
-        r"nothing is seen of CONE 3 \(line 5\), CYLINDER 4 \(line 6\): .*operators come before their operands: "
+        r"nothing is visible of CONE 3 \(line 5\), CYLINDER 4 \(line 6\): .*operators come before their operands: "
         r"\* \(line 4\) has the operands CONE 3 \(line 5\) and CYLINDER 4 \(line 6\)"
     )
     with pytest.warns(SceneWarning, match=expected) as warned:

@@ -43,7 +43,7 @@ def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path,
         prosim_scene.translate(prosim_scene.document(path, define), tmp_path / "kept", kept=kept)
         prosim_scene.translate(path, tmp_path / "anew", define=define)
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 4
-    assert kept.made == made
+    assert kept.evaluations == made
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
@@ -73,7 +73,7 @@ def test_solids_that_come_to_look_alike_and_no_longer_are_not_evaluated_anew(tmp
         prosim_scene.translate(path, tmp_path / "anew", define={"red": red})
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 1 + meshes
         assert len(kept.files) == meshes
-    assert kept.made == 1
+    assert kept.evaluations == 1
 
 
 def test_what_vanishes_is_said_each_time(tmp_path):
@@ -84,6 +84,6 @@ def test_what_vanishes_is_said_each_time(tmp_path):
     )
     path.write_text(vanishing)
     for turn in (0, 20):
-        with pytest.warns(prosim_scene.SceneWarning, match="nothing is seen of SPHERE 2"):
+        with pytest.warns(prosim_scene.SceneWarning, match="nothing is visible of SPHERE 2"):
             prosim_scene.translate(path, tmp_path / "kept", define={"turn": turn}, kept=kept)
-    assert kept.made == 1
+    assert kept.evaluations == 1

@@ -12,7 +12,7 @@ import prosim_scene
 import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
-from prosim_scene.language_server import ENCODINGS, Opened
+from prosim_scene.language_server import ENCODINGS, OpenDocument
 from pygls.exceptions import JsonRpcException
 from test_editor import SCENE, large
 
@@ -181,7 +181,7 @@ async def test_positions_are_in_the_units_of_the_protocol(encoding):
     codec, size = ENCODINGS[encoding]
     for _ in range(100):
         text = "".join(choice.choices(pieces, k=12))
-        opened = Opened(URI, text, encoding)
+        opened = OpenDocument(URI, text, encoding)
         line = column = 0
         for i, character in enumerate(text + "x"):
             assert opened.position(i) == lsp.Position(line, column)
@@ -189,7 +189,7 @@ async def test_positions_are_in_the_units_of_the_protocol(encoding):
             column += len(character.encode(codec)) // size
             if character == "\n" or (character == "\r" and text[i + 1 : i + 2] != "\n"):
                 line, column = line + 1, 0
-    opened = Opened(URI, "a 🎈\r\nb", "utf-16")
+    opened = OpenDocument(URI, "a 🎈\r\nb", "utf-16")
     beyond = [(0, 3), (0, 4), (0, 9), (1, 9), (2, 0), (9, 9)]
     assert [opened.offset(lsp.Position(*place)) for place in beyond] == [2, 3, 3, 6, 6, 6]
 

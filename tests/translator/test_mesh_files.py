@@ -117,7 +117,7 @@ def test_normals_and_texture_coordinates_of_the_file(kind):
     p = mesh.vertices[mesh.triangles]
     weights = np.array([[0.2, 0.3, 0.5], [1, 0, 0], [0, 0.5, 0.5]])
     got = solid.corners(weights @ p, np.arange(12))
-    assert np.allclose(got.uv, (weights @ p)[..., :2] * 3) and got.alone.all()
+    assert np.allclose(got.uv, (weights @ p)[..., :2] * 3) and got.unshared.all()
     whole = (p != 1).any(axis=2).all(axis=1)  # without the corner whose normal is wrong
     assert np.allclose(got.normals[whole], (weights @ p - 0.5 + [0, 0, 0.1])[whole])
     flat = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
@@ -139,7 +139,7 @@ WRONG = {
     "points.obj": (obj([]), "it has no faces"),
     "picture.ply": (b"\x89PNG\r\n\x1a\n\0v\xff", "expected a whole file, PLY or OBJ"),
     "solid.stl": (b"solid x\nfacet normal 0 0 1\n", "it has no faces"),
-    "corner.obj": (obj([*SQUARES, (0, 1, 8)]), "a corner that is not there"),
+    "corner.obj": (obj([*SQUARES, (0, 1, 8)]), "a corner that does not exist"),
     "zero.obj": (obj() + b"\nf 0 1 2", "a face has a corner 0"),
     "word.obj": (obj() + b"\nv a b c", "could not convert"),
     "two.obj": (b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3", "too few numbers"),
@@ -149,7 +149,7 @@ WRONG = {
     "half-text.ply": (ply("ascii")[:-9], "cannot be read"),
     "kind.ply": (b"ply\nformat fancy 1.0\nelement vertex 1\nproperty float x\nend_header\n", "cannot be read"),
     "huge.ply": (ply("binary_big_endian").replace(b"face 6", b"face 999999999999999999"), "cannot be read"),
-    "no-vertices.ply": (ply("ascii").replace(b"vertex 8", b"point 8"), "its header is not that of a mesh"),
+    "no-vertices.ply": (ply("ascii").replace(b"vertex 8", b"point 8"), "its header is not a mesh header"),
 }
 
 
@@ -220,7 +220,7 @@ def test_a_mesh_that_has_changed_is_read_again(tmp_path):
         for name in ("a.obj", "b.obj"):
             (tmp_path / name).write_bytes(content)
         prosim_scene.translate(path, kept=kept, define=define)
-        assert kept.made == made
+        assert kept.evaluations == made
 
 
 def test_the_manuals_example_and_its_layout(tmp_path):

@@ -52,7 +52,7 @@ def test_a_use_of_a_named_solid_is_its_tree_written_out(tmp_path):
 @pytest.mark.parametrize(
     "text, column, code, words",
     [
-        ("SOLID CUBE CUBE 1", 7, "name", "'CUBE', a word of the language; expected a name of its own"),
+        ("SOLID CUBE CUBE 1", 7, "name", "'CUBE', a word of the language; expected another name"),
         ("SOLID x", 7, "incomplete", "this solid is empty; expected its tree after x"),
         ("SOLID x + CUBE 1", 9, "tree", "lacks an operand"),
         ("SOLID x CUBE 1 SOLID X CUBE 1", 22, "twice", "SOLID x is given twice"),

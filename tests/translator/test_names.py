@@ -73,7 +73,7 @@ def test_names_have_the_values_of_the_caller_or_of_their_defaults(tmp_path):
         node = prosim_scene.load(path, define=define, transform=lambda matrix: matrix)
         assert node["view"]["to_world"][:3, 3] == pytest.approx((180, 90, -180))
         assert "180" in prosim_scene.translate(path, tmp_path / "out", define=define).read_text()
-    with pytest.raises(SceneError, match=r"give define to prosim_scene\.document"):
+    with pytest.raises(SceneError, match=r"pass it to prosim_scene\.document"):
         prosim_scene.check(opened, define=define)
 
 
@@ -108,8 +108,8 @@ def test_names_stand_for_words_of_all_kinds():
         ("DEFAULT $n = ouro NSAMPLES {$n + 1}", 29, "$n stands for 'ouro'; expected a finite number"),
         ("DEFAULT $n = CUBE LIGHTS $n", 26, "$n stands for 'CUBE', a keyword"),
         ("NSAMPLES {7 / (2 - 2)}", 11, "divides by 0"),
-        ("NSAMPLES {10^400}", 11, "'10^400' is no finite number"),
-        ("NSAMPLES {1 + sqrt(-1)}", 15, "'sqrt(-1)' is no finite number"),
+        ("NSAMPLES {10^400}", 11, "'10^400' is not a finite number"),
+        ("NSAMPLES {1 + sqrt(-1)}", 15, "'sqrt(-1)' is not a finite number"),
         ("NSAMPLES {}", 11, "expected a number, a $name"),
         ("NSAMPLES {(1}", 13, "expected an operator (+ - * / ^) or ')'"),
         ("NSAMPLES {1 2}", 13, "found '2' in an expression; expected an operator"),
@@ -134,8 +134,8 @@ def test_each_error_names_its_place(line, column, words):
     "define, words",
     [
         ({"turm": 3}, "turm = 3 is given, but the scene does not use .turm; .*did you mean '.turn'"),
-        ({"turn": math.nan}, "turn = nan cannot stand in a scene"),
-        ({"turn": [1]}, r"turn = \[1\] cannot stand"),
+        ({"turn": math.nan}, "turn = nan is not a value"),
+        ({"turn": [1]}, r"turn = \[1\] is not a value"),
         ({"a-b": 1}, "'a-b' cannot be a name"),
     ],
 )

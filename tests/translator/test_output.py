@@ -195,7 +195,7 @@ def test_caustics_are_said_where_a_scene_asks_for_them(said, asked, tmp_path, re
     assert ('<boolean name="caustics" value="true"/>' in xml) is ("DO-SHADOW, CAUSTICS, AMBIENT" in xml) is asked
     assert ("caustics" in xml) is ("CAUSTICS" in xml) is asked
     stock = prosim_scene.translate(path, target="stock").read_text()
-    left = [w for w in recwarn if "caustics are left to 'path', whose rays meet them by chance" in str(w.message)]
+    left = [w for w in recwarn if "CAUSTICS has no effect; 'path' finds caustics by chance" in str(w.message)]
     assert len(left) == asked and "caustics" not in stock
 
 
@@ -249,7 +249,7 @@ def test_a_radius_without_effect_is_a_warning(tmp_path):
     for target in ("prosim", "stock"):
         for units in ("calibrated", "unattenuated"):
             with pytest.warns(
-                SceneWarning, match="1:44: raio has no effect on a POINT light, but with light units 'radiance'"
+                SceneWarning, match="1:44: raio has an effect on a POINT light only with light units 'radiance'"
             ):
                 prosim_scene.check(path, light_units=units, target=target)
     with warnings.catch_warnings():

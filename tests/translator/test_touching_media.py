@@ -294,9 +294,9 @@ def test_a_metal_ball_in_a_ball_of_water_is_as_bright_as_fresnel_says(variant_rg
 @pytest.mark.parametrize(
     "tree, surfaces, words",
     [
-        ("- SPHERE 0 CUBE 1", (GLASS, ""), "3:12: CUBE 1 cuts glass, .* SURFACE 1 is opaque, .*material dieletrico"),
+        ("- SPHERE 0 CUBE 1", (GLASS, ""), "3:12: CUBE 1 cuts glass .* SURFACE 1 is opaque, .*material dieletrico"),
         ("* SPHERE 0 CUBE 1", (GLASS, ""), "3:12: CUBE 1 cuts glass"),
-        ("- SPHERE 0 CUBE 1", ("", GLASS), "3:12: CUBE 1 cuts what is opaque, .* SURFACE 1 is a dieletrico"),
+        ("- SPHERE 0 CUBE 1", ("", GLASS), "3:12: CUBE 1 cuts an opaque solid .* SURFACE 1 is a dieletrico"),
         ("- SPHERE 0 CUBE 1", (GLASS, WATER), None),
         ("+ SPHERE 0 CUBE 1", (GLASS, ""), None),
         ("- + SPHERE 0 CUBE 2 CUBE 1", (GLASS, "", ""), "3:21: CUBE 1 cuts glass"),
@@ -314,5 +314,5 @@ def test_a_glass_that_is_cut_away_wholly_is_nothing():
         ["TRANSLATE (5 0 0)", "", "SCALE (3 3 3) TRANSLATE (-1.5 -1.5 -1.5)"],
         [WATER, GLASS, GLASS],
     )
-    with pytest.warns(prosim_scene.SceneWarning, match="nothing is seen of SPHERE 1"):
+    with pytest.warns(prosim_scene.SceneWarning, match="nothing is visible of SPHERE 1"):
         assert solids(text.replace("TRANSLATE (5 0 0)", "TRANSLATE (1.2 0 0)"), 0.2).keys() == {0, 1}

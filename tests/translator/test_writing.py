@@ -86,10 +86,10 @@ def test_meshes_of_earlier_translations_are_removed_and_no_others(scene):
 @pytest.mark.parametrize(
     "obstacle, message",
     [
-        ("s-meshes", "stands where the folder of the meshes goes"),
-        ("s.xml", "is no translation and is not overwritten"),
-        ("link to nowhere", "stands where the folder of the meshes goes"),
-        ("folder", "this folder stands where the translation goes"),
+        ("s-meshes", "the folder of the meshes would replace this"),
+        ("s.xml", "is not a translation and is not overwritten"),
+        ("link to nowhere", "the folder of the meshes would replace this"),
+        ("folder", "the translation would replace this folder"),
     ],
 )
 def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle, message):

@@ -48,7 +48,7 @@ class Composite(Pigmented):
      * - distribution
        - |string|
        - Distribution of the microfacets' normals: ``beckmann``, ``phong`` or ``gaussian``. (Default: ``phong`` if
-         ``exponent`` is given, else ``beckmann``)
+         the parameter ``exponent`` exists, else ``beckmann``)
 
      * - alpha
        - |float| or |texture|

@@ -63,7 +63,7 @@ class Dielectric(Material):
      * - distribution
        - |string|
        - Distribution of the microfacets' normals: ``beckmann``, ``phong`` or ``gaussian``. (Default: ``phong`` if
-         ``exponent`` is given, else ``beckmann``)
+         the parameter ``exponent`` exists, else ``beckmann``)
 
      * - alpha
        - |float| or |texture|
@@ -184,7 +184,7 @@ class Dielectric(Material):
         weights: Sequence[mi.Float] | None,
         active: mi.Bool,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """The same as `sample` where glass disperses, for integrators that know what a ray carries: probabilities
+        """The same as `sample` where glass disperses, for integrators that know the throughput of a ray: probabilities
         ``weights`` of the wavelengths that a smooth surface chooses from, with the sum 1. None: all go the way of the
         middle one, which is wrong, but without noise.
         """

@@ -26,7 +26,7 @@ LEAST = 7
 
 CACHE = click.Path(file_okay=False, path_type=Path)
 
-#: What the summary says of the light of a section.
+#: The words of the summary for the light of a section.
 LIGHT = {
     "paths": "all paths of light, without the ambient term",
     "direct": "direct light only",

@@ -16,7 +16,7 @@ from ..stock_command import stand_ins
 
 @click.command()
 def doctor() -> None:
-    """Print versions, variants, LLVM, extras, the state of the `mitsuba` command, and what to do about problems.
+    """Print versions, variants, LLVM, extras, the state of the `mitsuba` command, and remedies for problems.
 
     Exit code 1 if there are problems, else 0.
     """

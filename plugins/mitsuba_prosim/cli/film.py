@@ -203,8 +203,8 @@ def on_worker(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
-    """SHA-256 of all that the bytes of a frame depend on: the scene's content, its changes, and what makes the samples.
-    It does not depend on the folder of the scene.
+    """SHA-256 of all that the bytes of a frame depend on: the scene's content, its changes, and the
+    :mod:`..engine.origin`. It does not depend on the folder of the scene.
     """
     here = origin.here()
     own = job if file.xml == file.path else replace(job, definitions={})  # the translation has them

@@ -41,7 +41,7 @@ UNCERTAIN = 0.12
 class Task:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
-    ``about``: what its checkpoints belong to; None: it has none. ``begin``: continues from there. ``facts``:
+    ``about``: facts that identify its checkpoints; None: it has none. ``begin``: continues from there. ``facts``:
     further metadata, of a frame of a film, which is written only when it is finished.
     """
 
@@ -63,7 +63,7 @@ class Task:
         begin: Checkpoint | None = None,
         facts: Mapping[str, str] | None = None,
     ) -> Task:
-        """The task of a job whose scene ``file`` has been opened. Raises what loading it raises, and ValueError where
+        """The task of a job whose scene ``file`` has been opened. Raises the errors of loading it, and ValueError where
         the options do not suit the scene, or ``begin`` belongs to another one.
         """
         scene = file.load()
@@ -87,7 +87,7 @@ class Task:
         return self.scene.integrator()
 
     def writer(self) -> CheckpointWriter | None:
-        """What writes the checkpoints, if there are some. Raises InputError where the result can't be written."""
+        """The writer of the checkpoints, or None. Raises InputError where the result can't be written."""
         part = self.job.part
         states = [f".{part}.npz" if part else STATE] if self.about is not None else []
         output.check(
@@ -127,8 +127,8 @@ class Image:
 
 @dataclass(frozen=True)
 class Result:
-    """The outcome of a task. ``report``: what to print; ``interruption``: what interrupted it, in words; ``black``: why
-    nothing is visible, if that is so.
+    """The outcome of a task. ``report``: lines to print; ``interruption``: its cause, in words;
+    ``black``: the reason why nothing is visible, or None.
     """
 
     report: str
@@ -238,7 +238,7 @@ def finish(
     interrupted: str | None = None,
     facts: Mapping[str, str] | None = None,
 ) -> Image:
-    """The image of a render that has ended. ``interrupted``: by what; ``facts``: further metadata."""
+    """The image of a render that has ended. ``interrupted``: the cause; ``facts``: further metadata."""
     integrator, film, reached = scene.integrator(), sensor.film(), steps.reached
     only_time = rendering.keeps(integrator) and integrator.time and not report.goals(integrator)
     at_most = steps.noise_at_most() if only_time and not job.denoise else None

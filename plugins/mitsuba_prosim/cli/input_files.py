@@ -28,14 +28,14 @@ MAGIC = {
     b"PK\x03\x04": ARCHIVE,
 }
 
-#: What to do with a file that is of another kind than a command needs.
+#: Advice for a file of another kind than a command needs.
 USES = {
     XML: "To render it: prosim render {}",
     STATE: "To continue it: prosim resume {}",
     PART: "To merge all parts: prosim merge {}",
 }
 
-#: What follows the name of an image in that of its state, or of a part.
+#: The suffixes of the files of a state, or of a part, after the name of the image.
 SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$|\.exr$")
 
 

@@ -1,4 +1,4 @@
-"""What the options ask for: a :class:`Job`, whose fields are the options."""
+"""The render job: a :class:`Job`, whose fields are the options."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _film, _distribution, _advanced = (partial(_option, group) for group in ("Film",
 
 @dataclass(frozen=True)
 class Job:
-    """A scene file, what changes in it, which image of it is rendered, how, and where it goes."""
+    """A scene file, its changes, the image to render, the sampling, and the output."""
 
     scene: str = ""
 
@@ -174,7 +174,7 @@ class Job:
             ) from None
 
     def about(self, file: scene_file.SceneFile) -> dict[str, Any]:
-        """What a checkpoint stores so that another process can continue it: ``job`` and ``digest``."""
+        """Facts of a checkpoint by which another process continues the job: ``job`` and ``digest``."""
         return {"job": self.image() | {"scene": os.path.abspath(self.scene)}, "digest": file.digest()}
 
     def file(self, folder: Path, **how: Any) -> scene_file.SceneFile:

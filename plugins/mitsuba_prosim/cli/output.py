@@ -1,4 +1,4 @@
-"""Where a command writes: checked before the work, and what happens if writing fails all the same."""
+"""Checks before the work whether a command can write its files, and rescues them if writing fails later."""
 
 import os
 import re
@@ -78,7 +78,7 @@ def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Pa
 
 
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
-    """Writes suffix -> content; returns the paths. What can't be written there goes wherever there is room.
+    """Writes suffix -> content; returns the paths. Files that can't be written there are written to another folder.
 
     Raises ClickException, which says where that is.
     """

@@ -20,7 +20,7 @@ PATIENCE = 10.0
 
 
 class Viewer:
-    """The image of a job in tev, as far as the job asks for it: what ``film`` holds.
+    """Shows the image of a job in tev, if the job requests it: the content of ``film``.
 
     Raises ClickException where tev does not run, or tevclient is missing.
     """
@@ -54,7 +54,7 @@ class Viewer:
                 self.show()
 
     def show(self) -> None:
-        """Sends what the film holds. Where tev has gone, warns once, and sends no more."""
+        """Sends the content of the film. If tev has ended, warns once and sends no more."""
         colours = None if self._tev is None else images.colours(self._film.bitmap())
         if colours is None:
             return

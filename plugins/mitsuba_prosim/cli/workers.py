@@ -25,7 +25,7 @@ class Workers(ExitStack):
         self.dask: DaskExecutor | None = None
 
     def executor(self, task: Task) -> DaskExecutor | None:
-        """What takes the samples of an image; None where that is this process.
+        """The executor for the samples of an image; None for this process.
 
         Raises InputError where the scene can't travel, and ClickException.
         """

@@ -225,7 +225,7 @@ def about(path: str | Path) -> dict[str, Any]:
 
 
 def load(path: str | Path, warn: bool = True) -> Checkpoint:
-    """Reads a checkpoint, and warns if it comes from another kind of processor, unless told not to.
+    """Reads a checkpoint, and warns if it comes from another kind of processor, if ``warn``.
 
     Raises as :func:`read`, and CheckpointError if it was made by other versions or in another variant.
     """

@@ -83,7 +83,7 @@ class Derivatives:
             # All lanes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
             # but the sum itself would be another kernel.
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
-            dr.eval()  # what was scattered to the parameters, so that each time has the same kernels
+            dr.eval()  # the derivatives of the parameters, so that each time has the same kernels
 
     def forward(self) -> mi.TensorXf:
         """The derivative of the film's values, by those that the scene's parameters have."""

@@ -136,8 +136,8 @@ def requested(state: FilmState) -> np.ndarray:
 
 
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
-    """The counts of the next pass: in proportion to the requested samples, as many as the target needs, within what
-    a pass may take. Sets ``state.effort``. ``speed``: samples of a pixel in a second, 0 if not known.
+    """The counts of the next pass: in proportion to the requested samples, as many as the target needs, at most
+    those of a pass. Sets ``state.effort``. ``speed``: samples of a pixel in a second, 0 if not known.
     """
     request, count = requested(state), np.array(state.accumulators.count)
     deviation, have = display_variance(state.accumulators), mean(count)

@@ -1,4 +1,4 @@
-"""An integrator that renders progressively: what ``prosim`` and the wrapper of other integrators share."""
+"""The base class of progressive integrators: ``prosim`` and the wrapper of other integrators."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.noise_99 = number(props, "noise_99", 0.0, 0)
         self.noise_999 = number(props, "noise_999", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
-        # What makes most of many samples is the default where there may be many.
+        # The best policy for many samples is the default where a pixel may have many.
         has_target = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
         default = "graded" if has_target else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
@@ -63,13 +63,13 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
         self.band = whole(props, "band", 1 << 18, 1)
         self.own_aovs, self.mitsuba_aovs = asked_aovs(props)
-        #: What :meth:`cancel` ends.
+        #: The renders that :meth:`cancel` ends.
         self._renders: weakref.WeakSet[Render] = weakref.WeakSet()
         self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
-        """What finds the radiance along rays of ``sensor`` in ``scene``, see :class:`.Transport`; ``attached``: whether
-        derivatives are wanted.
+        """The estimator of the radiance along rays of ``sensor`` in ``scene``, see :class:`.Transport`; ``attached``:
+        whether derivatives are wanted.
         """
         raise NotImplementedError
 
@@ -132,7 +132,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         sampling: Sampling | None = None,
         denoiser: Denoiser | None = None,
     ) -> Render:
-        """Returns what :meth:`render` does, as a loop: an iterator that yields a :class:`.Step` after each work item,
+        """Renders step by step: returns an iterator that yields a :class:`.Step` after each work item,
         and whose methods show the image so far.
 
         ``executor``: takes the samples, in the place of this process; ``begin``: continues from a checkpoint;
@@ -178,7 +178,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         own_aovs: Sequence[str] | None,
         *how: Any,
     ) -> Render:
-        # With the first image: what makes images, and NumPy, would take longer to load than all plugins together.
+        # Imported for the first image: NumPy and the engine would take longer to load than all plugins together.
         from .render import Render
 
         estimator = self.estimator(scene, sensor)
@@ -221,7 +221,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         image = derivatives.develop(storage, self.aov_names())
         dr.forward_to(image)
         gradient = dr.grad(image)
-        return with_more_channels(gradient, len(self.own_aovs))  # what it says of itself has no derivatives
+        return with_more_channels(gradient, len(self.own_aovs))  # the integrator's own channels have no derivatives
 
     @alone()
     def render_backward(

@@ -67,7 +67,8 @@ class Plan:
     seed: mi.UInt32
     #: The film's crop window.
     window: Rectangle
-    #: The pixels that have samples: the film, and what its filter reaches beyond it where the film samples its border.
+    #: The pixels that have samples: the film, and the pixels beyond it within the filter's reach where the film samples
+    #: its border.
     domain: Rectangle
     #: Pixels around its own that a sample is spread over.
     reach: int

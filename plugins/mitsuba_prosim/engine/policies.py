@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Policy:
     """Every pixel gets all samples: the policy ``none``, and the base class of the others.
 
-    ``threshold``: the integrator's parameter. A subclass overrides what differs.
+    ``threshold``: the integrator's parameter. A subclass overrides the differences.
     """
 
     #: How many pixels around a pixel the policy looks at.

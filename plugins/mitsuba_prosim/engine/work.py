@@ -28,7 +28,7 @@ CLASSES = 4
 
 
 class Step(NamedTuple):
-    """What :class:`.Render` yields after each work item."""
+    """The progress that :class:`.Render` yields after each work item."""
 
     #: The part of the image that is done, 0 to 1, as far as is known: it may fall.
     done: float

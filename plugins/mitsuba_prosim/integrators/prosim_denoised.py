@@ -78,7 +78,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
         return [*self.nested.aov_names(), *LAYERS]
 
     def cancel(self) -> None:
-        """Ends a rendering in progress; what was finished is not denoised."""
+        """Ends a render in progress; its image is not denoised."""
         self.nested.cancel()
 
     def to_string(self) -> str:
@@ -93,7 +93,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> mi.TensorXf:
-        # With the first image: few denoise, and what it takes is slow to load.
+        # Imported for the first image: few users denoise, and the denoiser is slow to load.
         from ..denoising import halves, layers
 
         if isinstance(sensor, int):

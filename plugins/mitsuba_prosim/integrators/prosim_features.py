@@ -1,4 +1,4 @@
-"""What a denoiser is told of a view, as an integrator."""
+"""An integrator of the features of a view for denoisers: albedo and normal."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Light: what sources emit, and how surfaces sample them (sections 4.2.2.1, 5.2): one strategy a file, and a table."""
+"""Light: emission of sources, and light sampling (sections 4.2.2.1, 5.2): one strategy a file, and a table."""

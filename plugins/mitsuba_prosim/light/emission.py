@@ -20,7 +20,8 @@ def read_emission(props, name, default=None):
     """The texture of the emission; None if the parameter is absent and has no ``default``.
 
     Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative. In
-    spectral variants Mitsuba turns texels into the coefficients of spectra, of any sign; of those only NaN is told.
+    spectral variants Mitsuba turns texels into the coefficients of spectra, of any sign; only NaN among those has a
+    warning.
     """
     allowed = "finite numbers >= 0"
     values = constant(props, name)

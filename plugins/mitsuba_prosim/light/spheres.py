@@ -40,7 +40,7 @@ class SphereLights(OtherLights):
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
             return False
-        # What varies over the sphere would need the texture coordinates.
+        # Radiance that varies over the sphere would need the texture coordinates.
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:

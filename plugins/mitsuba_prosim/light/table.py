@@ -87,7 +87,7 @@ class Lamp:
         return self._by_strategy(mi.Bool(True), lambda s, k, _: s.may_meet(k, o, d))
 
     def _by_strategy(self, active: mi.Bool, evaluate: Callable[[OtherLights, Index, mi.Bool], Any]) -> Any:
-        """What ``evaluate`` returns for the strategy of the lamp, the lamp's number within it, and a mask.
+        """The result of ``evaluate`` for the strategy of the lamp, the lamp's number within it, and a mask.
 
         With several groups, in scalar variants ``active`` must be true.
         """

@@ -24,7 +24,7 @@ COARSE = 1 << 14
 
 
 class LoadedScene:
-    """A scene file that ``opener`` opens. Raises what that raises."""
+    """A scene file that ``opener`` opens. Raises the errors of ``opener``."""
 
     def __init__(self, opener: Opener) -> None:
         self.file, self.scene, self.sensor = opener()

@@ -63,7 +63,7 @@ def show(
     again stops the image.
 
     Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants and where no variant is set,
-    and what the scene's maker raises.
+    and the errors of the function that makes the scene.
     """
     if mi.variant() is None:
         raise RuntimeError("show: no variant is set; set one before, such as mi.set_variant('llvm_ad_rgb').")
@@ -113,7 +113,7 @@ class View:
             raise ImportError(extras.needs("show", "notebooks")) from error
         from IPython.display import display
 
-        #: What renders it in the background, where there is a notebook.
+        #: The task that renders in the background, in a notebook.
         self.task: asyncio.Task[None] | None = None
         self._image, self._factor = image, np.float32(2**exposure)
         self._picture: Picture | None = None
@@ -167,7 +167,7 @@ class View:
         """Waits for the end, while the notebook runs other tasks. Interrupting the kernel stops the image."""
         if self.task is not None:
             yield from self.task.__await__()
-            self._finish()  # once more, from the cell that waits: what runs a notebook may hear no other
+            self._finish()  # again, from the cell that waits: some programs that run notebooks receive no other output
         return self
 
     async def converge(self) -> None:
@@ -212,7 +212,7 @@ class View:
 
     def _png(self, values: np.ndarray, effort: int = -1) -> bytes:
         if values.ndim == 2:
-            # As png makes of linear values what a screen shows.
+            # The tone curve of png.
             return png(coloured(values).astype(np.float32) ** np.float32(2.2), effort=effort)
         return png(compress(values * self._factor), effort=effort)
 

@@ -17,7 +17,7 @@ LOOK, SILENCE = 0.02, 15.0
 
 @dataclass(frozen=True)
 class State:
-    """What a page shows."""
+    """The state that a page shows."""
 
     #: The name of the scene's file.
     scene: str

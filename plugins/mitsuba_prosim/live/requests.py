@@ -82,5 +82,5 @@ class Requests:
                 continue  # the caller waits no longer, as while a large scene was opened
             try:
                 future.set_result(work(scene))
-            except Exception as error:  # noqa: BLE001 (the caller is told)
+            except Exception as error:  # noqa: BLE001 (the caller receives it)
                 future.set_exception(error)

@@ -19,7 +19,7 @@ NAME = "ambient"
 def reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
     """Share of ambient light that ``bsdf`` reflects towards ``si.wi``; for an array of BSDFs, by ``dr.dispatch``.
 
-    Black where none is stated, and on the back of what has but one side.
+    Black without the parameter, and on the back of BSDFs with one side.
     """
     kind = bsdf.class_name()
     if kind == TWO_SIDED:

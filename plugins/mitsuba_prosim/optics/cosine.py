@@ -13,7 +13,7 @@ import mitsuba as mi
 def log1p(x: mi.Float) -> mi.Float:
     """ln(1 + x) for x > -1, exact for small x; below -1 + 1e-8 finite, but no logarithm.
 
-    What rounding 1 + x loses is added to first order; so the derivative is that of the logarithm as well.
+    The rounding error of 1 + x is corrected to first order; so the derivative is that of the logarithm as well.
     """
     u = dr.maximum(1 + x, 1e-8)
     return dr.log(u) + (x - (u - 1)) / u

@@ -86,7 +86,7 @@ class Dispersion:
 
 @dataclass(frozen=True)
 class Indices:
-    """The indices of refraction inside and outside of an interface: numbers, or what depends on the wavelength."""
+    """The indices of refraction inside and outside of an interface: numbers, or functions of the wavelength."""
 
     inside: float | Dispersion
     outside: float | Dispersion
@@ -112,7 +112,7 @@ class Indices:
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
 
     def coefficients(self) -> dict[str, mi.Float]:
-        """The coefficients of what depends on the wavelength, by the names that they are exposed under."""
+        """The coefficients of the functions of the wavelength, by their names in ``mi.traverse``."""
         return {
             f"{side}_{name}": value
             for side, ior in (("int", self.inside), ("ext", self.outside))

@@ -22,7 +22,7 @@ class Distribution(NamedTuple):
     """A distribution, and the plugin parameters that select it."""
 
     name: str  #: value of the parameter ``distribution``
-    parameter: str  #: what its roughness is called
+    parameter: str  #: name of its roughness
     range: tuple[float, float, str]  #: lowest and highest roughness, and that in words
     D: Callable[[mi.Vector3f, mi.Float], mi.Float]
     polar: Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]

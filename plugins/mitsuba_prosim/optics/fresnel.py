@@ -29,7 +29,7 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> tuple[mi.Float, mi.Float, mi.Fl
 
 
 def dielectric(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """Unpolarised reflectance of the interface between two dielectrics: the first of what `interface` returns."""
+    """Unpolarised reflectance of the interface between two dielectrics: the first result of `interface`."""
     return interface(cos_i, eta)[0]
 
 

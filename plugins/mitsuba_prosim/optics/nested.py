@@ -13,7 +13,7 @@ from ..compat import INSTANCE
 
 @functools.cache
 def _callback(variant: str) -> type:
-    """The class that gathers what an object shows of itself, for the active variant.
+    """The class that collects the values that an object exposes, for the active variant.
 
     One class for all calls: each would be garbage with a reference to that, until Python collects it.
     """
@@ -30,7 +30,7 @@ def _callback(variant: str) -> type:
 
 
 def parts(thing: mi.Object) -> dict[str, Any]:
-    """What ``thing``, a BSDF or an emitter, consists of, by the names that ``mi.traverse`` has: BSDFs, textures,
+    """The parts of ``thing``, a BSDF or an emitter, by their names in ``mi.traverse``: BSDFs, textures,
     numbers.
     """
     callback = _callback(mi.variant())()

@@ -35,8 +35,8 @@ def conserve(props: mi.Properties, **defaults: float | None) -> bool:
     """Whether the reflectances of these names are known to add up to at most 1 wherever they are evaluated.
 
     That is so (s + d = 1, section 3.1.1) for numbers, and for colours in a variant that computes with them; of textures
-    and spectra it is known only where they are evaluated. ``defaults``: what a reflectance is if it is not given; None
-    if it is then whatever keeps the sum. Raises ValueError if constants add up to more than 1.
+    and spectra it is known only where they are evaluated. ``defaults``: the values of missing reflectances; None
+    for the value that keeps the sum. Raises ValueError if constants add up to more than 1.
     """
     if any(default is None and name not in props for name, default in defaults.items()):
         return True

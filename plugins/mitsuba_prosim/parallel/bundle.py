@@ -26,8 +26,9 @@ class SceneBundle:
     """A scene for :mod:`.worker`.
 
     ``key`` identifies the content; ``main`` is the name of the XML file; ``changes`` are further arguments of
-    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` says what the samples depend on, see :mod:`..engine.origin`.
-    ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They travel separately.
+    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` has the facts that the samples depend on, see
+    :mod:`..engine.origin`. ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They
+    travel separately.
     """
 
     key: str
@@ -59,7 +60,7 @@ class SceneBundle:
         return cls(key, file.xml.name, file.changes, sensor, origin.here(), contents)
 
     def load(self, contents: Mapping[str, bytes]) -> tuple[mi.Scene, mi.Sensor]:
-        """Its scene and its sensor. Raises what their plugins raise."""
+        """Its scene and its sensor. Raises the errors of their plugins."""
         with atomic.scratch() as folder:
             for name, content in contents.items():
                 path = folder / name

@@ -24,7 +24,7 @@ from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
-#: Seconds between two looks at the workers, and without workers until the user is told.
+#: Seconds between two looks at the workers, and without workers until a warning.
 LOOK, PATIENCE = 0.5, 10.0
 
 #: Tasks for each worker: one runs and one waits.

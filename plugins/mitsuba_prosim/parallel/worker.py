@@ -75,7 +75,7 @@ scenes: OrderedDict[str, Loaded] = OrderedDict()
 
 
 async def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
-    """Sets the variant and the number of threads; returns what the samples depend on.
+    """Sets the variant and the number of threads; returns the facts that the samples depend on.
 
     A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
     process. Raises ImportError or RuntimeError where it lacks the variant.

@@ -62,7 +62,7 @@ class Allocation:
 
 
 class Caustics:
-    """Photons of ``sources`` in ``scene`` for what ``sensor`` sees: ``count`` in a photon pass, traced by ``walk``.
+    """Photons of ``sources`` in ``scene`` for the image of ``sensor``: ``count`` in a photon pass, traced by ``walk``.
 
     A photon pass has several maps (:meth:`maps`), and each sample of a pixel gathers from its own: the ``t``-th from
     map ``t % maps`` of pass ``t // maps``, which must have been emitted (:meth:`draw`). In spectral variants all
@@ -145,12 +145,12 @@ class Caustics:
         return wavelengths.shared(self._key, *self.division(t))
 
     def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-        """What the ``t``-th samples divide the spectrum by, see :attr:`.NRook.division`."""
+        """The divisor of the spectrum for the ``t``-th samples, see :attr:`.NRook.division`."""
         return t, self._n
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32) -> mi.Spectrum:
         """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
-        glossy lobes, each with a ray of its own; after a diffuse reflection they gather none.
+        glossy lobes, each with its own ray; after a diffuse reflection they gather none.
         """
         assert self._current is not None, "no photons have been emitted"
         L = L + self.gathering(self._current, t % dr.opaque(mi.UInt32, self._current.maps), vertex)
@@ -191,7 +191,7 @@ class Caustics:
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
     def _allocation(self, n: int) -> Allocation:
-        """The :class:`Allocation` of a map: in proportion to the RMS of what the photons of a cell add to a pixel,
+        """The :class:`Allocation` of a map: in proportion to the RMS contribution of the photons of a cell to a pixel,
         which minimises the noise (Neyman 1934), by some rounds of pilot photons.
         """
         maps, pairs, edge = self.maps(n), self.sources.pairs, 1

@@ -69,7 +69,7 @@ class Photons:
 
     @classmethod
     def of(cls, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> Photons:
-        """Sorts what has ``landed``; ``map_of``: the map of each."""
+        """Sorts the photons ``landed``; ``map_of``: the map of each."""
         size = dr.width(map_of) // maps
         buckets = 1 << max(4, (size - 1).bit_length())
         mask = dr.opaque(mi.UInt32, buckets - 1)

@@ -29,7 +29,7 @@ OTHER = 0.1
 
 
 class Importance:
-    """What a photon adds to the pixels of ``sensor``, by its flux and by the place where it lands.
+    """The contribution of a photon to the pixels of ``sensor``, by its flux and by the place where it lands.
 
     Rays of the camera go by ``walk`` as photons do. In each cell of space, the sum of the squared reflectances of what
     they meet is its visibility, directly or through specular surfaces.
@@ -53,8 +53,8 @@ class Importance:
         self.irradiance, self.rounds = np.zeros(ENTRIES), 0
 
     def __call__(self, landed: Sequence[Landed | None]) -> np.ndarray:
-        """Mean square of what each photon of a round adds to a pixel, in display units up to a factor; 0 where none has
-        ``landed``.
+        """Mean square contribution of each photon of a round to a pixel, in display units up to a factor; 0 where none
+        has ``landed``.
 
         The tone curve is about a square root: the square of its slope is as the inverse of the radiance, which all
         rounds up to this one tell.

@@ -159,7 +159,7 @@ class PhotonMIS:
         ``ds``: the direction sample of the source from ``origin``, which light sampling takes with the density ``pdf``
         in the lanes ``uses_mis``.
         """
-        # Rays alone find what comes directly from a sky.
+        # Only rays find light directly from a sky.
         found = active & (ray.earlier > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
         others = dr.select(uses_mis & found, 1 + dr.square(pdf / ray.pdf), 1)
         # No photon lands on a near-specular surface that the source lights directly.
@@ -184,7 +184,7 @@ class PhotonMIS:
 
     def radiance(self, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
         """Radiance of photons by the glossy lobes at ``vertex``, with MIS weights, for the ``t``-th sample of a pixel.
-        ``drawn``: the lobes, each with a ray of its own.
+        ``drawn``: the lobes, each with its own ray.
         """
         assert self._emitted is not None, "no photons have been emitted"
         photons, ray, si, bsdf = self._emitted[0], vertex.ray, vertex.si, vertex.bsdf
@@ -264,7 +264,7 @@ class PhotonMIS:
             f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, eye, hit.bsdf, hit.si.wi, active)
             f, pdf = f + f_lobe, pdf + pdf_lobe
         first = hit.level == 0
-        # Light sampling alone finds what comes directly from a source without size; rays alone, what comes from a sky.
+        # Only light sampling finds light directly from a source without size; only rays find that of a sky.
         alone = start.density == ENDLESS
         if self.lights.sky is not None:
             alone |= start.emitter.is_environment()

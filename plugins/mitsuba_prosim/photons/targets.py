@@ -143,5 +143,5 @@ def meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -
 
 
 def line_meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:
-    """Whether the straight line through ``x`` along ``d`` meets a sphere."""
+    """Whether the line through ``x`` along ``d`` meets a sphere."""
     return dr.squared_norm(dr.cross(center - x, d)) <= dr.square(radius)

@@ -106,7 +106,7 @@ class Walk:
             assert glossy is not None
             sample = number(key, LANDS + hit.level)
             glossy = self.mis.pass_on(glossy, start, hit, bs, weight, sample, goes)
-        # A photon either lands or goes on, and keeps about its flux.
+        # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))

@@ -62,7 +62,7 @@ class NRookSampler(PureSampler):
         if n * n != spp:
             mi.Log(mi.LogLevel.Warn, f"nrook: sample count rounded up from {spp} to {n * n}.")
         self.permutations = Permutations(n)
-        self.samples_per_wavefront = None  # until told
+        self.samples_per_wavefront = None  # until it is set
 
     def fork(self) -> NRookSampler:
         copy = super().fork()

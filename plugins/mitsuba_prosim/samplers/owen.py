@@ -49,7 +49,7 @@ class OwenSampler(PureSampler):
     def set_sample_count(self, spp: int) -> None:
         """Sets the number of samples per pixel, any."""
         mi.Sampler.set_sample_count(self, spp)
-        self.samples_per_wavefront = None  # until told
+        self.samples_per_wavefront = None  # until it is set
 
     def points(self) -> Sobol:
         return Sobol(self.pixel, self.index)

@@ -1,4 +1,4 @@
-"""Integer hashes: what makes a sample a pure function of where it is taken."""
+"""Integer hashes, which make a sample a pure function of pixel, space and index."""
 
 from __future__ import annotations
 

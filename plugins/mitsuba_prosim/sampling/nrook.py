@@ -128,7 +128,7 @@ class NRook:
     def in_first_epoch(
         cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi"
     ) -> NRook:
-        """What :meth:`at` gives for ``t`` < N², for less."""
+        """The result of :meth:`at` for ``t`` < N², at less cost."""
         r = t // permutations.n
         points = cls(permutations, key, r, t - r * permutations.n, jitter)
         points.t = t

@@ -1,4 +1,4 @@
-"""What samplers share whose samples are pure functions of seed, pixel, dimension and index."""
+"""The base class of samplers whose samples are pure functions of seed, pixel, dimension and index."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PureSampler(mi.Sampler):
         super().__init__(props)
         self.base_seed = whole(props, "seed", 0, 0, 2**32 - 1)
         self.pixel, self.index, self.dimension = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
-        self.samples_per_wavefront: int | None = None  # until told
+        self.samples_per_wavefront: int | None = None  # until it is set
         self.set_sample_count(whole(props, "sample_count", 4, 1))
 
     def points(self) -> NRook | Sobol:

@@ -114,7 +114,7 @@ class SceneFile:
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene; ``sampler``: the plugin that takes the place of its sampler, with as many samples.
 
-        Raises what Mitsuba raises, ValueError where ``prosim_adaptive`` can't hold the integrator, and
+        Raises Mitsuba's errors, ValueError where ``prosim_adaptive`` can't hold the integrator, and
         :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
         """
         state = mi.parser.ParserState(self.state)
@@ -150,7 +150,7 @@ def instantiate(state: mi.parser.ParserState) -> mi.Scene:
 
 
 def uses(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
-    """Those of ``names`` that occur as ``$name`` in a scene file or in what it includes."""
+    """Those of ``names`` that occur as ``$name`` in a scene file or in the files that it includes."""
     files = [Path(path)]
     if files[0].suffix.lower() == ".xml":
         search = session.resolver([files[0].parent])

@@ -1,1 +1,1 @@
-"""Views (appendix A): what a window on a view plane sees."""
+"""Views through a window on a view plane (appendix A)."""

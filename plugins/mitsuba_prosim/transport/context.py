@@ -1,4 +1,4 @@
-"""What trees and paths need to know: settings, and facts about the scene that are gathered once a render."""
+"""The context of trees and paths: settings, and facts about the scene that are gathered once a render."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the transport of light; :ref:`integrator-prosim` says what each means."""
+    """Settings of the transport of light; :ref:`integrator-prosim` has their meaning."""
 
     max_level: int
     shadows: bool
@@ -52,7 +52,7 @@ class PhotonMIS(Protocol):
     """Multiple importance sampling of rays and photons that find the same light, at glossy surfaces."""
 
     def first(self, ray: Any) -> Any:
-        """The camera ray ``ray``, with what the weights need to know of it."""
+        """The camera ray ``ray``, with the data for its MIS weights."""
 
     def next(self, vertex: Any, following: Any, bs: Any, weight: Any) -> Any:
         """The same for ``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``."""

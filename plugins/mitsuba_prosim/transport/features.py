@@ -31,7 +31,7 @@ class State:
     active: mi.Bool
     level: mi.UInt32
     sampler: mi.Sampler
-    #: What the ray goes through, where the scene has media.
+    #: The medium of the ray, where the scene has media.
     medium: mi.MediumPtr | None = None
 
 

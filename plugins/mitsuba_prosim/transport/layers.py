@@ -1,9 +1,10 @@
 """Layers: further images of the parts of the light, which add up to the image.
 
 ``lights``
-    what each source sends, the background, and the ambient term.
+    the light of each source, the background, and the ambient term.
 ``levels``
-    what the vertices of each level of the ray tree (or path) add: 0 is the first visible surface with its direct light.
+    the radiance of the vertices of each level of the ray tree (or path): 0 is the first visible surface with its direct
+    light.
 ``terms``
     the terms of the thesis's equation (section 4.1) at the first visible surface.
 
@@ -69,7 +70,7 @@ class Radiance:
 
 
 class Layers:
-    """To which layer light belongs; this class is that of an image without layers."""
+    """Assigns light to layers; this class is that of an image without layers."""
 
     #: Whether diffuse and glossy light from the sources belong to different layers.
     splits_lobes = False

@@ -1,4 +1,4 @@
-"""What glass and water absorb of the light that goes through them (Hall 1988, chapter 6 of the thesis): Beer's law.
+"""Absorption of light in glass and water by Beer's law (Hall 1988, chapter 6 of the thesis).
 
 The ``mi.Medium`` of a shape describes its inside. Here a medium is homogeneous and only absorbs; those that scatter are
 ignored.

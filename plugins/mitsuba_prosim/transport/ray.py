@@ -12,7 +12,7 @@ from ..light.strategy import Receiver
 
 @dataclass
 class Ray:
-    """A ray of the tree or path, with what its node needs. All fields are Dr.Jit arrays of one width, or None where
+    """A ray of the tree or path, with the data of its node. All fields are Dr.Jit arrays of one width, or None where
     they would stay as they are: Dr.Jit traces a loop twice in which a variable does.
     """
 
@@ -35,7 +35,7 @@ class Ray:
     sees_emission: mi.Bool | None = None
     #: Whether light from both sides of that surface was sampled; None where no surface has any.
     both_sides: mi.Bool | None = None
-    #: Where anything in the scene absorbs: what the ray goes through (``mi.Medium`` in scalar variants) ...
+    #: Where a medium of the scene absorbs: the medium of the ray (``mi.Medium`` in scalar variants) ...
     medium: mi.MediumPtr | None = None
     #: ... and the distance of ``o`` from the surface that it leaves.
     offset: mi.Float | None = None
@@ -59,7 +59,7 @@ class Ray:
 class Vertex:
     """The surface point that a ray meets, for light sampling and for the rays that leave it."""
 
-    #: The ray as it arrives, less what was absorbed on its way.
+    #: The ray as it arrives, attenuated by absorption on its way.
     ray: Ray
     si: mi.SurfaceInteraction3f
     bsdf: mi.BSDFPtr

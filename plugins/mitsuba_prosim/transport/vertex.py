@@ -79,7 +79,7 @@ def intersect(
 
 
 def absorbed(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """The ray where it meets ``si``, less what the medium on its way has absorbed (Beer's law)."""
+    """The ray where it meets ``si``, attenuated by the medium on its way (Beer's law)."""
     met = active & si.is_valid()
     medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden source

@@ -1,22 +1,21 @@
-"""Coincident faces: solids that have planes in common are moved apart before an operation, and back together after it.
+"""Coincident faces: common planes are perturbed before a Boolean operation, relaxed after it, and snapped at the end.
 
-Where two faces lie on the same plane but for rounding, an operation on their meshes leaves films of no thickness, and
-faces of the wrong owner, at the whim of the last digit. So every facet that lies on a surface that several primitives
-have in common is given the number of its plane, and the vertices are brought onto these planes. Before an operation the
-first solid's facets on the planes that it has in common with the second are moved by a distance that is large against
-rounding and small against all else, afterwards all but back, and in the end onto their planes:
+If two faces lie on the same plane except for rounding, an operation on their meshes leaves films without thickness, and
+faces of the wrong owner. So every facet on a surface that several primitives share has the number of its plane, and its
+vertices are snapped onto that plane. Before an operation the first solid's facets on common planes are perturbed: they
+move by a distance that is large against rounding and small against everything else. After the operation they are
+relaxed, almost back to their places. The final result is snapped onto the planes:
 
-- in A + B, A grows: faces to the same side become A's, touching ones are swallowed;
-- in A - B and A * B, A shrinks: a flush cut goes through, touching ones leave no film, and faces to the same side (of A
-  and of what is kept of it) become A's.
+- in A + B, A grows: faces that look to the same side belong to A, faces that look to opposite sides vanish;
+- in A - B and A * B, A shrinks: a flush cut is open, faces that touch leave no film, and faces that look to the same
+  side belong to A.
 
-So the primitive that stands first in the tree wins, as Requicha and Voelcker (1985) regularize: no film, no dangling
-face. Facets of curved faces are treated likewise; those of one quadric are the same for all its bearers, see
-:mod:`.leaves`.
+So the first primitive in the tree owns a common face, and the result is regularized (Requicha and Voelcker 1985): it
+has no film and no dangling face. Facets of curved faces are treated in the same way; all solids on one quadric have the
+same facets, see :mod:`.leaves`.
 
-Two surfaces that are meant to be the same differ by the rounding of transforms and of decimal fractions. They are
-compared by their equations, in the space of one of the two primitives, where the rounding is small and a difference
-that can be seen is not.
+Equal surfaces differ by the rounding of transforms and of decimal fractions. Their equations are compared in the space
+of one of the two primitives, where rounding is small and a visible difference is large.
 """
 
 from __future__ import annotations
@@ -26,15 +25,15 @@ from collections.abc import Callable, Collection
 import numpy as np
 from manifold3d import Manifold, Mesh64
 
-SAME = 1e-7  # of a quadric's coefficients in a primitive's own space
-NEAR = 1e-6  # the same of its coefficients in the whole scene's space: what differs more is not compared
+SAME = 1e-7  # tolerance of a quadric's coefficients in a primitive's own space
+NEAR = 1e-6  # tolerance of its coefficients in the scene's space; only surfaces within it are compared
 
 
 def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """For each of n surfaces the number of one that it is the same as, its representative.
+    """The representative of each of n surfaces: the number of an equal surface, that of the largest primitive.
 
-    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) of a primitive's own space, which ``matrices[i]`` (n, 4, 4) takes
-    to the world. A representative is its own, and the largest primitive among its like.
+    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) in a primitive's own space, which ``matrices[i]`` (n, 4, 4) maps
+    to the world. A representative represents itself.
     """
     sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
     group = _clusters(_features(quadrics, matrices))
@@ -59,7 +58,7 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
 
 
 def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Numbers (n, 10) that are equal for equal surfaces, in a space in which the scene has about the size 1."""
+    """Coefficients (n, 10), equal for equal surfaces, in a space where the scene has about the size 1."""
     to_unit = np.eye(4)
     center = matrices[:, :3, 3].mean(axis=0)
     scale = max(np.abs(matrices[:, :3, 3] - center).max(), np.abs(matrices[:, :3, :3]).max())
@@ -84,19 +83,19 @@ def _clusters(values: np.ndarray) -> np.ndarray:
     return label
 
 
-STEP = 2.0**-26  # of the scene's size as a power of two, less than single precision shows
-GRAIN = 2.0**-36  # of it, what facets are kept apart by; manifold3d takes 1e-12 for rounding
+STEP = 2.0**-26  # of the scene's size (a power of two): the perturbation, below single precision
+GRAIN = 2.0**-36  # of the same size: the distance of relaxed facets; manifold3d's tolerance is 1e-12
 
-#: Heights of facets over their planes, and the sides that they look to -> other heights.
+#: Heights of facets over their planes, and the sides that they face -> new heights.
 Target = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class Planes:
-    """The planes that facets have in common.
+    """The planes that facets share.
 
     ``planes`` (n, 4) are unit normals and offsets, n.p + d = 0; ``surface`` (n,) is the number of the surface that a
-    plane is (a part of). A facet with the number f lies on the plane ``of_facet[f]``, on none that is shared where that
-    is -1, and looks to the side ``side[f]`` of it (1 or -1). ``step`` is the distance by which solids are moved apart.
+    plane belongs to. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane), and faces the side ``side[f]``
+    of it (1 or -1). ``step`` is the distance of a perturbation.
     """
 
     def __init__(
@@ -112,17 +111,17 @@ class Planes:
         triangles: np.ndarray,
         facets: np.ndarray,
         surface: np.ndarray,
-        bearer: np.ndarray,
+        rank: np.ndarray,
         step: float,
     ) -> Planes:
-        """Those of the ``facets`` (m,) that ``triangles`` (m, 3) of ``vertices`` are parts of.
+        """The planes of the ``facets`` (m,) of ``triangles`` (m, 3) with these ``vertices``.
 
-        For all facets there are their ``surface`` (n,), and a number ``bearer`` (n,) of the face that they are part of.
-        The faces on one surface have the same planes, facet by facet: those of the face with the least number.
+        ``surface`` (n,) and ``rank`` (n,) have the surface of each facet, and the rank of its face. Faces on one
+        surface have the same planes, facet by facet: those of the face with the lowest rank.
         """
         some = np.unique(facets)
-        some = some[np.argsort(bearer[some], kind="stable")]
-        begins = np.flatnonzero(np.diff(bearer[some], prepend=-1))  # of faces
+        some = some[np.argsort(rank[some], kind="stable")]
+        begins = np.flatnonzero(np.diff(rank[some], prepend=-1))  # of faces
         within = np.arange(len(some)) - np.repeat(begins, np.diff(np.append(begins, len(some))))
         keys = surface[some] * (within.max(initial=0) + 1) + within
         _, first, plane = np.unique(keys, return_index=True, return_inverse=True)
@@ -135,82 +134,84 @@ class Planes:
         return cls(own[first], surface[some[first]], of_facet, side, step)
 
     def perturb(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
-        """A solid whose facets on some surfaces are moved by a step, outwards or (-1) inwards."""
+        """A solid with its facets on ``surfaces`` moved by one step, outwards (1) or inwards (-1)."""
         return self._moved(solid, surfaces, lambda height, side: height + outwards * self.step * side)
 
     def relax(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
-        """The result of an operation on a solid that has been moved apart: its facets go back, but stay in their order.
+        """The result of an operation on a perturbed solid, with its facets moved back, but still in their order.
 
-        Strips between facets that were moved and facets that were not keep a width: manifold3d tidies up triangles
-        without an area as it likes.
+        Strips between moved and unmoved facets keep a width, because manifold3d may remove triangles without area.
         """
 
         def target(height: np.ndarray, side: np.ndarray) -> np.ndarray:
             moved = np.abs(height) > self.step / 2
-            past = np.abs(height[~moved]).max(initial=0.0)
-            least = self.step - np.abs(height[moved]).min(initial=np.inf)
-            back = self.step - self.grain - past - max(least, 0.0)
-            if past > self.step / 4 or back < self.step / 2:
+            drift = np.abs(height[~moved]).max(initial=0.0)
+            shortfall = self.step - np.abs(height[moved]).min(initial=np.inf)
+            back = self.step - self.grain - drift - max(shortfall, 0.0)
+            if drift > self.step / 4 or back < self.step / 2:
                 return np.zeros_like(height)  # after hundreds of operations on one plane
             return np.where(moved, height - back * np.sign(height), height)
 
         return self._moved(solid, surfaces, target)
 
     def snap(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
-        """A solid with its vertices brought back onto their planes, as far as they lie on some surfaces."""
+        """A solid with the vertices of its facets on ``surfaces`` snapped onto their planes."""
         return self._moved(solid, surfaces, lambda height, side: np.zeros_like(height))
 
-    def settled(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
-        """Vertices (n, 3) brought onto the planes of the ``facets`` (m,) that ``triangles`` (m, 3) of them lie on."""
+    def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
+        """Vertices (n, 3) snapped onto the planes of the ``facets`` (m,) of their ``triangles`` (m, 3)."""
         if not len(facets):
             return vertices
         pairs = np.unique(triangles * len(self.planes) + self.of_facet[facets, None])
-        return self.onto(vertices, *np.divmod(pairs, len(self.planes)), 0.0)
+        return self.move_points(vertices, *np.divmod(pairs, len(self.planes)), 0.0)
 
     def one_sided(self, surface: int, low: np.ndarray, high: np.ndarray) -> bool:
-        """Whether all boxes (n, 3), from ``low`` to ``high``, are known to lie on one side of a surface."""
+        """Whether all boxes (n, 3), from ``low`` to ``high``, are certainly on one side of a surface."""
         planes = self.planes[self.surface == surface]
-        if len(planes) > 1:  # a curved one
+        if len(planes) > 1:  # a curved surface
             return False
         normal, offset = planes[0, :3], planes[0, 3]
         middle, half = ((low + high) / 2) @ normal + offset, ((high - low) / 2) @ np.abs(normal)
         return bool((middle + half < 8 * self.step).all() or (middle - half > -8 * self.step).all())
 
     def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
-        """A solid with its facets on some surfaces moved to the heights over their planes that ``target`` gives for
-        their present heights and the sides that they look to; facets on other shared planes stay where they are.
+        """A solid with its facets on ``surfaces`` moved to new heights over their planes.
+
+        ``target`` maps their present heights and sides to the new heights. Facets on other shared planes do not move.
         """
         if not surfaces:
             return solid
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         plane, side = self.of_facet[facets], self.side[facets] * signs(mesh)
-        concerned = np.isin(self.surface, list(surfaces))
-        chosen = (plane >= 0) & concerned[plane]
-        if not chosen.any():
+        selected = np.isin(self.surface, list(surfaces))
+        selected_facets = (plane >= 0) & selected[plane]
+        if not selected_facets.any():
             return solid
         triangles = np.asarray(mesh.tri_verts, dtype=np.int64)
         vertices = np.array(mesh.vert_properties)[:, :3]
         touched = np.zeros(len(vertices), bool)
-        touched[triangles[chosen]] = True
+        touched[triangles[selected_facets]] = True
         near = (plane >= 0) & touched[triangles].any(axis=1)
-        triangles, plane, side, chosen = triangles[near], plane[near], side[near], chosen[near]
+        triangles, plane, side, selected_facets = triangles[near], plane[near], side[near], selected_facets[near]
         height = (
             np.einsum("tij,tj->ti", vertices[triangles], self.planes[plane, :3]).mean(axis=1) + self.planes[plane, 3]
         )
-        height[chosen] = target(height[chosen], side[chosen])
+        height[selected_facets] = target(height[selected_facets], side[selected_facets])
         pairs = triangles.ravel() * len(self.planes) + np.repeat(plane, 3)
         pairs, first = np.unique(pairs, return_index=True)
         vertex, on = np.divmod(pairs, len(self.planes))
-        kept = touched[vertex]
+        moving = touched[vertex]
 
         def warp(points: np.ndarray) -> np.ndarray:
-            return self.onto(np.array(points), vertex[kept], on[kept], height[first[kept] // 3])
+            return self.move_points(np.array(points), vertex[moving], on[moving], height[first[moving] // 3])
 
         return solid.warp_batch(warp)
 
-    def onto(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, shift: np.ndarray | float) -> np.ndarray:
-        """Points moved as little as possible: number ``vertex[i]`` to the height ``shift[i]`` over ``plane[i]``."""
+    def move_points(
+        self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, shift: np.ndarray | float
+    ) -> np.ndarray:
+        """Points, number ``vertex[i]`` moved to the height ``shift[i]`` over ``plane[i]``, by the smallest distance."""
         touched, index = np.unique(vertex, return_inverse=True)
         normal, offset = self.planes[plane, :3], self.planes[plane, 3]
         height = shift - (np.einsum("ij,ij->i", normal, points[vertex]) + offset)
@@ -220,7 +221,7 @@ class Planes:
             heights[:, i, 0] = np.bincount(index, normal[:, i] * height)
             for j in range(3):
                 normals[:, i, j] = np.bincount(index, normal[:, i] * normal[:, j])
-        # The least solution of least squares (Tikhonov): few planes leave directions free, many meet in one point.
+        # Tikhonov's regularisation: few planes leave directions free, more than three are overdetermined.
         points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
         return points
 
@@ -232,7 +233,7 @@ def per_triangle(mesh: Mesh64, values: np.ndarray) -> np.ndarray:
 
 
 def signs(mesh: Mesh64) -> np.ndarray:
-    """For each triangle 1, or -1 on the back sides of primitives, of solids that were taken away."""
+    """For each triangle 1, or -1 on the faces of subtracted solids, which look inwards."""
     return per_triangle(mesh, 1 - 2 * (np.asarray(mesh.run_flags, dtype=np.int64) & 1))
 
 

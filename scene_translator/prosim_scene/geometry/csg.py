@@ -1,14 +1,13 @@
-"""The CSG tree, evaluated by manifold3d, whose meshes are lazy: they are computed when they are looked at.
+"""Evaluates the CSG tree with manifold3d, whose meshes are lazy: they are computed on first access.
 
-The tree is evaluated for each group of leaves whose boxes are connected by touching, as other leaves change nothing
-there, and for each medium: what cuts is then all of its operand, and of the rest the leaves of that medium are taken.
-Where two operands have surfaces in common, the first is perturbed before the operation and the result relaxed after it,
-see :mod:`.coincidence`; all other operations are left to manifold3d, which takes many at a time. Long chains of + and -
-are evaluated in halves. Of a sequence that takes X to X - S + P, with solids S and P, two in succession are again one:
+Each connected component of touching boxes is evaluated by itself, once for each medium. For a medium, leaves of other
+media take part only if they cut. If two operands share surfaces, the first is perturbed before the operation, and the
+result is relaxed after it, see :mod:`.coincidence`; manifold3d evaluates all other operations in batches. Long chains
+of + and - are evaluated in halves: a step takes X to X - S + P with solids S and P, and two steps merge into one:
 
     (X - S + P) - S' + P' = X - (S + S') + ((P - S') + P').
 
-So few operations meet the whole result.
+So few operations have the whole result as an operand.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ Tree = Sequence[str | int]
 
 
 def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
-    """A scene's tree; the *number* of a leaf is its place among the leaves."""
+    """A scene's tree; leaves are numbered in their order."""
     numbers = iter(range(len(nodes)))
     return [node.symbol if isinstance(node, Operator) else next(numbers) for node in nodes]
 
@@ -47,7 +46,7 @@ def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]
 
 
 def cutters(tree: Tree, media_of: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Which leaves cut others, being in the second operand of - or *; and which cut leaves of several media at once."""
+    """Which leaves cut others (they are in a second operand of - or *), and which cut leaves of several media."""
     cut, cut_several = (np.zeros(len(media_of) + 1, int) for _ in range(2))
 
     def leaf(number: int) -> tuple[set[int], int, int]:
@@ -67,7 +66,7 @@ def cutters(tree: Tree, media_of: Sequence[int]) -> tuple[np.ndarray, np.ndarray
 
 
 def split(tree: Tree, groups: Sequence[int]) -> dict[int, Tree]:
-    """The tree of each group of leaves alone, by the number of the group; ``groups`` are those of the leaves."""
+    """The tree restricted to each group of leaves, by group; ``groups`` has the group of each leaf."""
 
     def leaf(number: int) -> dict[int, deque[str | int]]:
         return {groups[number]: deque([number])}
@@ -98,17 +97,17 @@ def split(tree: Tree, groups: Sequence[int]) -> dict[int, Tree]:
     return dict(sorted(fold(tree, leaf, combine).items()))
 
 
-DEEP = 16  # alternations of + and -, from which on a chain is evaluated in halves
-CROWD = 64  # solids for each triangle of another one that they touch, from which on that is refined
-FEW = 32  # solids for each triangle then, about
-SMALL = 8  # a solid counts as small if its volume is less than that of the other one by this factor
-LEAST = 4  # triangles of a closed mesh
+MAX_SEQUENCE = 16  # steps of a chain that are evaluated one by one; a longer chain is evaluated in halves
+MAX_CUTS = 64  # small solids that touch a mesh, per triangle; above it the mesh is refined
+REFINED_CUTS = 32  # small solids per triangle of a refined mesh, approximately
+SMALL = 8  # a solid is small if its volume is less than that of the other one by this factor
+MIN_TRIANGLES = 4  # of a closed mesh
 
 
 @dataclass(eq=False)
 class Body:
-    """A solid of one medium: its lazy mesh, the ``boxes`` (n, 2, 3) of the leaves that it comes from (min and max
-    corner), and the shared ``surfaces`` that its faces may lie on. ``solid`` is equal for leaves that are the same.
+    """A solid of one medium: its lazy mesh, the ``boxes`` (n, 2, 3) of its leaves (min and max corner), and the shared
+    ``surfaces`` that its faces may lie on. Equal leaves have the same ``solid``.
     """
 
     manifold: Manifold
@@ -119,16 +118,16 @@ class Body:
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """A box around it, min and max corner."""
+        """Its bounding box, min and max corner."""
         return self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)
 
     def touches(self, other: Body) -> bool:
-        """Whether a box of the other's touches the box around this one."""
+        """Whether a leaf's box of ``other`` touches the bounding box of this body."""
         return len(touching(other.boxes[:, 0], other.boxes[:, 1], self.box)) > 0
 
 
 def checked(manifold: Manifold) -> Manifold:
-    """A mesh that has been computed. Raises ArithmeticError where that fails."""
+    """Computes and returns a lazy mesh. Raises ArithmeticError if that fails."""
     status = manifold.status()
     if status != Error.NoError:
         raise ArithmeticError(f"manifold3d: {status}")
@@ -136,7 +135,7 @@ def checked(manifold: Manifold) -> Manifold:
 
 
 def evaluate(tree: Tree, body: Callable[[int], Body | None]) -> Body | None:
-    """The value of a tree; ``body(number)`` is that of a leaf. None is empty."""
+    """The solid of a tree, or None if it is empty; ``body(number)`` is the solid of a leaf."""
 
     def leaf(number: int) -> _Chain | None:
         value = body(number)
@@ -152,21 +151,21 @@ def evaluate(tree: Tree, body: Callable[[int], Body | None]) -> Body | None:
 
 
 class _Chain:
-    """A growing chain of + and -, or of *: operands with their signs, the first of which does not matter."""
+    """A chain of + and -, or of *: operands with their signs. The sign of the first operand is ignored."""
 
     def __init__(self, first: Body) -> None:
         self.operands = deque([("+", first)])
         self.signs: set[str] = set()
 
     def combined(self, symbol: str, other: _Chain) -> _Chain:
-        """This chain and ``other`` as one, whose operands are taken as its own where A op (B op C) is A op B op C."""
-        alike = {"*"} if symbol == "*" else {"+"}
+        """The chain of this one, ``symbol`` and ``other``, flattened where A op (B op C) equals A op B op C."""
+        flat_signs = {"*"} if symbol == "*" else {"+"}
         left = self if not self.signs or ("*" in self.signs) == (symbol == "*") else _Chain(self.value())
-        right = other if other.signs <= alike else _Chain(other.value())
-        if len(left.operands) < len(right.operands) and left.signs | {symbol} == alike:
+        right = other if other.signs <= flat_signs else _Chain(other.value())
+        if len(left.operands) < len(right.operands) and left.signs | {symbol} == flat_signs:
             right.operands[0] = symbol, right.operands[0][1]
             right.operands.extendleft(reversed(left.operands))
-            right.signs = alike
+            right.signs = flat_signs
             return right
         left.operands.extend((symbol, body) for _, body in right.operands)
         left.signs.add(symbol)
@@ -175,20 +174,20 @@ class _Chain:
     def value(self) -> Body:
         """The chain evaluated from left to right."""
         if "*" not in self.signs:
-            return _sums(list(self.operands))
+            return _sum_chain(list(self.operands))
         bodies = [body for _, body in self.operands]
         return reduce(partial(combined, "*"), bodies)
 
 
-#: The bodies that a step of a chain takes away, and those that it adds then.
+#: A step of a chain: the body that it subtracts first, and the body that it adds then.
 Step = tuple[Body | None, Body | None]
 
 
-def _sums(chain: list[tuple[str, Body]]) -> Body:
-    """A chain of + and -, the first operand being positive.
+def _sum_chain(chain: list[tuple[str, Body]]) -> Body:
+    """The value of a chain of + and -; the first operand is positive.
 
-    Operands that do not touch commute. So each joins the earliest step (which takes away first, and then adds) that
-    comes after all earlier operands that it touches, but for those of its own sign.
+    Operands that do not touch commute. So each operand is moved to the earliest possible step: after the steps of all
+    earlier operands that it touches, or in the same step if their signs are equal.
     """
     adds = np.array([sign == "+" for sign, _ in chain])
     boxes = np.array([body.box for _, body in chain])
@@ -202,34 +201,34 @@ def _sums(chain: list[tuple[str, Body]]) -> Body:
     for (sign, body), number in zip(chain, step.tolist()):
         (added if sign == "+" else taken)[number].append(body)
     steps = [(union(bodies), union(others)) for bodies, others in zip(taken, added)]
-    if len(steps) > DEEP and _associative(chain, adds, low, high):
-        result = halves(steps)[1]
+    if len(steps) > MAX_SEQUENCE and _associative(chain, adds, low, high):
+        result = merge_in_halves(steps)[1]
     else:
-        result = reduce(lambda before, step: _both((None, before), step)[1], steps, None)
+        result = reduce(lambda before, step: _merge((None, before), step)[1], steps, None)
     assert result
     return result
 
 
-def halves(steps: list[Step]) -> Step:
-    """A sequence of steps as one, by halves."""
+def merge_in_halves(steps: list[Step]) -> Step:
+    """Merges a sequence of steps into one, by halves."""
     if len(steps) == 1:
         return steps[0]
     middle = len(steps) // 2
-    return _both(halves(steps[:middle]), halves(steps[middle:]))
+    return _merge(merge_in_halves(steps[:middle]), merge_in_halves(steps[middle:]))
 
 
-def _both(first: Step, second: Step) -> Step:
-    """Two steps as one."""
+def _merge(first: Step, second: Step) -> Step:
+    """Merges two successive steps."""
     rest = combined("-", first[1], second[0]) if first[1] and second[0] else first[1]
     return union([first[0], second[0]]), union([rest, second[1]])
 
 
 def _associative(chain: list[tuple[str, Body]], adds: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
-    """Whether a chain may be evaluated in halves: every face goes to the operand that it goes to from left to right.
+    """Whether a chain may be evaluated in halves: each face has the same owner as in evaluation from left to right.
 
-    A later operand may cover a face, and one still later that has a face on the same surface lay it bare again. The
-    face is the latter's from left to right, but the first one's in halves. It cannot be covered if nothing that is
-    added reaches beyond the surface.
+    An operand may cover a face, and a later one with a face on the same surface may cut it open again. From left to
+    right the later operand owns the face, in halves the first one. A face cannot be covered if no added operand extends
+    beyond its surface.
     """
     bodies = [body for _, body in chain]
     for i in np.flatnonzero(~adds).tolist():
@@ -242,23 +241,23 @@ def _associative(chain: list[tuple[str, Body]], adds: np.ndarray, low: np.ndarra
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
-    """The union of bodies; of a common face that of the first one in their order is left. None where there are none."""
+    """The union of bodies, or None if there are none; the first body owns a common face."""
     solids: dict[int | None, Body] = {}
-    some = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
-    if len(some) < 2:
-        return some[0] if some else None
-    surfaces = frozenset().union(*(body.surfaces for body in some))
-    if len(surfaces) < sum(len(body.surfaces) for body in some):
-        middle = len(some) // 2
-        first, second = union(some[:middle]), union(some[middle:])
+    distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
+    if len(distinct) < 2:
+        return distinct[0] if distinct else None
+    surfaces = frozenset().union(*(body.surfaces for body in distinct))
+    if len(surfaces) < sum(len(body.surfaces) for body in distinct):
+        middle = len(distinct) // 2
+        first, second = union(distinct[:middle]), union(distinct[middle:])
         assert first and second
         return combined("+", first, second)
-    result = Manifold.batch_boolean(_refined(some), OpType.Add)
-    return Body(result, np.concatenate([body.boxes for body in some]), surfaces, some[0].planes)
+    result = Manifold.batch_boolean(_refined(distinct), OpType.Add)
+    return Body(result, np.concatenate([body.boxes for body in distinct]), surfaces, distinct[0].planes)
 
 
 def combined(symbol: str, first: Body, second: Body) -> Body:
-    """The union (+), difference (-) or intersection (*) of two bodies; a common face is the first one's."""
+    """The union (+), difference (-) or intersection (*) of two bodies; the first one owns a common face."""
     if symbol == "-" and not first.touches(second):
         return first
     operation = {"+": OpType.Add, "-": OpType.Subtract, "*": OpType.Intersect}[symbol]
@@ -266,18 +265,19 @@ def combined(symbol: str, first: Body, second: Body) -> Body:
     return _operation(first, second, operation, 1 if symbol == "+" else -1, boxes)
 
 
-def beneath(first: Body, second: Body) -> Body:
-    """The second body less the first one; a common face is the first one's."""
+def remainder(first: Body, second: Body) -> Body:
+    """The second body minus the first one; the first one owns a common face."""
     return _operation(first, second, None, 1, second.boxes)
 
 
 def _operation(first: Body, second: Body, operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
-    """The result of an operation on two bodies, None for the second one less the first one. The first one is moved
-    ``outwards`` (1 or -1) on the surfaces that they have in common.
+    """The result of an operation on two bodies; None is the second body minus the first one.
+
+    The first one is perturbed on common surfaces: outwards (1) or inwards (-1).
     """
     planes = first.planes
     common = first.surfaces & second.surfaces if first.touches(second) else frozenset()
-    pair = [planes.perturb(_crowded(first, second), common, outwards), _crowded(second, first)]
+    pair = [planes.perturb(_refined_for(first, second), common, outwards), _refined_for(second, first)]
     result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
     if common and not checked(result).is_empty():
         result = planes.relax(result, common)
@@ -285,8 +285,8 @@ def _operation(first: Body, second: Body, operation: OpType | None, outwards: in
 
 
 def _refined(bodies: list[Body]) -> list[Manifold]:
-    """The meshes of bodies, those of which are refined that a crowd of others touches."""
-    if len(bodies) <= LEAST * CROWD:
+    """The meshes of bodies; those that many smaller bodies touch are refined."""
+    if len(bodies) <= MIN_TRIANGLES * MAX_CUTS:
         return [body.manifold for body in bodies]
     low, high = (np.array(ends) for ends in zip(*(body.box for body in bodies)))
     size = (high - low).prod(axis=1)
@@ -294,27 +294,28 @@ def _refined(bodies: list[Body]) -> list[Manifold]:
     for one, other in sweep(low, high):
         for large, small in ((one, other), (other, one)):
             np.add.at(others, large[size[small] < size[large] / SMALL], 1)
-    return [_divided(body, count) for body, count in zip(bodies, others.tolist())]
+    return [_refined_mesh(body, count) for body, count in zip(bodies, others.tolist())]
 
 
-def _crowded(body: Body, other: Body) -> Manifold:
-    """The mesh of a body, refined if a crowd of leaves of another one touches it."""
-    if len(other.boxes) <= LEAST * CROWD:
+def _refined_for(body: Body, other: Body) -> Manifold:
+    """The mesh of a body, refined if many smaller leaves of another one touch it."""
+    if len(other.boxes) <= MIN_TRIANGLES * MAX_CUTS:
         return body.manifold
     low, high = body.box
     boxes = other.boxes[touching(other.boxes[:, 0], other.boxes[:, 1], (low, high))]
     size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
-    return _divided(body, int((size < (high - low).prod() / SMALL).sum()))
+    return _refined_mesh(body, int((size < (high - low).prod() / SMALL).sum()))
 
 
-def _divided(body: Body, others: int) -> Manifold:
-    """The mesh of a body that ``others`` smaller ones touch, refined if these are many for its triangles, such as holes
-    in the face of a plate.
+def _refined_mesh(body: Body, others: int) -> Manifold:
+    """The mesh of a body that ``others`` smaller bodies touch, refined if these are many, such as holes in a plate.
 
-    manifold3d gives the rest of a triangle new triangles in a time that grows as the square of what has cut it.
+    manifold3d triangulates a cut triangle in a time that grows as the square of the number of cuts.
     """
-    if others <= LEAST * CROWD or others <= CROWD * body.manifold.num_tri():
+    if others <= MIN_TRIANGLES * MAX_CUTS or others <= MAX_CUTS * body.manifold.num_tri():
         return body.manifold
     low, high = body.box
     _, middle, longest = sorted((high - low).tolist())
-    return body.manifold.refine_to_length(max(math.sqrt(middle * longest * FEW / others), longest * FEW / others))
+    return body.manifold.refine_to_length(
+        max(math.sqrt(middle * longest * REFINED_CUTS / others), longest * REFINED_CUTS / others)
+    )

@@ -8,21 +8,22 @@ import numpy as np
 K = TypeVar("K", bound=Hashable)
 
 
-def alike(keys: Iterable[K]) -> dict[K, list[int]]:
-    """The numbers of equal keys, from 0, by the key."""
+def group_equal(keys: Iterable[K]) -> dict[K, list[int]]:
+    """The positions of equal keys, from 0, by key."""
     groups: dict[K, list[int]] = {}
     for number, key in enumerate(keys):
         groups.setdefault(key, []).append(number)
     return groups
 
 
-PAIRS = 1 << 20  # at a time
+MAX_PAIRS = 1 << 20  # at a time
 
 
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Pairs of touching boxes, each once and many at a time, as two arrays of their numbers.
 
-    ``low``, ``high`` (n, 3) are their min and max corners. Pairs go by the box with the lesser x, in the order of that.
+    ``low``, ``high`` (n, 3) are their min and max corners. The first box of a pair has
+    the smaller x; pairs are in the order of it.
     """
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]
@@ -32,7 +33,7 @@ def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.nd
     begin = 0
     while begin < len(order):
         done = ends[begin - 1] if begin else 0
-        end = max(int(np.searchsorted(ends, done + PAIRS, side="right")), begin + 1)
+        end = max(int(np.searchsorted(ends, done + MAX_PAIRS, side="right")), begin + 1)
         first = np.repeat(np.arange(begin, end), counts[begin:end])
         second = np.arange(len(first)) - np.repeat(ends[begin:end] - counts[begin:end] - done, counts[begin:end])
         second += first + 1
@@ -45,13 +46,13 @@ def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.nd
 
 
 def touching(low: np.ndarray, high: np.ndarray, box: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """The numbers of the boxes that touch another one, in their order."""
+    """The numbers of the boxes that touch ``box``, in ascending order."""
     found = np.flatnonzero((low[:, 0] <= box[1][0]) & (high[:, 0] >= box[0][0]))
     return found[((low[found, 1:] <= box[1][1:]) & (high[found, 1:] >= box[0][1:])).all(axis=1)]
 
 
 def components(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """For each of n boxes the least number of those that it is connected with by touching."""
+    """The connected component of each of n boxes under touching: the least number of a box in it."""
     label = np.arange(len(low))
     for first, second in sweep(low, high):
         while True:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64
 
-from .grouping import alike
+from .grouping import group_equal
 from .primitives import Corners, Mesh, Primitive
 
-#: NumPy's types, and what PLY calls them; its orders of bytes.
+#: NumPy's types and PLY's names for them; PLY's byte orders.
 NAMES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16", "i4": "int int32"}
 NAMES |= {"u4": "uint uint32", "f4": "float float32", "f8": "double float64"}
 TYPES = {name: kind for kind, names in NAMES.items() for name in names.split()}
@@ -20,24 +20,24 @@ ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 HEADER = re.compile(rb"ply\s.*?\nend_header[ \t]*\r?\n", re.DOTALL)
 #: The names of PLY's texture coordinates.
 UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
-#: Coordinates are no larger than the language's numbers.
+#: The largest coordinate, that of the language.
 LARGE = 1e15
 
-#: The names of a PLY element's values, and their types; of a list that of its length first.
+#: The names and types of a PLY element's values; a list has two types, of its length and of its items.
 Properties = list[tuple[str, list[str]]]
 
 
 class MeshFile(Primitive):
-    """A closed mesh. Its facets and its faces are its triangles; none is known to coincide with another solid's.
+    """A closed mesh. Its facets and its faces are its triangles; none is tested for coincidence with other solids.
 
-    ``corners`` have the file's normals, where it has some that look to the side of their face, and its (u, v), or else
-    (x, y).
+    ``corners`` have the file's normals, or those of the faces where it has none or they look to the wrong side, and its
+    (u, v), or else (x, y).
     """
 
     quadrics = np.empty((0, 4, 4))
 
     def __init__(self, data: bytes) -> None:
-        """Reads the content of a file. Raises ValueError, which says why it is no solid."""
+        """Reads the content of a file. Raises ValueError, with the reason, if it is not a solid."""
         self.name = f"mesh {hashlib.sha256(data).hexdigest()}"
         try:
             points, index, normals, uv = _ply(data) if data[:3] == b"ply" else _obj(data.decode("latin-1"))
@@ -46,7 +46,7 @@ class MeshFile(Primitive):
             _check_table(normals, index[..., 2], 3)
             points, number = np.unique(points + 0.0, axis=0, return_inverse=True)  # -0 is 0
         except (ValueError, OverflowError, LookupError, TypeError, StopIteration) as error:
-            why = error if isinstance(error, (ValueError, OverflowError)) else "its header is not that of a mesh"
+            why = error if isinstance(error, (ValueError, OverflowError)) else "its header is not a mesh header"
             raise ValueError(f"cannot be read: {why}; expected a whole file, PLY or OBJ") from None
         triangles = number.reshape(-1)[index[..., 0]]
         proper = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
@@ -63,16 +63,16 @@ class MeshFile(Primitive):
         self._origin, b, c = (points[triangles[:, i]] for i in range(3))
         self._flat = np.cross(b - self._origin, c - self._origin)
         square = np.maximum(np.sum(self._flat**2, axis=1, keepdims=True), 1e-300)
-        #: What the coordinates along two edges of a triangle are found by.
+        #: The dual basis of two edges: gives barycentric coordinates.
         self._dual = np.stack(
             [np.cross(c - self._origin, self._flat / square), np.cross(self._flat / square, b - self._origin)], axis=2
         )
-        #: Of the triangles' corners, (m, 3, 3) and (m, 3, 2); None where the file lacks them.
+        #: Of the triangles' corners, (m, 3, 3) and (m, 3, 2); None if the file lacks them.
         self.normals = None if normals is None else normals[index[..., 2]]
         self.uv = None if uv is None else uv[index[..., 1]]
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
-        """The file's mesh, however fine it is."""
+        """The file's mesh, for any number of segments."""
         return self._mesh
 
     def count(self, segments: int) -> int:
@@ -80,7 +80,7 @@ class MeshFile(Primitive):
         return len(self._mesh.triangles)
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
-        """The file's normals and (u, v), interpolated over its triangles with the numbers ``face``."""
+        """The file's normals and (u, v), interpolated over its triangles ``face``."""
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)
         flat = np.repeat(self._flat[face, None], 3, axis=1)
@@ -92,7 +92,7 @@ class MeshFile(Primitive):
 
 @lru_cache(maxsize=16)
 def mesh_file(data: bytes) -> MeshFile:
-    """The solid in a file with this content, which is read once for all frames of a film. Raises as MeshFile does."""
+    """The solid of a file with this content, cached for the frames of a film. Raises ValueError as MeshFile does."""
     return MeshFile(data)
 
 
@@ -101,13 +101,13 @@ def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> Non
     if table is None:
         return
     if table.shape[1:] != (width,) or not 0 <= index.min() <= index.max() < len(table):
-        raise ValueError("a face has a corner that is not there, or has too few numbers")
+        raise ValueError("a face has a corner that does not exist, or that has too few numbers")
     if not (np.abs(table) <= LARGE).all():
         raise ValueError(f"a number is not finite, or beyond {LARGE:g}")
 
 
 def _check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
-    """Raises ValueError unless every edge is run through as often in one direction as in the other."""
+    """Raises ValueError unless each edge occurs as often in one direction as in the other."""
     a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     edges, number = np.unique(np.minimum(a, b) * len(points) + np.maximum(a, b), return_inverse=True)
     wrong = np.flatnonzero(np.bincount(number, np.sign(b - a)) != 0)
@@ -122,13 +122,13 @@ def _check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
         )
 
 
-#: Vertices (n, 3); the numbers of the vertex, the (u, v) and the normal of triangles' corners (m, 3, 3); normals and
+#: Vertices (n, 3); the numbers of vertex, (u, v) and normal of the triangles' corners (m, 3, 3); normals and
 #: (u, v), if the file has them for all corners.
 Raw = tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]
 
 
 def _ply(data: bytes) -> Raw:
-    """What a PLY file says. Raises ValueError, IndexError, KeyError or OverflowError."""
+    """The content of a PLY file. Raises ValueError, IndexError, KeyError or OverflowError."""
     header = HEADER.match(data)
     if header is None:
         raise ValueError("its header has no end")
@@ -162,7 +162,7 @@ def _rows(body: bytes, at: int, count: int, properties: Properties) -> tuple[dic
     """The values of ``count`` rows of an element by their names, and where the next element begins."""
     if not count or not properties:
         return {}, at
-    fields: list[Any] = []  # of a row whose lists are as long as those of the first one
+    fields: list[Any] = []  # of a row whose lists have the lengths of the first row's lists
     lengths = {}
     for name, types in properties:
         if len(types) > 1:
@@ -184,7 +184,7 @@ def _rows(body: bytes, at: int, count: int, properties: Properties) -> tuple[dic
 
 
 def _obj(text: str) -> Raw:
-    """What an OBJ file says. Raises ValueError or IndexError."""
+    """The content of an OBJ file. Raises ValueError or IndexError."""
     found: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     polygons: list[list[list[int]]] = []
     for line in re.sub(r"\\\r?\n", " ", text).replace("\r", "\n").split("\n"):
@@ -202,20 +202,20 @@ def _obj(text: str) -> Raw:
 
 
 def _number(text: str, count: int) -> int:
-    """The number from 0 that OBJ means: from 1, or back from the last one so far; -1 where it gives none."""
+    """OBJ's index (from 1, or negative from the last one so far) as an index from 0; -1 if it is empty."""
     if not text:
         return -1
     number = int(text)
     if number == 0 or number < -count:
-        raise ValueError(f"a face has a corner {number}")
+        raise ValueError(f"a face has a corner {number}, which does not exist")
     return number - 1 if number > 0 else count + number
 
 
 def _fans(polygons: Sequence[Any]) -> np.ndarray:
     """The triangles (m, 3, ...) of convex polygons, each a sequence of corners. Raises ValueError if there are none."""
     result = []
-    for count, numbers in alike(map(len, polygons)).items():
-        with np.errstate(invalid="ignore"):  # what is no number becomes an index that is not there
+    for count, numbers in group_equal(map(len, polygons)).items():
+        with np.errstate(invalid="ignore"):  # NaN becomes an invalid index, which is checked later
             some = np.array([polygons[i] for i in numbers]).astype(np.int64)
         if count > 2:
             fan = np.stack([np.repeat(some[:, :1], count - 2, axis=1), some[:, 1:-1], some[:, 2:]], axis=2)

@@ -1,4 +1,4 @@
-"""The primitives of the language: what each says about itself, in its own space.
+"""The primitives of the language, each in its own space.
 
 CUBE is [0, 1]^3; SPHERE the unit ball; CYLINDER x^2 + y^2 <= 1, 0 <= z <= 1; CONE x^2 + y^2 <= z^2, 0 <= z <= 1, with
 its apex at the origin.
@@ -16,22 +16,21 @@ from manifold3d import Manifold
 from ..camera import Camera
 
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # around a circle
-#: A solid outside the window may be visible in a mirror, or by its shadow: its tolerance is larger by this factor, and
-#: its segments are at most these.
-UNSEEN_TOLERANCE, UNSEEN_SEGMENTS = 10.0, 128
-#: A ball that is longer than wide by more than this is as fine as if it were not: that is too coarse near its ends
-#: alone, and manifold3d takes minutes for two such balls with many triangles.
-NEEDLE = 16.0
-ON_AXIS = 1e-6  # distance from an axis or an apex within which a corner has no azimuth of its own
+#: The tolerance of a solid outside the window is larger by this factor, and it has at most this number of segments; a
+#: mirror or a shadow may still show it.
+OUTSIDE_TOLERANCE, OUTSIDE_SEGMENTS = 10.0, 128
+#: The largest aspect ratio of an ellipsoid that increases its segments. A longer one is too coarse near its ends only;
+#: with more triangles, manifold3d takes minutes for two of them.
+MAX_ASPECT = 16.0
+ON_AXIS = 1e-6  # distance from the axis or the apex below which the azimuth of a corner is undefined
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """A closed mesh: ``vertices`` (n, 3), ``triangles`` (m, 3) all wound to the same side, ``facets`` (m,), the number
-    of the plane facet that each triangle is part of, and ``faces`` (k,), the number of the face that each facet is part
-    of.
+    """A closed mesh: ``vertices`` (n, 3), ``triangles`` (m, 3) with one orientation, the plane facet ``facets`` (m,) of
+    each triangle, and the face ``faces`` (k,) of each facet.
 
-    A flat face is one facet; a curved one is approximated by as many as it takes.
+    A flat face is one facet; many facets approximate a curved one.
     """
 
     vertices: np.ndarray
@@ -42,24 +41,24 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Corners:
-    """What a primitive says of the corners of n triangles on its surface.
+    """Attributes of the corners of n triangles on a primitive.
 
-    ``normals`` (n, 3, 3) point outwards and have any length, ``uv`` is (n, 3, 2), and ``alone`` (n, 3) is true where a
-    corner may not be shared with another triangle.
+    ``normals`` (n, 3, 3) point outwards and have any length, ``uv`` is (n, 3, 2), and ``unshared`` (n, 3) is true where
+    triangles may not share the corner.
     """
 
     normals: np.ndarray
     uv: np.ndarray
-    alone: np.ndarray
+    unshared: np.ndarray
 
 
 class Primitive(ABC):
     """A solid. If it has a curved face, it is convex, and planes and one quadric bound it."""
 
-    #: The name that the language gives it; of a mesh's file, what tells its content from any other's.
+    #: Its name in the language; for a mesh file a digest of the content.
     name: str
-    #: The surfaces of its faces as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face; none, and face 0
-    #: for all triangles, where no face is meant to coincide with another solid's.
+    #: The surfaces of its faces as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face. Empty if no face
+    #: can coincide with another solid's face.
     quadrics: ClassVar[np.ndarray]
     #: Its bounding box, min and max corner.
     box: np.ndarray
@@ -69,24 +68,23 @@ class Primitive(ABC):
     axes: ClassVar[int] = 2
     #: Whether its quadric has a second sheet, at z < 0.
     two_sheets: ClassVar[bool] = False
-    #: Lines (k, 2, 3) on the curved face: no point of it is farther from them than ``gap`` times its longest semi-axis.
+    #: Lines (k, 2, 3) on the curved face: each of its points is within ``gap`` times its longest semi-axis of a line.
     lines: ClassVar[np.ndarray]
     gap: ClassVar[float] = 0.08
-    #: So many times the segments of a circle give the same chord error.
+    #: The number of segments for a chord error, relative to that of a circle.
     segment_factor: ClassVar[float] = 1.0
 
     @abstractmethod
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
         """The solid with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
 
-        ``frame`` (4, 4) is a map that takes the quadric to itself, or another primitive's of the same quadric to this
-        one: the facets of the curved face are the images of those that the identity gives, in the same order. Of a
-        sphere it may be a projective map.
+        ``frame`` (4, 4) maps the quadric to itself, or another primitive's equal quadric to this one. It moves the
+        facets of the curved face, in the same order. For a sphere it may be a projective map.
         """
 
     @abstractmethod
     def count(self, segments: int) -> int:
-        """How many triangles :meth:`mesh` gives; MIN_SEGMENTS at least are counted."""
+        """The number of triangles of :meth:`mesh`, for MIN_SEGMENTS at least."""
 
     @abstractmethod
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
@@ -98,29 +96,27 @@ class Primitive(ABC):
         return box_corners(self.box)
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Under linear maps (..., 3, 3): the size of its curved face, centre and radius of a ball around it."""
-        raise NotImplementedError(f"a {self.name} with a curved face says how large that is")
+        """Size of its curved face, centre and radius of a bounding ball, under linear maps (..., 3, 3)."""
+        raise NotImplementedError(f"{self.name}: a primitive with a curved face implements ball()")
 
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> list[int]:
-        """Segments around a circle at each of the places (n, 4, 4), so that the chord error stays below ``tolerance``
-        pixels in the image.
-        """
+        """Segments around a circle for each transform (n, 4, 4), with a chord error below ``tolerance`` pixels."""
         if self.curved is None:
             return [4] * len(to_world)
         linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
         size, center, radius = self.ball(linear)
-        seen = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
+        visible = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
         distance = np.linalg.norm(center + offset - camera.eye, axis=1) - radius
         for i in np.flatnonzero(distance < radius).tolist():
-            # The eye is near the ball around the solid, but maybe not near its surface.
+            # The eye is near the bounding ball, but maybe not near the surface.
             a, b = (self.lines[:, end] @ linear[i].T + offset[i] for end in range(2))
-            distance[i] = max(distance[i], to_segments(a, b, camera.eye) - self.gap * size[i])
-        error = np.where(seen, 1, UNSEEN_TOLERANCE) * tolerance * camera.footprint(distance) / size
-        most = np.where(seen, MAX_SEGMENTS, UNSEEN_SEGMENTS)
+            distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
+        error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * camera.footprint(distance) / size
+        most = np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS)
         return [self.segments_for(*of) for of in zip(error.tolist(), most.tolist())]
 
     def segments_for(self, error: float, most: int = MAX_SEGMENTS) -> int:
-        """Segments around a circle for a chord error, a share of the curved face's radius; ``most`` of them at most."""
+        """Segments around a circle, ``most`` at most, for a chord error relative to the curved face's radius."""
         n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else most
         n = min(max(n * self.segment_factor, MIN_SEGMENTS), most)
         return 4 * math.ceil(n / 4)
@@ -136,7 +132,7 @@ def longest_axis(linear: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.svd(linear, compute_uv=False)[..., 0])
 
 
-def to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:
+def distance_to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:
     """Distance from a point to the nearest of the line segments from a (n, 3) to b (n, 3)."""
     along, length = b - a, np.maximum(np.sum((b - a) ** 2, axis=1), 1e-300)
     t = np.clip(np.sum((point - a) * along, axis=1) / length, 0, 1)
@@ -155,9 +151,9 @@ def circle(segments: int) -> np.ndarray:
 
 
 def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Azimuth of the corners in [0, 1], or up to 2 in triangles across the seam, and which corners lie on the axis.
+    """Azimuth of the corners in [0, 1], or up to 2 in triangles across the seam, and which corners are on the axis.
 
-    A corner on the axis has no azimuth of its own and takes the mean of the others.
+    The azimuth of a corner on the axis is the mean of the others.
     """
     pole = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
@@ -167,9 +163,9 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(pole, others[:, None], u), pole
 
 
-def around_an_axis(p: np.ndarray, face: np.ndarray, gradient: np.ndarray, discs: dict[int, int]) -> Corners:
-    """Corners of a solid of revolution: its side, face 0, has ``gradient`` and (azimuth, z), its discs {face: side}
-    have (x, y) in the unit square.
+def revolution_corners(p: np.ndarray, face: np.ndarray, gradient: np.ndarray, discs: dict[int, int]) -> Corners:
+    """Corners of a solid of revolution. Its side, face 0, has the normals ``gradient`` and uv = (azimuth, z); its discs
+    ``{face: sign of the normal}`` have uv = (x, y) in the unit square.
     """
     normals = gradient.copy()
     u, pole = azimuth(p)
@@ -213,8 +209,8 @@ class Cube(Primitive):
         return Corners(normals, uv, np.zeros(p.shape[:2], bool))
 
 
-def _octahedral(segments: int) -> tuple[np.ndarray, np.ndarray]:
-    """An octahedron, each face of which is divided into equal triangles, with its vertices on the unit sphere."""
+def _subdivided_octahedron(segments: int) -> tuple[np.ndarray, np.ndarray]:
+    """The unit sphere as an octahedron whose faces are divided into equal triangles."""
     mesh = Manifold.sphere(1.0, segments).to_mesh64()
     vertices = np.array(mesh.vert_properties)[:, :3]
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), np.array(mesh.tri_verts, dtype=np.int64)
@@ -228,11 +224,11 @@ class Sphere(Primitive):
     box = np.array([[-1.0, -1, -1], [1, 1, 1]])
     curved = 0
     axes = 3
-    lines = np.repeat(_octahedral(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
+    lines = np.repeat(_subdivided_octahedron(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
     segment_factor = 1.64  # the largest triangles lie in the middles of the octahedron's faces
 
     def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
-        vertices, triangles = _octahedral(segments)
+        vertices, triangles = _subdivided_octahedron(segments)
         placed = vertices @ frame[:3, :3].T
         if frame[3, :3].any():  # a projective map
             placed = (placed + frame[:3, 3]) / (vertices @ frame[3, :3] + frame[3, 3])[:, None]
@@ -243,7 +239,7 @@ class Sphere(Primitive):
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         longest, second = np.moveaxis(np.linalg.svd(linear, compute_uv=False)[..., :2], -1, 0)
-        return np.minimum(longest, NEEDLE * second), np.zeros(linear.shape[:-1]), longest
+        return np.minimum(longest, MAX_ASPECT * second), np.zeros(linear.shape[:-1]), longest
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
         radius = np.linalg.norm(p, axis=2)
@@ -276,7 +272,7 @@ class Cylinder(_OfRevolution):
         around = circle(segments) @ frame[:2, :2].T  # the quadric's generators are parallel to z in either space
         ring = np.append(around / np.linalg.norm(around, axis=1, keepdims=True), np.ones((segments, 1)), axis=1)
         following = (i + 1) % segments
-        fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise seen from above
+        fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise from above
         low = segments  # ring at z = 1, then at z = 0
         triangles = np.concatenate(
             [
@@ -295,7 +291,7 @@ class Cylinder(_OfRevolution):
         return 4 * max(segments, MIN_SEGMENTS) - 4
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
-        return around_an_axis(p, face, p * [1, 1, 0], {1: 1, 2: -1})
+        return revolution_corners(p, face, p * [1, 1, 0], {1: 1, 2: -1})
 
 
 class Cone(_OfRevolution):
@@ -310,7 +306,7 @@ class Cone(_OfRevolution):
         i = np.arange(segments)
         generators = np.append(circle(segments), np.ones((segments, 1)), axis=1) @ frame[:3, :3].T
         ring = np.append(generators[:, :2] / generators[:, 2:], np.ones((segments, 1)), axis=1)
-        fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise seen from above
+        fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise from above
         triangles = np.concatenate([fan, np.stack([i, np.full(segments, segments), (i + 1) % segments], axis=1)])
         facets = np.concatenate([np.zeros(segments - 2, int), i + 1])
         return Mesh(
@@ -321,16 +317,16 @@ class Cone(_OfRevolution):
         return 2 * max(segments, MIN_SEGMENTS) - 2
 
     def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
-        side = around_an_axis(p, face, p * [1, 1, -1], {1: 1})
+        side = revolution_corners(p, face, p * [1, 1, -1], {1: 1})
         apex = (np.linalg.norm(p, axis=2) < ON_AXIS) & (face == 0)[:, None]
         tips = apex.any(axis=1)
-        # The apex has no normal: each triangle takes that of the generator through the middle of its other corners.
+        # The apex has no normal: a triangle takes that of the generator through the middle of its other corners.
         middle = np.where(apex[..., None], 0, p)[tips].sum(axis=1) * [1, 1, 0]
         middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
         middle[:, 2] = -1
         side.normals[tips] = np.where(apex[tips][..., None], middle[:, None], side.normals[tips])
-        return Corners(side.normals, side.uv, side.alone | apex)
+        return Corners(side.normals, side.uv, side.unshared | apex)
 
 
-#: Every primitive by its name, which is that of :attr:`prosim_scene.model.Leaf.shape`.
+#: Primitives by name, the :attr:`prosim_scene.model.Leaf.shape`.
 PRIMITIVES: dict[str, Primitive] = {primitive.name: primitive for primitive in (Cube(), Sphere(), Cylinder(), Cone())}

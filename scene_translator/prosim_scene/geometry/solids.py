@@ -1,4 +1,4 @@
-"""Solids: primitives at their places in the world, and their meshes."""
+"""Solids: primitives with their transforms, and their meshes."""
 
 import math
 from collections.abc import Hashable, Sequence
@@ -15,12 +15,12 @@ IDENTITY.flags.writeable = False
 
 @dataclass(eq=False)
 class Solid:
-    """A primitive at its place; leaves of the tree that are the same share one.
+    """A primitive with its transform; equal leaves of the tree share one.
 
-    ``to_world`` is a 4x4 matrix, ``segments`` the number around a circle, ``surfaces`` are the numbers of those that it
-    has in common with others, by the number of the face, or -1, and ``frame`` is the map to its space from that of the
-    primitive that its curved face has its facets from. ``shrink`` is a factor of the curved face's size, 1 or a little
-    less.
+    ``to_world`` is a 4x4 matrix, ``segments`` the number of them around a circle. ``surfaces`` has for each face the
+    number of the surface that it shares with other solids, or -1. The facets of a shared curved face are those of its
+    owner; ``frame`` maps the owner's space to this solid's space. ``shrink`` is a factor of the curved face's size, 1
+    or slightly less.
     """
 
     primitive: Primitive
@@ -42,28 +42,28 @@ class Solid:
 
     @property
     def inradius(self) -> float:
-        """The curved face's, in its own unit, of the mesh without ``frame`` and ``shrink``."""
+        """The inradius of the curved face's unit mesh, without ``frame`` and ``shrink``."""
         return math.cos(math.pi * self.primitive.segment_factor / self.segments)
 
     @property
     def curved_surface(self) -> int:
-        """The number of the surface of its curved face, -1 where it has none or is alone on it."""
+        """The number of the shared surface of its curved face; -1 if it has none, or shares none."""
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
 
     @property
     def key(self) -> Hashable:
-        """Equal for solids that are the same; None where one of its surfaces shows that there is no other."""
+        """A key, equal for equal solids; None if a face is not shared, because then the solid is unique."""
         surfaces = self.surfaces.tolist()
         return None if min(surfaces, default=0) < 0 else (self.primitive.name, frozenset(surfaces))
 
     def mesh(self) -> Mesh:
-        """Its mesh in the world, wound counter-clockwise seen from outside."""
+        """Its mesh in the world; triangles are counter-clockwise from outside."""
         linear, offset = self.to_world[:3, :3], self.to_world[:3, 3]
         inwards = np.linalg.det(linear) < 0
         if self.primitive.curved is not None and self.frame is not IDENTITY:
             unit = self.primitive.mesh(self.segments, self.frame)
             a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
-            inwards ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # its volume
+            inwards ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of its volume
         else:
             unit = _unit_mesh(self.primitive, self.segments)
         vertices = unit.vertices

@@ -1,6 +1,4 @@
-"""The triangles of the result, in one mesh for each material and pair of media, with normals and (u, v) of their
-primitives.
-"""
+"""The triangles of the result: one mesh for each material and pair of media, with normals and uv."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +19,7 @@ from .primitives import Corners, Mesh, Primitive
 
 
 class MeshKey(NamedTuple):
-    """Triangles with the same key share a mesh: the material of their primitive, and the media on both sides.
+    """The material of a primitive, and the media on both sides: triangles with equal keys share a mesh.
 
     The normal points to ``outside``; None is air. An opaque primitive has ``inside`` None, and ``outside`` None too
     unless it reflects by Fresnel's equations.
@@ -34,8 +32,9 @@ class MeshKey(NamedTuple):
 
 @dataclass(eq=False)
 class Triangles:
-    """Triangles of one material: the numbers ``index`` (n, 3) of their corners' ``vertices`` (k, 3), which have unit
-    ``normals`` (k, 3) and ``uv`` (k, 2). Equal corners are one vertex.
+    """Triangles of one material: ``index`` (n, 3) into ``vertices`` (k, 3), unit ``normals`` (k, 3) and ``uv`` (k, 2).
+
+    Equal corners are one vertex.
     """
 
     vertices: np.ndarray
@@ -45,62 +44,63 @@ class Triangles:
 
     @property
     def positions(self) -> np.ndarray:
-        """Where the corners are (n, 3, 3)."""
+        """The positions of the corners (n, 3, 3)."""
         return np.asarray(self.vertices[self.index])
 
 
 def corner_keys(of: np.ndarray, face: np.ndarray, corners: Corners, first: int = 0) -> np.ndarray:
-    """Keys (n, 3), equal for equal corners: those ``of`` (n, 3) the same number, ``face`` (n,) and turn of uv. Those
-    that stand alone have keys of their own, which are numbered from ``first``.
+    """Keys (n, 3) of corners, equal for equal numbers ``of`` (n, 3), ``face`` (n,) and side of the seam of uv.
+
+    Each unshared corner has a unique key; the first one is ``first``.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
     keys = np.asarray((of * 8 + face[:, None]) * 2 + wrapped)
-    keys[corners.alone] = -1 - np.arange(first, first + corners.alone.sum())
+    keys[corners.unshared] = -1 - np.arange(first, first + corners.unshared.sum())
     return keys
 
 
 @dataclass(eq=False)
 class SurfaceMesh:
-    """The boundary of a tree's result, without materials: all triangles, the number ``kind`` (n,) of each triangle's
-    kind, and the same of each vertex, ``vertex_kind`` (k,).
+    """The boundary of a tree's result without materials: all triangles, the number ``kind`` (n,) of each triangle's
+    kind, and that of each vertex, ``vertex_kind`` (k,).
 
-    ``kinds`` are the numbers of their leaf and of the media that lie inside and outside. ``seen`` (kinds,) says of
-    which there is more than seams of no width.
+    ``kinds`` are the numbers of the leaf and of the media inside and outside. ``visible`` (kinds,) is False for kinds
+    that have only seams of no width.
     """
 
     triangles: Triangles
     kind: np.ndarray
     vertex_kind: np.ndarray
     kinds: list[tuple[int, int, int]]
-    seen: np.ndarray
+    visible: np.ndarray
     _chosen: dict[tuple[int, ...], Triangles] = field(default_factory=dict)
 
     def chosen(self, groups: list[tuple[int, ...]]) -> list[Triangles]:
-        """The triangles of groups of kinds; a group of the last call has the same ones again."""
+        """The triangles of groups of kinds; the groups of the last call are cached."""
         group_of = np.full(len(self.kinds), len(groups))
         for number, kinds in enumerate(groups):
             group_of[list(kinds)] = number
-        triangles, begins = _sorted(group_of[self.kind], len(groups))
+        triangles, starts = _sorted(group_of[self.kind], len(groups))
         vertices, firsts = _sorted(group_of[self.vertex_kind], len(groups))
         of = self.triangles
         place = np.empty(len(vertices), int)
         place[vertices] = np.arange(len(vertices))
 
         def chosen(group: int) -> Triangles:
-            some = vertices[firsts[group] : firsts[group + 1]]
-            index = place[of.index[triangles[begins[group] : begins[group + 1]]]] - firsts[group]
-            return Triangles(of.vertices[some], of.normals[some], of.uv[some], index)
+            chosen = vertices[firsts[group] : firsts[group + 1]]
+            index = place[of.index[triangles[starts[group] : starts[group + 1]]]] - firsts[group]
+            return Triangles(of.vertices[chosen], of.normals[chosen], of.uv[chosen], index)
 
         self._chosen = {kinds: self._chosen.get(kinds) or chosen(group) for group, kinds in enumerate(groups)}
         return list(self._chosen.values())
 
 
 def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The numbers of what is of some group, group by group, and where each of ``count`` groups begins and ends."""
+    """The positions sorted by group, and the limits of the ``count`` groups in them."""
     return np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups + 1, minlength=count + 2))[: count + 1]
 
 
-CHUNK = 1 << 16  # triangles at a time
+BATCH = 1 << 16  # triangles
 
 
 @paused()
@@ -111,17 +111,16 @@ def tessellate(
     medium: Callable[[Leaf], Hashable],
     material: Callable[[Leaf], Hashable],
     fresnel: Callable[[Leaf], bool],
-    kept: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = lambda _, make: make(),
+    cached: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = lambda _, make: make(),
     meshes: Mapping[str, Primitive] | None = None,
 ) -> dict[MeshKey, Triangles]:
-    """The surfaces of a document's scene.
+    """The triangles of a document's scene, by material and media.
 
     ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
     None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
-    ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, to which its outside matters.
-    ``kept(key, make)`` returns ``make()``, or its earlier result for an equal key. ``meshes``: the solids in
-    files, by the names of these. Raises :class:`SceneError` for a transform that cannot be inverted, and for too many
-    triangles.
+    ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, which depend on its outside.
+    ``cached(key, make)`` returns ``make()``, or its earlier result for an equal key. ``meshes``: the solids of mesh
+    files, by file name. Raises :class:`SceneError` for a singular transform, and for too many triangles.
     """
     leaves = [node for node in document.scene.csg if isinstance(node, Leaf)]
     if not leaves:
@@ -132,29 +131,32 @@ def tessellate(
     cut, cut_several = csg.cutters(tree, media_of)
     table = Leaves(document, camera, tolerance, cut_several, meshes)
     reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
-    faces = kept(
-        (tuple(tree), tuple(media_of), reflects, table.content()), lambda: _faces(tree, table, media_of, reflects, cut)
+    faces = cached(
+        (tuple(tree), tuple(media_of), reflects, table.cache_key()),
+        lambda: _faces(tree, table, media_of, reflects, cut),
     )
-    seen, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
-    alike: dict[MeshKey, list[int]] = {}
+    visible, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
+    kinds_of_key: dict[MeshKey, list[int]] = {}
     of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
-    filling: set[int] = set()  # media that are seen behind faces of other media's
+    filling: set[int] = set()  # media that are visible behind faces of other media
     for number, (leaf, inside, outside) in enumerate(faces.kinds):
-        seen[leaf] |= faces.seen[number]
-        filling |= {inside, outside} - {media_of[leaf]} if faces.seen[number] else set()
-        lining[leaf] |= faces.seen[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
+        visible[leaf] |= faces.visible[number]
+        filling |= {inside, outside} - {media_of[leaf]} if faces.visible[number] else set()
+        lining[leaf] |= faces.visible[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
         inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
-        alike.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(number)
-    # A medium that fills a hollow has no face of its own, which belongs to the cutter, but it is visible.
+        kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(
+            number
+        )
+    # The face of a medium that fills a hollow belongs to the cutter; the medium is visible.
     filling -= {media.OPAQUE, media.AIR}
-    _report_vanished(document, seen | np.isin(media_of, list(filling)))
+    _report_vanished(document, visible | np.isin(media_of, list(filling)))
     _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
-    shown = {key: tuple(some) for key, some in alike.items() if faces.seen[some].any()}
-    return dict(zip(shown, faces.chosen(list(shown.values()))))
+    visible_keys = {key: tuple(chosen) for key, chosen in kinds_of_key.items() if faces.visible[chosen].any()}
+    return dict(zip(visible_keys, faces.chosen(list(visible_keys.values()))))
 
 
 def _numbered(keys: Iterable[Hashable]) -> list[int]:
-    """Keys numbered from 0, in the order in which they are met first."""
+    """Numbers of keys, from 0 in the order of first occurrence."""
     numbers: dict[Hashable, int] = {}
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
@@ -162,8 +164,8 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
 def _faces(
     tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cut: np.ndarray
 ) -> SurfaceMesh:
-    """The tree evaluated. Leaf i is of the medium ``media_of[i]``, OPAQUE where it is no dielectric; ``reflects[i]``:
-    it is opaque, and reflects by Fresnel's equations; ``cut[i]``: it is in the second operand of - or *.
+    """The boundary of the tree's result. ``media_of[i]`` is the medium of leaf i, ``reflects[i]`` whether it is opaque
+    and reflects by Fresnel's equations, ``cut[i]`` whether it is in the second operand of - or *.
     """
     table.make_meshes()
     ids = media.Ids(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
@@ -180,61 +182,62 @@ def _faces(
 
     boundaries: list[media.Boundary] = []
     for part in csg.split(tree, components(boxes[:, 0], boxes[:, 1]).tolist()).values():
-        some = [number for number in part if not isinstance(number, str)]
-        if len(some) == 1:
-            i = table.of_leaf[some[0]]
-            boundaries.append(media.whole(table.meshes[i], some[0], table.first[i], media_of[some[0]]))
+        chosen = [number for number in part if not isinstance(number, str)]
+        if len(chosen) == 1:
+            i = table.of_leaf[chosen[0]]
+            boundaries.append(media.primitive_boundary(table.meshes[i], chosen[0], table.first[i], media_of[chosen[0]]))
             continue
-        present = {media_of[number] for number in some if not cut[number]}
+        present = {media_of[number] for number in chosen if not cut[number]}
         boundaries += media.boundaries({m: csg.evaluate(part, partial(body, medium=m)) for m in present}, ids, fresnel)
     if not boundaries:
         nothing = Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int))
         return SurfaceMesh(nothing, np.empty(0, int), np.empty(0, int), [], np.empty(0, bool))
-    return _surface_mesh(table, media.joined(boundaries), max(media_of) + 2)
+    return _surface_mesh(table, media.concatenated(boundaries), max(media_of) + 2)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
-    """A primitive's mesh whose triangles bear an id and the numbers of their facets, which begin with ``first``."""
-    bearing = Mesh64(
+    """manifold3d's mesh of a primitive, with an original id; the number of its first facet is ``first``."""
+    mesh64 = Mesh64(
         mesh.vertices.astype(np.float64, copy=False),
         mesh.triangles.astype(np.uint64),
         run_index=np.array([0, 3 * len(mesh.triangles)], np.uint64),
         run_original_id=np.array([original_id], np.uint32),
         face_id=(first + mesh.facets).astype(np.uint64),
     )
-    return csg.checked(Manifold(bearing))
+    return csg.checked(Manifold(mesh64))
 
 
 def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> SurfaceMesh:
-    """A boundary with the normals and surface parameters of its leaves. ``count`` are the media, with air."""
+    """A boundary with normals and uv; ``count`` is the number of media, with air."""
     codes = (boundary.leaf * count + boundary.inside + 1) * count + boundary.outside + 1
     codes, kind = np.unique(codes, return_inverse=True)
-    columns = []
-    alone = 0  # so far
-    for start in range(0, len(kind), CHUNK):
-        some = boundary.chosen(slice(start, start + CHUNK))
-        positions = some.vertices[some.triangles]
-        face = table.faces[some.facet]
-        found = table.corners(positions, some.leaf, face)
-        keys = corner_keys(some.triangles * len(codes) + kind[start : start + CHUNK, None], face, found, alone)
-        alone += int(found.alone.sum())
-        normals = found.normals * some.sign[:, None, None]
-        columns.append([keys, normals.astype("f4"), found.uv.astype("f4"), media.heights(positions) > 2 * table.step])
-    keys, normals, uv, high = map(np.concatenate, zip(*columns))
+    batches = []
+    unshared = 0  # so far
+    for start in range(0, len(kind), BATCH):
+        chosen = boundary.chosen(slice(start, start + BATCH))
+        positions = chosen.vertices[chosen.triangles]
+        face = table.faces[chosen.facet]
+        corners = table.corners(positions, chosen.leaf, face)
+        keys = corner_keys(chosen.triangles * len(codes) + kind[start : start + BATCH, None], face, corners, unshared)
+        unshared += int(corners.unshared.sum())
+        normals = corners.normals * chosen.sign[:, None, None]
+        batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), media.heights(positions) > 2 * table.step])
+    keys, normals, uv, high = map(np.concatenate, zip(*batches))
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
     positions = boundary.vertices[boundary.triangles[triangle, at]] + table.origin
     triangles = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
-    seen = np.bincount(kind[high], minlength=len(codes)) > 0
+    visible = np.bincount(kind[high], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)
     kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))
-    return SurfaceMesh(triangles, kind, kind[triangle], kinds, seen)
+    return SurfaceMesh(triangles, kind, kind[triangle], kinds, visible)
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
-    """The media on the sides of a face in its :class:`MeshKey`; ``own`` is the medium of its leaf. An opaque face has
-    the outer medium if it ``reflects`` by Fresnel's equations. A dielectric's face stays one where it cuts an opaque
-    solid.
+    """The media of a face in its :class:`MeshKey`; ``own`` is the medium of its leaf.
+
+    An opaque face has an outer medium only if it ``reflects`` by Fresnel's equations. If a dielectric cuts
+    an opaque solid, the face is still the dielectric's.
     """
     if own == media.OPAQUE:
         return own, outside if reflects else media.AIR
@@ -242,32 +245,32 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
 
 
 def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:
-    """Warns of opaque leaves that cut glass, whose faces line it, and of glass that cuts opaque solids."""
+    """Warns of opaque leaves that cut glass, and of glass that cuts opaque solids: the cutter owns the faces."""
     numbers = [n for n, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
-    said = set()
+    reported = set()
     for leaf in np.flatnonzero(lining).tolist():
         node = document.scene.csg[numbers[leaf]]
-        if isinstance(node, Leaf) and (node.shape, node.index) not in said:
-            said.add((node.shape, node.index))
+        if isinstance(node, Leaf) and (node.shape, node.index) not in reported:
+            reported.add((node.shape, node.index))
             document.warn(
-                f"{node.shape.upper()} {node.index} cuts glass, and the faces of the cut are its own: SURFACE "
-                f"{node.index} is opaque, and lines the glass; expected material dieletrico in SURFACE {node.index}"
+                f"{node.shape.upper()} {node.index} cuts glass and owns the faces of the cut: SURFACE {node.index} "
+                f"is opaque, and lines the glass; expected material dieletrico in SURFACE {node.index}"
                 if opaque[leaf]
-                else f"{node.shape.upper()} {node.index} cuts what is opaque, and the faces of the cut are its own: "
-                f"SURFACE {node.index} is a dieletrico, through which one looks into the solid; expected another "
-                f"material in SURFACE {node.index}",
+                else f"{node.shape.upper()} {node.index} cuts an opaque solid and owns the faces of the cut: SURFACE "
+                f"{node.index} is a dieletrico, and the solid looks hollow; expected another material in SURFACE "
+                f"{node.index}",
                 "csg",
                 numbers[leaf],
             )
 
 
-def _report_vanished(document: Document, seen: np.ndarray) -> None:
+def _report_vanished(document: Document, visible: np.ndarray) -> None:
     leaves = [(n, leaf) for n, leaf in enumerate(document.scene.csg) if isinstance(leaf, Leaf)]
-    gone = [leaf for leaf, s in zip(leaves, seen) if not s]
-    if len(gone) == len(leaves):
-        document.warn("the tree's result is empty: nothing is left to see", "csg")
-    elif gone:
-        names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in gone[:10]]
-        more = f" and {len(gone) - 10} more" if len(gone) > 10 else ""
-        reason = f"nothing is seen of {', '.join(names)}{more}: no face of it is left in the result"
-        document.warn(reason + document.operation(gone[0][0]), "csg", gone[0][0])
+    vanished = [leaf for leaf, s in zip(leaves, visible) if not s]
+    if len(vanished) == len(leaves):
+        document.warn("the tree's result is empty; check its operators and transforms", "csg")
+    elif vanished:
+        names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in vanished[:10]]
+        more = f" and {len(vanished) - 10} more" if len(vanished) > 10 else ""
+        reason = f"nothing is visible of {', '.join(names)}{more}: the result has no face of it"
+        document.warn(reason + document.operation(vanished[0][0]), "csg", vanished[0][0])

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from .. import model
-from .grouping import alike
+from .grouping import group_equal
 
-AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # that one turns towards the other
+AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # the first axis turns towards the second
 
 
 def matrix(transform: model.Transform) -> np.ndarray:
@@ -20,10 +20,10 @@ def matrix(transform: model.Transform) -> np.ndarray:
 def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
     """The matrices (n, 4, 4) of TRANSFORMs: their steps in the order in which they are applied.
 
-    Those with the same kinds of steps are computed together.
+    TRANSFORMs with the same kinds of steps are computed in one batch.
     """
     result = np.tile(np.eye(4), (len(transforms), 1, 1))
-    for kinds, numbers in alike(tuple(step.kind for step in transform.steps) for transform in transforms).items():
+    for kinds, numbers in group_equal(tuple(step.kind for step in transform.steps) for transform in transforms).items():
         some = result[numbers]
         for i, kind in enumerate(kinds):
             some = _matrices(kind, np.array([transforms[n].steps[i].values for n in numbers])) @ some
@@ -32,7 +32,7 @@ def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
 
 
 def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
-    """Those (n, 4, 4) of steps of one kind, with the ``values`` (n, 3), or (n, 1) degrees."""
+    """The matrices (n, 4, 4) of steps of one kind, with their ``values`` (n, 3), or (n, 1) in degrees."""
     result = np.tile(np.eye(4), (len(values), 1, 1))
     if kind == "scale":
         result[:, [0, 1, 2], [0, 1, 2]] = values

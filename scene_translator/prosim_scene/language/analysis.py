@@ -1,4 +1,4 @@
-"""A text -> all errors and warnings about it, and the document if there is no error."""
+"""Analyses a text: all its errors and warnings, and the document if it has no error."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -9,19 +9,19 @@ from pathlib import PurePath
 
 from ..collector import paused
 from ..model import GREY, Leaf, Pattern, Scene, Transform, Vector
-from .diagnostics import MOST, SceneError, SceneWarning, Span, listing, quote, together
+from .diagnostics import MAX_ERRORS, SceneError, SceneWarning, Span, combined_error, listing, quote
 from .document import Document, Path
 from .reader import Reader
 from .suggestions import nearest
 from .words import ALIASES, BUILT_IN, KINDS, PIXELS, STATEMENT_OF, WORDS, canonical, of_role
 
-#: Larger texts are refused: a scene of 10,000 primitives has about 2 MiB.
+#: The largest size of a text in bytes; a scene of 10,000 primitives has about 2 MiB.
 SIZE_LIMIT = 16 * 2**20
-#: Below this, the intensity of a light, of AMBIENT or of BACKGROUND is most likely a mistake.
+#: The intensity of a light, of AMBIENT or of BACKGROUND below which a warning is emitted.
 DARK = 256
-#: Characters that no name of a scene may have.
+#: Characters that are not allowed in the name of a scene.
 NO_NAME = frozenset('/\\:*?<>|"')
-#: Parameter -> the kinds of lights, of materials or of textures that have it; only parameters that others lack.
+#: Parameter -> the kinds of lights, of materials or of textures that have it, unless all kinds have it.
 LIMITED = {
     owner.name: {word.name: word.of for word in WORDS if word.of and STATEMENT_OF[word.role] == owner.role}
     for owner in of_role("LIGHTS", "SURFACE", "TEXTURE")
@@ -33,11 +33,11 @@ def document_of(
 ) -> Document:
     """The scene that ``text`` describes, with the places of its values; raises and warns as :func:`parse` does."""
     reader, found, document = analyse(text, filename, define)
-    for one in found:
-        if isinstance(one, SceneWarning):
-            warnings.warn(one, stacklevel=2)
+    for problem in found:
+        if isinstance(problem, SceneWarning):
+            warnings.warn(problem, stacklevel=2)
     if document is None:
-        raise together([one for one in found if isinstance(one, SceneError)])
+        raise combined_error([problem for problem in found if isinstance(problem, SceneError)])
     reader.definitions.check_uses()
     return document
 
@@ -54,7 +54,7 @@ def parse(text: str, filename: str | PathLike[str] = "<string>", define: Mapping
 def analyse(
     text: str, filename: str | PathLike[str] = "<string>", define: Mapping[str, object] | None = None
 ) -> tuple[Reader, list[SceneError | SceneWarning], Document | None]:
-    """A text, read; all its errors and warnings, in the order of their places; and the document, if there is no error.
+    """Reads a text; returns its reader, its errors and warnings in order, and the document if it has no error.
 
     Raises SceneError for a text that is too large.
     """
@@ -69,18 +69,18 @@ def analyse(
             found.append(reader.source.error(last, reason, "no-end"))
         document = _document(reader)
         if not reader.errors:
-            # Without END, statements may be missing, too.
-            found += [one for one in _of_scene(document) if reader.ended or isinstance(one, SceneError)]
+            # Without END, statements may be missing.
+            found += [problem for problem in _of_scene(document) if reader.ended or isinstance(problem, SceneError)]
         elif not reader.skipped:
             found += _indices(document)
-        found.sort(key=lambda one: one.span or Span(0, 0))
-        if any(isinstance(one, SceneError) for one in found):
+        found.sort(key=lambda problem: problem.span or Span(0, 0))
+        if any(isinstance(problem, SceneError) for problem in found):
             return reader, found, None
         return reader, found, _resolved(document)
 
 
 def _document(reader: Reader) -> Document:
-    """The document of a text; if there are errors, with the fields that are right."""
+    """The document of a text; if it has errors, with the valid fields only."""
     fields = {name: value for name, value in reader.fields.items() if name not in ("defaults", "solids")}
     for node in fields.get("csg", ()):
         for slot in node.textures if isinstance(node, Leaf) else ():
@@ -98,27 +98,27 @@ def too_large(path: str | PathLike[str]) -> SceneError:
 
 
 def _resolved(document: Document) -> Document:
-    """The document, in which each use of a part of a named solid has an index, a SURFACE and a TRANSFORM of its own.
+    """The document with a separate index, SURFACE and TRANSFORM for each use of a part of a named solid.
 
-    The surface is that of the part, or else of the solid around it; the steps of the part come first.
+    A part without a SURFACE has that of the solid around it; the steps of the part are applied first.
     """
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = scene.surfaces, scene.transforms, list(scene.csg)
-    own: dict[tuple[int, ...], int] = {}
+    new_index: dict[tuple[int, ...], int] = {}
     free = count(max((*_used(document), *surfaces, *transforms), default=0) + 1)
     for number, leaf in enumerate(scene.csg):
         if not isinstance(leaf, Leaf) or not leaf.within:
             continue
         indices = leaf.index, *leaf.within
-        if indices not in own:
-            own[indices] = index = next(free)
-            looks = next(i for i in indices if i in surfaces)
-            surfaces[index] = surfaces[looks]
+        if indices not in new_index:
+            new_index[indices] = index = next(free)
+            surface_index = next(i for i in indices if i in surfaces)
+            surfaces[index] = surfaces[surface_index]
             transforms[index] = Transform(tuple(step for i in indices for step in transforms[i].steps))
-            spans["surfaces", index] = spans["surfaces", looks]
+            spans["surfaces", index] = spans["surfaces", surface_index]
             spans["transforms", index] = spans["transforms", indices[-1]]
-        csg[number] = replace(leaf, index=own[indices], within=())
-    return replace(document, scene=replace(scene, csg=tuple(csg)), spans=spans) if own else document
+        csg[number] = replace(leaf, index=new_index[indices], within=())
+    return replace(document, scene=replace(scene, csg=tuple(csg)), spans=spans) if new_index else document
 
 
 def _used(document: Document) -> set[int]:
@@ -132,7 +132,7 @@ def _used(document: Document) -> set[int]:
 def _of_scene(document: Document) -> Iterator[SceneError | SceneWarning]:
     """The errors and warnings about a scene as a whole."""
     for check in _settings, _lights, _materials, _kinds, _indices, _textures, _unused:
-        yield from islice(check(document), MOST + 1)
+        yield from islice(check(document), MAX_ERRORS + 1)
 
 
 def _settings(document: Document) -> Iterator[SceneError]:
@@ -175,7 +175,7 @@ def _materials(document: Document) -> Iterator[SceneError | SceneWarning]:
         elif s.material == "composite" and s.ks and max(map(sum, zip(s.kd or GREY, s.ks))) > 1 + 1e-6:
             wrong = "kd + ks is above 1 in a composto; expected s + d = 1 at most"
         if wrong:
-            name = "glass" if s.glass else "metal"  # if there is none, the error points to the surface
+            name = "glass" if s.glass else "metal"  # without a name the error points to the surface
             yield document.error(wrong, "surfaces", index, name, code="optics")
         path = "surfaces", index, "thickness"
         if s.material == "dielectric" and s.transmittance is None and document.given(*path):
@@ -184,7 +184,7 @@ def _materials(document: Document) -> Iterator[SceneError | SceneWarning]:
 
 
 def _kinds(document: Document) -> Iterator[SceneError | SceneWarning]:
-    """Parameters that a kind of light, of material or of texture does not have, and textures without a kind."""
+    """Errors about textures without a kind, and about parameters that a kind does not have."""
     scene = document.scene
     kinds: list[tuple[str, str | int, str]] = []
     kinds += [("lights", number, light.distribution) for number, light in enumerate(scene.lights)]
@@ -196,21 +196,21 @@ def _kinds(document: Document) -> Iterator[SceneError | SceneWarning]:
             yield document.error(reason + nearest(str(key), BUILT_IN), field, key, code="incomplete")
         for name, of in LIMITED[field].items() if kind else ():
             if kind not in of and document.given(field, key, name):
-                word, kinds_of = document.word(field, key, name), listing(KINDS[one] for one in of)
+                word, kinds_of = document.word(field, key, name), listing(KINDS[other] for other in of)
                 reason = f"{word} has no effect on {KINDS[kind]}; it is for {kinds_of}"
-                tell = document.error if field == "patterns" else document.warning
-                yield tell(reason, field, key, name, code="unexpected" if field == "patterns" else "no-effect")
+                diagnostic = document.error if field == "patterns" else document.warning
+                yield diagnostic(reason, field, key, name, code="unexpected" if field == "patterns" else "no-effect")
 
 
 def _indices(document: Document) -> Iterator[SceneError]:
-    """Primitives without SURFACE or TRANSFORM, one for each index."""
+    """Errors about primitives without SURFACE or TRANSFORM, one for each index."""
     given = [path for path in document.spans if len(path) == 2]
-    surfaces, transforms = ({key for field, key in given if field == one} for one in ("surfaces", "transforms"))
-    seen = set()
+    surfaces, transforms = ({key for field, key in given if field == wanted} for wanted in ("surfaces", "transforms"))
+    reported = set()
     for number, leaf in enumerate(document.scene.csg):
-        if not isinstance(leaf, Leaf) or (leaf.index, leaf.within) in seen:
+        if not isinstance(leaf, Leaf) or (leaf.index, leaf.within) in reported:
             continue
-        seen.add((leaf.index, leaf.within))
+        reported.add((leaf.index, leaf.within))
         indices = leaf.index, *leaf.within
         lack = [listing(f"SURFACE {i}" for i in indices)] * surfaces.isdisjoint(indices)
         lack += [f"TRANSFORM {i}" for i in indices if i not in transforms]
@@ -222,22 +222,22 @@ def _indices(document: Document) -> Iterator[SceneError]:
 
 
 def _textures(document: Document) -> Iterator[SceneError]:
-    scene, seen = document.scene, set[str]()
+    scene, reported = document.scene, set[str]()
     for number, leaf in enumerate(scene.csg):
         for slot, texture in enumerate(leaf.textures if isinstance(leaf, Leaf) else ()):
             path = "csg", number, "textures", slot
-            if texture and texture.name and texture.name not in scene.patterns and texture.name not in seen:
-                seen.add(texture.name)
+            if texture and texture.name and texture.name not in scene.patterns and texture.name not in reported:
+                reported.add(texture.name)
                 names = list(dict.fromkeys([*BUILT_IN, *scene.patterns]))
                 reason = f"unknown texture {quote(texture.name)}; expected {listing(names[:20])}, an image file or NULL"
                 yield document.error(reason + nearest(texture.name, [*names, *ALIASES]), *path, code="unknown-name")
             if slot == 1 and texture and texture.image:
-                reason = "an image stands in the second texture slot, which is solid; expected it in the first"
+                reason = "the second texture slot is solid and takes no image; expected it in the first"
                 yield document.error(reason, *path, code="texture")
 
 
 def _unused(document: Document) -> Iterator[SceneWarning]:
-    """Values that nothing uses, and statements that are missing."""
+    """Warnings about unused values and missing statements."""
     scene, used = document.scene, _used(document)
     for field in "surfaces", "transforms":
         for index in getattr(scene, field):

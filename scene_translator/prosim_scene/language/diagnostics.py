@@ -8,9 +8,9 @@ from os import PathLike
 from typing import NamedTuple, TypeVar
 
 USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
-CLIP = 60  # a message quotes at most this many characters: a file may be one line of 16 MiB
-OTHERS = 4  # a message shows this many errors after the first one
-MOST = 100  # the reader stops after this many more errors
+MAX_QUOTE = 60  # the largest number of characters that a message quotes
+MAX_SHOWN = 4  # the number of errors that a message shows after the first one
+MAX_ERRORS = 100  # the number of errors after which the reader stops
 
 
 class Span(NamedTuple):
@@ -21,7 +21,7 @@ class Span(NamedTuple):
 
 
 class Diagnostic(Exception):  # noqa: N818 - also of warnings
-    """A problem of a scene. ``str()`` is the whole message: file, line, column, what is wrong, and a caret.
+    """A problem of a scene. ``str()`` is the whole message: file, line, column, the problem, and a caret.
 
     The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the problem has no place in
     the text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem.
@@ -43,14 +43,14 @@ class Diagnostic(Exception):  # noqa: N818 - also of warnings
 
 
 class SceneWarning(Diagnostic, UserWarning):
-    """Something in a scene that has a meaning but is probably a mistake. Emitted through ``warnings.warn``.
+    """A probable mistake in a scene that has a meaning. Emitted through ``warnings.warn``.
 
     The attributes are those of :class:`SceneError`.
     """
 
 
 class SceneError(Diagnostic, ValueError):
-    """Wrong input. ``str()`` is the whole message: file, line, column, what was found and expected, and a caret.
+    """Wrong input. ``str()`` is the whole message: file, line, column, the problem, the expected input, and a caret.
 
     The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
     text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem. ``others`` are the further errors
@@ -63,14 +63,14 @@ class SceneError(Diagnostic, ValueError):
 Kind = TypeVar("Kind", SceneError, SceneWarning)
 
 
-def together(errors: Sequence[SceneError]) -> SceneError:
-    """One error for all: the first, whose message continues with the others."""
+def combined_error(errors: Sequence[SceneError]) -> SceneError:
+    """One error for all: the first error, with the messages of the others after its own."""
     first, *others = errors
     if not others:
         return first
-    more = len(others) - OTHERS
-    rest = ["and many more errors" if len(others) >= MOST else f"and {more} more errors"] if more > 0 else []
-    text = "\n".join([*map(str, errors[: OTHERS + 1]), *rest])
+    more = len(others) - MAX_SHOWN
+    rest = ["and many more errors" if len(others) >= MAX_ERRORS else f"and {more} more errors"] if more > 0 else []
+    text = "\n".join([*map(str, errors[: MAX_SHOWN + 1]), *rest])
     result = SceneError(text, first.filename, first.line, first.column, first.reason, first.span, first.code)
     result.others = tuple(others)
     return result
@@ -104,8 +104,8 @@ class Source:
         start = self.line_starts[line - 1]
         end = self.text.find("\n", span.start)
         end = len(self.text) if end < 0 else end
-        # Of a long line only the part around the place is quoted.
-        first, last = max(start, span.start - CLIP), min(end, span.start + CLIP)
+        # Quotes only a part of a long line.
+        first, last = max(start, span.start - MAX_QUOTE), min(end, span.start + MAX_QUOTE)
         before, after = "…" * (first > start), "…" * (last < end)
         quoted = before + "".join(c if c.isprintable() else " " for c in self.text[first:last]) + after
         width = max(1, min(span.end, last) - span.start)
@@ -122,7 +122,7 @@ class Source:
 
     def _diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
         """An error or a warning; the reason ends with the values of the ``$names`` in the span."""
-        found = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + CLIP)]))
+        found = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         values = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
         reason += f"; {listing(values[:3], 'and')}" if values else ""
         return kind(self.message(span, reason), self.filename, *self.line_column(span.start), reason, span, code)
@@ -131,7 +131,7 @@ class Source:
 def quote(text: object) -> str:
     """``'text'``, clipped if it is longer than a message can show."""
     text = str(text)
-    return repr(text if len(text) <= CLIP else text[: CLIP - 3] + "...")
+    return repr(text if len(text) <= MAX_QUOTE else text[: MAX_QUOTE - 3] + "...")
 
 
 def listing(words: Iterable[object], last: str = "or") -> str:

@@ -1,4 +1,4 @@
-"""A scene, and the place of each of its values in the text."""
+"""A scene, and the span of each of its values in the text."""
 
 import warnings
 from collections.abc import Mapping
@@ -21,11 +21,11 @@ class Document:
     uses: frozenset[str] = frozenset()
 
     def given(self, *path: str | int) -> bool:
-        """Whether the text gives this value, and it is no default."""
+        """Whether the text has this value; otherwise it is a default."""
         return path in self.spans
 
     def span(self, *path: str | int) -> Span:
-        """The place of a value, or else of the value around it; the beginning of the text if none is given."""
+        """The span of a value, or else of the value around it, or else the beginning of the text."""
         while path and path not in self.spans:
             path = path[:-1]
         return self.spans.get(path) or Span(0, 0)
@@ -51,9 +51,9 @@ class Document:
         warnings.warn(self.warning(reason, *path), stacklevel=2)
 
     def operation(self, number: int) -> str:
-        """The operands of the nearest operator - or * above a node of the tree, in words; nothing if there is none.
+        """A note with the operands of the nearest operator - or * above a node of the tree, or an empty string.
 
-        For messages about solids that vanish, often because operators were written between their operands.
+        For messages about solids that vanish, often because an operator is between its operands.
         """
         csg = self.scene.csg
         ends = [0] * len(csg)  # after each subtree

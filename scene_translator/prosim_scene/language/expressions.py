@@ -1,7 +1,7 @@
-"""``$names`` and arithmetic in braces -> their values.
+"""Values of ``$names`` and of arithmetic in braces.
 
 The parser of arithmetic is lark's LALR with expression.lark. A loop evaluates the tree from its leaves up, so that no
-input can exhaust Python's stack.
+input exhausts Python's stack.
 """
 
 import math
@@ -14,14 +14,14 @@ from pathlib import Path
 
 from lark import Lark, Token, Tree, UnexpectedInput
 
-from .diagnostics import MOST, SceneError, Source, Span, listing, quote
+from .diagnostics import MAX_ERRORS, SceneError, Source, Span, listing, quote
 from .suggestions import BRACES, NUMBER, nearest
 
 #: A name, without its ``$``.
 NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
-#: The names that have values of their own: the number of a frame in a film, and its time in seconds.
+#: The predefined names: the number of a frame in a film, and its time in seconds.
 FRAME, TIME = "frame", "time"
-#: Frames a second by default: those of the cinema.
+#: Frames per second by default, as in the cinema.
 FPS = 24.0
 
 
@@ -57,7 +57,7 @@ OPERATIONS: dict[str, Callable[..., float]] = {
 
 
 def written(value: float) -> str:
-    """A number as the language writes it, to the bit."""
+    """A number in the syntax of the language, without loss of precision."""
     return str(int(value)) if abs(value) < 1e15 and value == int(value) else repr(value)
 
 
@@ -65,7 +65,7 @@ class Definitions:
     """The values of ``$names`` in one text, and the names that it ``uses``.
 
     A name has the value ``given`` by the caller (``-D`` of the commands, ``define`` in Python), or else that of the
-    DEFAULT statement above its use. ``$frame`` and ``$time`` have values of their own.
+    DEFAULT statement above its use. ``$frame`` and ``$time`` are predefined.
     """
 
     def __init__(self, source: Source, given: Mapping[str, object] | None = None) -> None:
@@ -74,7 +74,7 @@ class Definitions:
         self.given = {name: _checked(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
         self.uses: set[str] = set()
-        self.undefined: dict[str, SceneError] = {}  # one error for each name, and no more than can be shown
+        self.undefined: dict[str, SceneError] = {}  # one error for each name, up to MAX_ERRORS
         source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.given.items()})
 
     def default(self, name: str, text: str) -> None:
@@ -94,7 +94,7 @@ class Definitions:
             return "0"
         if name == TIME:
             return written(self.number(FRAME, span) / FPS)
-        if len(self.undefined) > MOST:
+        if len(self.undefined) > MAX_ERRORS:
             raise next(iter(self.undefined.values()))
         known = [f"${other}" for other in dict.fromkeys([*self.given, *self.defaults, FRAME, TIME])]
         reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or "
@@ -111,7 +111,7 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """Raises SceneError if the text, which has been read, does not use a ``given`` value."""
+        """Raises SceneError if the text does not use a ``given`` value; call it after reading."""
         for name, text in self.given.items():
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
@@ -131,14 +131,14 @@ def _checked(source: Source, name: str, value: object) -> str:
     if not NAME.fullmatch(name):
         reason = f"{name!r} cannot be a name; expected letters, digits and _, such as angle_2"
     elif not text or '"' in text or not text.isprintable():
-        reason = f"{name} = {value!r} cannot stand in a scene; expected a finite number or a word"
+        reason = f"{name} = {value!r} is not a value; expected a finite number or a word"
     else:
         return text
     raise SceneError(f"{source.filename}: {reason}", source.filename, reason=reason, code="name")
 
 
 def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
-    """The value of an expression; ``braces`` is its span, braces included.
+    """The value of an expression; ``braces`` is its span, with the braces.
 
     Raises SceneError, also if the result is not finite.
     """
@@ -185,7 +185,7 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
     except (ValueError, OverflowError):
         result = math.nan
     if not math.isfinite(result):
-        raise source.error(span, f"{quote(source.text[slice(*span)])} is no finite number", "expression")
+        raise source.error(span, f"{quote(source.text[slice(*span)])} is not a finite number", "expression")
     return result
 
 

@@ -1,4 +1,4 @@
-"""A scene in canonical layout, comments kept."""
+"""The canonical layout of a scene; comments stay."""
 
 from dataclasses import dataclass, field
 from math import isfinite
@@ -6,31 +6,31 @@ from os import PathLike
 
 from . import tokens
 from .analysis import analyse
-from .diagnostics import SceneError, together
+from .diagnostics import SceneError, combined_error
 from .expressions import written
 from .reader import SYNTAX
 from .tokens import Token
 from .words import OPERATORS, STATEMENTS, row
 
 INDENT = "    "
-DEEPEST = 12  # steps to which the tree is indented
+MAX_DEPTH = 12  # the largest indentation of the tree, in steps
 #: Statements with parameters on lines of their own.
 HEADINGS = {"LIGHTS", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
-#: Tokens that stand on the line of the keyword before them; any other begins a line.
+#: Tokens on the line of the keyword before them; any other token begins a line.
 VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
 
 
 def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
-    """The text of a scene in canonical layout: one statement or parameter a line, canonical spellings, comments kept.
+    """The text of a scene in canonical layout: one statement or parameter per line, canonical spellings; comments stay.
 
     ``parse(format(x)) == parse(x)`` and ``format(format(x)) == format(x)``; names and expressions stay as written.
-    Raises :class:`SceneError` where ``parse`` does; in a scene with names that have no value, for syntax errors alone.
+    Raises :class:`SceneError` where ``parse`` does; in a scene with names without a value, only for syntax errors.
     """
     reader, found, _ = analyse(text, filename)
     syntax_only = reader.has_undefined and not reader.skipped
     errors = [one for one in found if isinstance(one, SceneError) and (one.code in SYNTAX or not syntax_only)]
     if errors:
-        raise together(errors)
+        raise combined_error(errors)
     layout, end, rest = _Layout(text), 0, list[str]()
     for token in reader.tokens:
         if token.role == "REST":
@@ -55,21 +55,21 @@ class _Line:
         # A comment with # ends its line, so it comes last.
         comments = sorted(self.comments, key=lambda comment: comment.startswith("#"))
         words = " ".join([*self.words, *comments])
-        return INDENT * min(self.depth, DEEPEST) + words if words else ""
+        return INDENT * min(self.depth, MAX_DEPTH) + words if words else ""
 
 
 class _Layout:
-    """The lines so far."""
+    """The lines of the result so far."""
 
     def __init__(self, source: str) -> None:
         self.source = source
         self.lines: list[_Line] = []
-        self.line = _Line(0)  # the last one that has words
+        self.line = _Line(0)  # the last line with words
         self.heading = self.previous = ""  # the statement, and the role of the token before
         self.missing: list[int] = []  # the missing operands of the runs of operators around a node of the tree
 
     def begin(self, depth: int, word: str, above: int) -> int:
-        """A new line; comments directly above it get the depth ``above``. Returns the number of the first of these."""
+        """Adds a line; comments directly above it get the depth ``above``. Returns the number of the first of them."""
         at = len(self.lines)
         while at and not self.lines[at - 1].words:
             at -= 1
@@ -79,13 +79,13 @@ class _Layout:
         return at
 
     def comment(self, token: Token, same_line: bool) -> None:
-        """A comment, after the words of its line or on a line of its own."""
+        """Adds a comment after the words of its line, or on a separate line."""
         if not (self.lines and same_line):
             self.lines.append(_Line(self.heading in HEADINGS))
         self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))
 
     def token(self, token: Token) -> None:
-        """Any other token."""
+        """Adds any other token."""
         kind = token.role
         if kind in STATEMENTS:
             colon = "" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"
@@ -100,18 +100,18 @@ class _Layout:
         elif kind in ("PRIMITIVE", "USE"):
             depth = len(self.missing) + 1
             self.begin(depth, token.text if kind == "USE" else row(kind, token.text).canonical, depth)
-            while self.missing:  # a run of operators that lacks no operand is an operand itself
+            while self.missing:  # a complete run of operators is an operand itself
                 self.missing[-1] -= 1
                 if self.missing[-1]:
                     break
                 self.missing.pop()
         else:
-            # A light's parameters stand below its kind.
+            # A light's parameters are below its kind.
             self.begin(2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1, row(kind, token.text).canonical, 1)
         self.previous = kind
 
     def operator(self, token: Token) -> None:
-        """Operators that follow one another stand on one line, all their operands below, one step to the right."""
+        """Adds an operator: successive operators are on one line, their operands below, one step to the right."""
         if self.heading == "VIEW":
             return  # the stray dash of the listing
         if self.previous not in OPERATORS.values():
@@ -122,14 +122,14 @@ class _Layout:
         self.missing[-1] += 1
         if self.lines[-1] is self.line and not self.line.comments:
             self.line.words.append(token.text)
-        else:  # a comment stands between
+        else:  # a comment is between them
             self.begin(len(self.missing), token.text, 1)
 
     def value(self, token: Token) -> None:
-        """A value, after the word that it belongs to."""
+        """Adds a value after its keyword."""
         kind, words = token.role, self.line.words
         if kind in ("LPAR", "RPAR"):
-            return  # parentheses stand around the numbers of each step
+            return  # the layout adds parentheses around the numbers of each step
         text = self.source[token.start : token.end]
         if text[0] in "${":
             pass

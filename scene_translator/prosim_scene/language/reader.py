@@ -1,7 +1,7 @@
-"""Text -> the values of its statements, and their places: a recursive descent over the roles of ``words``.
+"""Reads the statements of a text, and the spans of their values: recursive descent over the roles of ``words``.
 
-Wrong values are reported, and the reader continues. A syntax error ends its statement; the reader continues at the next
-line that begins with the keyword of a statement.
+After a wrong value the reader continues. A syntax error ends its statement; the reader continues at the next line that
+begins with the keyword of a statement.
 """
 
 import re
@@ -12,21 +12,21 @@ from typing import Any
 
 from .. import model
 from . import words
-from .diagnostics import MOST, SceneError, SceneWarning, Source, Span, listing, quote
+from .diagnostics import MAX_ERRORS, SceneError, SceneWarning, Source, Span, listing, quote
 from .document import Path
 from .expressions import Definitions
 from .suggestions import ARITHMETIC, BRACES, NUMBER, TEXTURES, hint, meant, nearest, of_mark, unknown_name
 from .tokens import START, Scanner, Token
 from .words import NAMED, STATEMENTS, Flags, Numbers, normalise, row
 
-#: The most nodes of a tree that is made of named solids.
-LARGEST = 10**5
+#: The largest number of nodes of a tree with named solids.
+MAX_NODES = 10**5
 #: A line that begins with the keyword of a statement.
 STATEMENT_LINE = re.compile(
     rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
     re.IGNORECASE | re.MULTILINE,
 )
-#: The roles that have a place within each statement, and after it.
+#: The roles that each statement expects, and those after it.
 NEXT = STATEMENTS | {""}
 NAMES = frozenset(("WORD", "STRING", "FILE", "TEXTURE_NAME", "NUMBER"))
 VALUE = frozenset(("NUMBER", "WORD", "STRING"))
@@ -51,7 +51,7 @@ COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
 SHARE = re.compile(rf"({NUMBER})%")
 PRIMITIVE = re.compile(rf"(?:{'|'.join(words.spellings('PRIMITIVE'))})\s+\d+", re.IGNORECASE)
 PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are comments"
-#: Tokens that may have been meant as numbers, or as arithmetic.
+#: Tokens that look like numbers, or like arithmetic.
 LIKE_NUMBERS = ("WORD", *words.OPERATORS.values())
 LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
 #: Codes of syntax errors, which depend on no value.
@@ -65,13 +65,13 @@ def _and_numbers(roles: frozenset[str]) -> frozenset[str]:
 
 
 class Reader:
-    """A text, read.
+    """Reads a text.
 
-    ``fields``: its values, by the fields of a Scene, ``defaults`` and ``solids``; ``spans``: their places, by the paths
-    of the values; ``errors`` and ``warnings`` within its statements; ``tokens``: all tokens up to END; ``skipped``:
-    whether statements are missing because of errors; ``ended``: whether there is END, or an error in its place.
+    ``fields``: its values, by the fields of a Scene, ``defaults`` and ``solids``; ``spans``: the spans of the values,
+    by path; ``errors`` and ``warnings`` within its statements; ``tokens``: all tokens up to END; ``skipped``:
+    whether statements are missing because of errors; ``ended``: whether END was found, or an error in its place.
 
-    ``define``: values of names that the caller gives.
+    ``define``: values of names from the caller.
     """
 
     def __init__(self, text: str, filename: str = "<string>", define: Mapping[str, object] | None = None) -> None:
@@ -87,9 +87,9 @@ class Reader:
         self.token, self.expected = START, NEXT
         #: The keyword of the present statement, and the path of its value.
         self.keyword, self.path = START, Path()
-        #: The values that are being read: after which keyword, what these may be, and so far; the parenthesis around.
+        #: The present values: their keyword and the allowed numbers; their tokens so far; the parenthesis around them.
         self.takes: tuple[str, Numbers] | None = None
-        self.taken, self.open = list[Token](), Span(0, 0)
+        self.taken, self.parenthesis = list[Token](), Span(0, 0)
         self.statements()
 
     @property
@@ -101,31 +101,31 @@ class Reader:
 
     def statements(self) -> None:
         """Reads all statements."""
-        begun = False  # whether ``token`` is the keyword of the next statement
-        while len(self.errors) <= MOST and not self.ended:
+        at_keyword = False  # whether ``token`` is the keyword of the next statement
+        while len(self.errors) <= MAX_ERRORS and not self.ended:
             before, skipped = len(self.errors), self.skipped
-            self.keyword = self.token if begun else START
+            self.keyword = self.token if at_keyword else START
             try:
-                if not begun:
+                if not at_keyword:
                     self.next(NEXT)
-                    begun, self.keyword = True, self.token
+                    at_keyword, self.keyword = True, self.token
                 if self.keyword.role in ("END", ""):
                     break
                 self.store(getattr(self, self.keyword.role.lower())())
             except SceneError as error:
-                begun = False
+                at_keyword = False
                 self.errors[before:] = [error]
                 self.skip(error)
             if self.scanner.undefined:
                 self.undefined(before, skipped)
-        cut = len(self.errors) > MOST
+        cut = len(self.errors) > MAX_ERRORS
         self.skipped, self.ended = self.skipped or cut, self.ended or cut or self.token.role == "END"
         if self.token.role == "END" and (rest := self.scanner.rest()):
             reason = "the text after END is ignored; delete it"
             self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
 
     def store(self, value: Any) -> None:
-        """Stores the value of a statement, unless the text has given it before, or with a wrong index."""
+        """Stores the value of a statement, unless it is a duplicate, or its index is wrong."""
         field, *index = self.path
         if not index:
             self.fields[str(field)] = value
@@ -154,7 +154,7 @@ class Reader:
     # ---- Tokens
 
     def next(self, expected: frozenset[str]) -> str:
-        """Moves on to the next token; returns its role, which is one of the expected ones, or raises SceneError."""
+        """Reads the next token and returns its role, one of the expected ones; otherwise raises SceneError."""
         self.expected = expected
         self.token = token = self.scanner.next(expected, self.keyword.role)
         if token.role not in expected:
@@ -168,22 +168,22 @@ class Reader:
         self.errors.append(self.source.error(span, reason, code))
 
     def begin(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the path of the statement's value, whose place is the keyword or ``at``; reports one given before."""
+        """Sets the path of the statement's value, with the span of the keyword or of ``at``; reports a duplicate."""
         kind, token = self.keyword.role, at or self.keyword
         self.path = path
         if path in self.spans:
             name = self.keyword.text if kind == "SETTING" else words.canonical(kind)
-            self.once(token, " ".join([name, *(f"{'$' * (kind == 'DEFAULT')}{key}" for key in path[1:])]))
+            self.note_once(token, " ".join([name, *(f"{'$' * (kind == 'DEFAULT')}{key}" for key in path[1:])]))
             self.path = "twice", token.start
         self.note(token.span)
 
     def note(self, span: Span, *path: str | int) -> None:
-        """Stores the place of the statement's value, or of a part of it."""
+        """Stores the span of the statement's value, or of a part of it."""
         whole = (*self.path, *path)
         self.spans[whole] = span
 
-    def once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the place of a part; reports a part that was given before."""
+    def note_once(self, token: Token, what: str, *path: str | int) -> None:
+        """Stores the span of a part; reports a duplicate."""
         whole = (*self.path, *path)
         if first := self.spans.get(whole):
             reason = f"{what} is given twice; the first is on line {self.source.line(first)}; delete one"
@@ -196,7 +196,7 @@ class Reader:
     def value(self, keyword: Token, follow: frozenset[str], *first: Token) -> Any:
         """The value of the numbers, or TRUE and FALSE, after a keyword, by its row; None if it is wrong.
 
-        ``first`` have been read already. The token after the values has a role that follows.
+        ``first`` are tokens that have been read. The token after the values has a role of ``follow``.
         """
         takes = words.INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
         self.takes, self.taken = (keyword.text, takes), [*first, *self.scanner.plain_numbers()]
@@ -207,7 +207,7 @@ class Reader:
         return self.checked(keyword, takes)
 
     def checked(self, keyword: Token, takes: Numbers) -> Any:
-        """The value of the tokens that have been ``taken`` after a keyword; None, and an error, if it is wrong."""
+        """The value of the tokens in ``taken`` after a keyword; reports an error and returns None if it is wrong."""
         tokens = self.taken
         value = takes.value([token.text for token in tokens])
         if value is not None:
@@ -230,20 +230,20 @@ class Reader:
         return None
 
     def parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
-        """The values of the parameters from this token on, by their names in the model."""
+        """The values of the parameters that begin at this token, by their names in the model."""
         values: dict[str, Any] = {}
         while (keyword := self.token).role in follow and keyword.role not in LIGHTS:
             word = row(keyword.role, keyword.text)
             if keyword.role == "DISTRIBUTION":
-                self.once(keyword, "the distribution of a light", *owner, "distribution")
+                self.note_once(keyword, "the distribution of a light", *owner, "distribution")
                 values["distribution"] = word.name
                 self.next(follow)
             elif not word.takes.count:
                 self.material(values)
             else:
-                self.once(keyword, keyword.text, *owner, word.name)
+                self.note_once(keyword, keyword.text, *owner, word.name)
                 if word.name in ("exponent", "slope") and keyword.role == "OPTIC":
-                    self.once(keyword, "the roughness", "roughness")
+                    self.note_once(keyword, "the roughness", "roughness")
                 values[word.name] = self.value(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
                 if keyword.role == "VIEW_PARAMETER":
                     self.note(Span(keyword.start, (self.taken or [keyword])[-1].end), word.name)
@@ -251,7 +251,7 @@ class Reader:
                     self.next(follow)
         return values
 
-    # ---- Statements, by the roles of their keywords. Each returns its value, and leaves the next keyword as ``token``.
+    # ---- Statements, by the roles of their keywords. Each returns its value; ``token`` is then the next keyword.
 
     def default(self) -> str:
         """DEFAULT."""
@@ -332,7 +332,7 @@ class Reader:
         """``material`` and its kind, with the name of a metal or glass after some, or ``metal`` and its name."""
         kind = self.token
         if kind.role == "MATERIAL":
-            self.once(kind, "the material", "material")
+            self.note_once(kind, "the material", "material")
             self.next(MATERIAL)
             kind = self.token
             values["material"] = row(kind.role, kind.text).name
@@ -344,7 +344,7 @@ class Reader:
         name, (field, table) = self.token, NAMED[kind.role]
         if normalise(name.text) not in table and not name.text.startswith("$"):
             raise self.source.error(name.span, unknown_name(kind.role, name.text), "unknown-name")
-        self.once(name, f"the {field}", field)
+        self.note_once(name, f"the {field}", field)
         values[field] = table.get(normalise(name.text))
         self.next(SURFACE)
 
@@ -355,7 +355,7 @@ class Reader:
         while (keyword := self.token).role == "STEP":
             role = self.next(STEP)
             if role == "LPAR":
-                self.open = self.token.span
+                self.parenthesis = self.token.span
                 value = self.value(keyword, ARGUMENT)
                 self.next(TRANSFORM)
             elif role == "NUMBER":
@@ -394,7 +394,7 @@ class Reader:
         token = self.token
         self.begin("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.ROWS:
-            reason = f"found {quote(token.text)}, a word of the language; expected a name of its own"
+            reason = f"found {quote(token.text)}, a word of the language; expected another name"
             self.report(token.span, reason, "name")
         before, nodes = len(self.errors), self.tree()
         if not nodes and len(self.errors) == before:
@@ -402,7 +402,7 @@ class Reader:
         return nodes
 
     def tree(self) -> tuple[model.Operator | model.Leaf, ...]:
-        """Operators and primitives in prefix order; the nodes of a named solid stand in the place of its name."""
+        """Operators and primitives in prefix order; the nodes of a named solid replace its name."""
         before, first = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
         role = self.next(TREE)
@@ -441,22 +441,21 @@ class Reader:
         operands = 0
         for number in reversed(range(len(operators) if missing else 0)):
             if operators[number] and operands < 2:
-                lack = ("two operands", "an operand")[operands]
+                missing_operands = ("two operands", "an operand")[operands]
                 path = (*self.path, number)
                 span = self.spans[path]
-                reason = (
-                    f"this {quote(self.source.text[slice(*span)])} lacks {lack}; expected a primitive or an operator"
-                )
+                reason = f"this {quote(self.source.text[slice(*span)])} lacks {missing_operands}"
+                reason += "; expected a primitive or an operator"
                 self.report(span, f"{reason}; {PREFIX}", "tree")
                 return
             operands += -1 if operators[number] else 1
 
     def use(self, number: int) -> list[model.Operator | model.Leaf]:
-        """The nodes of a solid whose name stands in a tree, with its index."""
+        """The nodes of a named solid in a tree, with its index."""
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
         index = self.value(keyword, TREE)
-        if number + len(solid) > LARGEST:
-            reason = f"found a tree of more than {LARGEST} nodes; expected fewer uses of {keyword.text}"
+        if number + len(solid) > MAX_NODES:
+            reason = f"found a tree of more than {MAX_NODES} nodes; expected fewer uses of {keyword.text}"
             raise self.source.error(keyword.span, reason, "range")
         span = Span(keyword.start, (self.taken or [keyword])[-1].end)
         for i in range(len(solid)):
@@ -490,7 +489,7 @@ class Reader:
     # ---- Syntax errors
 
     def unexpected(self, token: Token) -> SceneError:
-        """The error about a token whose role is none of the expected ones."""
+        """The error about a token with an unexpected role."""
         roles = self.expected - {"NUMBER"} if self.takes and self.takes[1].fit(len(self.taken)) else self.expected
         inner = [role for role in words.ORDER if role in roles and role not in STATEMENTS]
         names = [name for role in inner for name in words.meanings(role)]
@@ -503,7 +502,7 @@ class Reader:
             reason, code = f" after {self.takes[0]}; expected {names[0]}", "count"
         owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
         if not token.role and "RPAR" in self.expected:
-            return self.source.error(self.open, "this '(' is not closed; expected ')'", "unclosed")
+            return self.source.error(self.parenthesis, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
             reason = f"the file ends after this; expected {listing(names)}"
             return self.source.error(self.scanner.last.span, reason, "unexpected-end")
@@ -516,14 +515,14 @@ class Reader:
             reason += f"; write {float(share[1]) / 100:.10g}" if (share := SHARE.fullmatch(text)) else ""
         elif token.role == "WORD":
             if self.keyword.role == "NAME":
-                reason += '; a name of several words stands in quotes: NAME "a red ball"'
+                reason += '; write a name of several words in quotes: NAME "a red ball"'
             solids = self.fields["solids"] if "USE" in roles else ()
             near = nearest(text, solids) or meant(text, roles & {"BOOL"} if code == "count" else roles)
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + near
         elif code == "count":
             pass
         elif "RPAR" in self.expected:
-            line, column = self.source.line_column(self.open.start)
+            line, column = self.source.line_column(self.parenthesis.start)
             reason = f"; expected ')' before it: the '(' on line {line}, column {column} is not closed"
             code = "unclosed"
         else:

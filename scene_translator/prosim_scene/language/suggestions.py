@@ -1,22 +1,22 @@
-"""The suggestion at the end of a message: the nearest known word, or how this language writes what others write."""
+"""Suggestions at the end of messages: the nearest known word, or the equivalent of another language's syntax."""
 
 import difflib
 import re
 from collections.abc import Collection, Iterable
 
-from .diagnostics import CLIP, listing, quote
+from .diagnostics import MAX_QUOTE, listing, quote
 from .words import ALIASES, BUILT_IN, NAMED, canonical, normalise, spellings
 
-#: Each digit can be matched in one way only, so that the time grows no faster than the length.
+#: Each digit matches in one way only, so that the time is linear in the length.
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
 BRACES = "braces hold arithmetic, as in {360 * $frame / 48}; vectors and blocks have none"
-#: Marks of other languages, by a pattern of the text from there on, and how this language does without them.
+#: Marks of other languages: a pattern of the text, and the equivalent in this language.
 MARKS = [
     (re.compile(pattern, re.IGNORECASE | re.MULTILINE), text)
     for pattern, text in (
         (r"<[?!/]|<[\w]*[^\W\d]", "this is XML; expected a scene in this language, or a file name that ends in .xml"),
-        (r"--|[%!]|[^\s()]*(?://|/\*)", "expected a comment to begin with #, or to stand in parentheses"),
-        (r"[^\s;]*;[^\S\n]*(?:$|#|//)", "a statement ends where the next one begins, without a mark"),
+        (r"--|[%!]|[^\s()]*(?://|/\*)", "expected a comment to begin with #, or to be in parentheses"),
+        (r"[^\s;]*;[^\S\n]*(?:$|#|//)", "a statement has no mark at its end"),
         (r"[<\[]", "expected numbers with nothing but spaces between them, and no brackets, as in 1 2 3"),
         (r"[{}]", BRACES),
         (
@@ -26,10 +26,10 @@ MARKS = [
         (r"[-+.\d]+[x×][-+.\d]+", "expected numbers with nothing but spaces between them, as in 320 240"),
     )
 ]
-#: An operator, but for the sign of a number or of its exponent.
+#: An operator, except for the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
-#: How the language says what other languages, and newcomers, say with other words.
+#: Equivalents of words of other languages.
 HINTS_OF = (
     ("glass is material dieletrico n-refr = 1.5, or material dieletrico bk7", "glass vidro agua crystal cristal"),
     ("a metal is material condutor and its name: ouro, prata, ...", "metal mirror espelho steel aco iron ferro chrome"),
@@ -56,17 +56,17 @@ TEXTURES = [*BUILT_IN, *ALIASES]
 
 
 def hint(word: str) -> str:
-    """``; `` and how the language says what a word means elsewhere, or nothing."""
+    """``; `` and the equivalent of a word of another language, or an empty string."""
     text = HINTS.get(normalise(word))
     return f"; {text}" if text else ""
 
 
 def nearest(word: str, words: Iterable[str], cutoff: float = 0.7) -> str:
-    """``; did you mean 'X'?`` for the known word nearest to ``word``, or nothing if none is near.
+    """``; did you mean 'X'?`` for the known word nearest to ``word``, or an empty string if none is near.
 
-    Near are words that have most letters in common, in order, and short ones that have the same letters.
+    A word is near if most letters agree, in order, or if its letters are a permutation.
     """
-    given = normalise(word)[:CLIP]
+    given = normalise(word)[:MAX_QUOTE]
     known = {normalise(w): w for w in words}
     near = difflib.get_close_matches(given, known, n=1, cutoff=cutoff)
     near += [w for w in known if len(w) == len(given) > 2 and sorted(w) == sorted(given)]
@@ -74,7 +74,7 @@ def nearest(word: str, words: Iterable[str], cutoff: float = 0.7) -> str:
 
 
 def meant(word: str, roles: Collection[str]) -> str:
-    """The suggestion for a word where one of these ``roles`` is expected: a hint, or the nearest word."""
+    """The suggestion for a word in the place of one of ``roles``: a hint, or the nearest word."""
     fitting = [*(spellings(*roles) if roles else []), *(TEXTURES if "TEXTURE_NAME" in roles else [])]
     for material, (_, names) in NAMED.items():
         if {material, "MATERIAL"} & {*roles} and normalise(word) in names:
@@ -83,7 +83,7 @@ def meant(word: str, roles: Collection[str]) -> str:
 
 
 def unknown_name(role: str, word: str) -> str:
-    """The reason of the error about a word that is no name of a metal, or of a glass; it stands after ``role``."""
+    """The reason of the error about an unknown name of a metal or of a glass after ``role``."""
     what, names = NAMED[role]
     first = {table.split("_")[0]: name for name, table in reversed(names.items())}
     allowed = [name for name in names if name in first.values()]
@@ -94,5 +94,5 @@ def unknown_name(role: str, word: str) -> str:
 
 
 def of_mark(text: str, start: int) -> str:
-    """``; `` and how the language does without the mark of another language at ``start``; nothing for other text."""
+    """``; `` and the equivalent of another language's mark at ``start``, or an empty string."""
     return next((f"; {instead}" for pattern, instead in MARKS if pattern.match(text, start)), "")

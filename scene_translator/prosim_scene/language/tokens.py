@@ -1,6 +1,6 @@
 """Text -> tokens.
 
-A word is a keyword only where the grammar has a place for it, so the reader passes the roles that it expects next.
+Keywords depend on the context, so the reader passes the roles that it expects next.
 """
 
 import re
@@ -22,7 +22,7 @@ PIECE = re.compile(
 #: A plain number, where numbers follow one another.
 NEXT_NUMBER = re.compile(rf'\s*({NUMBER})(?![^\s()#":=])', re.IGNORECASE)
 PARENTHESIS = re.compile(r"[()]")
-#: The roles of tokens that a name may stand for: values, which begin nothing.
+#: The roles of tokens that a name may represent: values, which begin no statement.
 VALUES = frozenset(
     ("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC", "KIND")
 )
@@ -31,8 +31,8 @@ VALUES = frozenset(
 class Token(NamedTuple):
     """A piece of the text from ``start`` to ``end``.
 
-    ``role``: its role in the grammar, COMMENT, REST (the text after END), EQUALS (a mark without a place), or ``""`` at
-    the end of the text. ``text``: its content: the value of a name or an expression, a string without its quotes.
+    ``role``: its role in the grammar, COMMENT, REST (the text after END), EQUALS (a misplaced mark), or ``""`` at the
+    end of the text. ``text``: its content: the value of a name or an expression, a string without its quotes.
     """
 
     role: str
@@ -46,15 +46,15 @@ class Token(NamedTuple):
         return Span(self.start, self.end)
 
 
-#: Stands for the token before the first one.
+#: The token before the first one.
 START = Token("", "", 0, 0)
 
 
 class Scanner:
     """The tokens of a text, in order.
 
-    ``tokens`` are all that have been read, comments included; ``last`` is the last one that is no comment;
-    ``undefined`` are the errors about names without a value, which are read as any value that fits.
+    ``tokens`` are all tokens so far, with comments; ``last`` is the last one that is not a comment; ``undefined`` are
+    the errors about names without a value, which are read as any value that fits.
     """
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
@@ -65,10 +65,10 @@ class Scanner:
         self.last = START
 
     def next(self, expected: frozenset[str], statement: str) -> Token:
-        """The next token that is no comment; its role is one of the ``expected`` ones if possible.
+        """The next token that is not a comment; its role is one of the ``expected`` ones if possible.
 
-        ``statement``: the role of the statement around it. Raises SceneError for marks that are not closed and for
-        wrong expressions.
+        ``statement``: the role of the statement around it. Raises SceneError for unclosed marks and for wrong
+        expressions.
         """
         text, match = self.source.text, PIECE.match
         while found := match(text, self.position):
@@ -94,7 +94,7 @@ class Scanner:
         return Token("", "", len(text), len(text))
 
     def plain_numbers(self) -> list[Token]:
-        """The plain numbers from here on, which may be none; others, such as expressions, may follow."""
+        """The plain numbers that follow, or an empty list; other values, such as expressions, may follow them."""
         text, match, tokens = self.source.text, NEXT_NUMBER.match, list[Token]()
         while found := match(text, self.position):
             start, self.position = found.span(1)
@@ -165,7 +165,7 @@ class Scanner:
             kind = str(found.lastgroup)
             start, self.position = found.span(kind)
             if kind == "comment" or found[kind] == "(":
-                with suppress(SceneError):  # a parenthesis that nothing closes
+                with suppress(SceneError):  # an unclosed parenthesis
                     self.comment(kind, start)
                     continue
             self.tokens.append(Token("REST", text[start:], start, len(text)))
@@ -177,7 +177,7 @@ class Scanner:
 def role_of(word: str, expected: frozenset[str], statement: str) -> str:
     """The role of a word: that of the keyword that fits here, of a name, or else the most likely one.
 
-    Where the next statement may begin, a word may have two roles; that in the present statement has priority.
+    A word may have a role in the present statement and one as the next statement; the present one has priority.
     """
     normal = normalise(word)
     roles = [row.role for row in ROWS.get(normal, ())]

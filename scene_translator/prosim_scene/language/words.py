@@ -1,8 +1,8 @@
 """The words of the language: one table, in which each word has its row; and the names of metals, glasses and textures.
 
-A row says what the grammar takes the word for (its *role*), how it may be spelled, what the model calls it, and which
-numbers follow it. Case and accents do not matter; both languages are accepted anywhere, also mixed. A word of several
-roles has a row for each, and the one counts that the grammar has a place for.
+A row has the *role* of the word in the grammar, its spellings, its name in the model, and the numbers that follow it.
+Case and accents do not matter; English and Portuguese may be mixed. A word with several roles has a row for each, and
+the grammar selects the row.
 """
 
 import math
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
 
-#: Lengths go from 1 / LARGE to LARGE: their squares have to be numbers of single precision, which is Mitsuba's.
+#: Lengths are between 1 / LARGE and LARGE, so that Mitsuba's single precision holds their squares.
 LARGE = 1e15
 
 
@@ -27,8 +27,8 @@ class Numbers:
     whole: bool = False
     channels: bool = False  #: r g b, or one for all channels
     direction: bool = False  #: a vector that may not have length 0
-    least: float = 0  #: smaller magnitudes are refused, except 0
-    nonzero: bool = False  #: and 0 too
+    least: float = 0  #: the smallest magnitude, except 0
+    nonzero: bool = False  #: whether 0 is refused
 
     noun: ClassVar = "number"
 
@@ -101,8 +101,8 @@ NOTHING = Numbers(0)
 class Word:
     """A row of the table.
 
-    ``name`` is the field of the model that the word sets, or the value that it stands for; ``of`` are the kinds of
-    lights, materials or patterns that know the word (empty: all).
+    ``name`` is the field of the model that the word sets, or its value; ``of`` are the kinds of lights, materials or
+    patterns that have the word (empty: all).
     """
 
     role: str
@@ -121,7 +121,7 @@ def _word(role: str, spellings: str, name: str = "", takes: Numbers = NOTHING, o
     return Word(role, tuple(spellings.split()), name, takes, tuple(of.split()))
 
 
-#: The most pixels that an image has.
+#: The largest number of pixels of an image.
 PIXELS = 2**28
 
 INDEX = Numbers(1, "its index", 0, 10**9 - 1, whole=True)
@@ -235,7 +235,7 @@ WORDS = (
     _word("NULL", "NULL NULO NENHUM NENHUMA NONE"),
 )
 
-#: The names in messages of tokens that are no words, and of BOOL.
+#: The names in messages of BOOL and of tokens that are not words.
 MEANINGS = {
     "NUMBER": "a number",
     "VARIABLE": "a name such as $angle",
@@ -308,10 +308,10 @@ GLASS_NAMES = {
     "water": "water agua",
 }
 GLASSES = {name: glass for glass, names in GLASS_NAMES.items() for name in names.split()}
-#: Role of a word that a name may follow -> the field of the model that the name sets, and the names.
+#: Role of a word before a name -> the field of the model, and the names.
 NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
 INDICES = dict(zip(GLASS_NAMES, (1.5168, 1.62004, 1.72825, 1.78472, 1.85025, 1.45846, 2.41749, 2.15877, 1.3334)))
-#: The textures that need no TEXTURE statement and their kinds, and their other names.
+#: The predefined textures with their kinds, and aliases of their names.
 BUILT_IN = {"t-tijolo": "brick", "t-listra": "stripes", "t-fractal": "fractal"}
 ALIASES = {"t-brick": "t-tijolo", "t-stripes": "t-listra", "t-listras": "t-listra"}
 
@@ -351,7 +351,7 @@ def of_role(*roles: str) -> list[Word]:
 
 
 def spellings(*roles: str) -> list[str]:
-    """All spellings of some roles; of all roles if none is named."""
+    """All spellings of some roles; without arguments, of all roles."""
     return [spelling for word in WORDS if not roles or word.role in roles for spelling in word.spellings]
 
 
@@ -362,7 +362,7 @@ def numbers(role: str, name: str) -> Numbers:
 
 @lru_cache(maxsize=1 << 8)
 def canonical(role: str, name: str = "") -> str:
-    """The canonical spelling of what the model calls ``name``; of the first word of the role, if no name is given."""
+    """The canonical spelling of the model's ``name``; without a name, that of the first word of the role."""
     return next(word.canonical for word in WORDS if word.role == role and name in ("", word.name))
 
 
@@ -372,6 +372,6 @@ def meanings(role: str) -> list[str]:
 
 
 def texture_name(word: str) -> str:
-    """The name of a texture under which the model has it."""
+    """The name of a texture in the model."""
     name = normalise(word)
     return ALIASES.get(name, name)

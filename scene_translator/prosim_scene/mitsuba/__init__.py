@@ -1,8 +1,8 @@
-"""What a scene is translated for: the functions that a target has.
+"""The targets of a translation.
 
-``prosim`` is for this project's plugins, ``stock`` for those alone that Mitsuba brings; each is a module with the
-functions of :class:`Target`. What they share lies beside them: ``lights``, ``materials``, ``textures`` and ``sensor``,
-and what they know of the translation in ``context``; ``assemble`` puts all of it together.
+``prosim`` uses this project's plugins, ``stock`` only Mitsuba's own; each is a module with the functions of
+:class:`Target`. Both use ``lights``, ``materials``, ``textures`` and ``sensor``, and the state of a translation in
+``context``; ``assemble`` makes the whole scene.
 """
 
 from typing import Protocol
@@ -16,24 +16,22 @@ from .materials import MediumInterface
 
 
 class Target(Protocol):
-    """A module that says a scene in the words of certain plugins."""
+    """A module that translates the parts of a scene to certain plugins."""
 
     #: The sampler for N^2 samples a pixel.
     SAMPLER: str
 
     def settings(self, context: Context) -> Node:
-        """The integrator and what else stands for the settings of the whole scene, by their keys in its dictionary."""
+        """The entries of the scene's dictionary for its settings: the integrator, and others."""
 
     def camera(self, context: Context, camera: Camera) -> Camera:
-        """The camera that the target can say."""
+        """The nearest camera that the target has."""
 
     def light(self, context: Context, number: int, light: Light) -> Node:
-        """An emitter, or the shape that bears it."""
+        """An emitter, or a shape with an emitter."""
 
     def surface(self, context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
-        """The entries of a shape that give it the look of a leaf, node ``number`` of the tree. ``sides`` are the media
-        on both sides.
-        """
+        """The entries of a shape for the SURFACE of a leaf, node ``number`` of the tree, with the media ``sides``."""
 
 
 TARGETS: dict[str, Target] = {"prosim": prosim, "stock": stock}

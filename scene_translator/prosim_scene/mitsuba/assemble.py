@@ -1,4 +1,4 @@
-"""Scene -> dictionary: what a scene's statements and the meshes of its tree become in Mitsuba's terms."""
+"""Scene -> dictionary of Mitsuba's plugins: the statements of a scene, and the meshes of its tree."""
 
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -19,7 +19,7 @@ from .sensor import clipping, sensor
 
 
 def medium(scene: Scene, leaf: Leaf) -> Hashable:
-    """The medium inside a dielectric, by what it refracts and absorbs; None, the opaque one, inside anything else."""
+    """A key of the medium inside a dielectric, by its refraction and absorption; None for an opaque leaf."""
     surface = scene.surfaces[leaf.index]
     if surface.material != "dielectric":
         return None
@@ -27,12 +27,12 @@ def medium(scene: Scene, leaf: Leaf) -> Hashable:
 
 
 def fresnel(scene: Scene, leaf: Leaf) -> bool:
-    """Whether an opaque leaf reflects by Fresnel's equations, other than in air where it lies in a dielectric."""
+    """Whether an opaque leaf reflects by Fresnel's equations, which depend on the medium outside."""
     return scene.surfaces[leaf.index].material in ("conductor", "composite")
 
 
 def appearance(scene: Scene, leaf: Leaf) -> Hashable:
-    """Equal for leaves that share a mesh: a solid texture is bound to its leaf's own space."""
+    """A key, equal for leaves that share a mesh. A solid texture belongs to the space of one leaf."""
     surface = scene.surfaces[leaf.index]
     slots = materials.slots(leaf, surface)
     return surface, slots, leaf.index if slots[1] else None
@@ -48,9 +48,8 @@ def assemble(
 ) -> Node:
     """A scene's dictionary.
 
-    ``folder`` is the scene's own, where its images are; ``store(name, content)`` takes the PLY file of a mesh and
-    ``image_path(path)`` an image's path, and both return the file name that stands in the dictionary. ``kept``: what an
-    earlier translation has left, and this one leaves.
+    ``folder`` is the scene's folder; ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` maps
+    the path of an image, and both return the file name in the dictionary. ``kept``: the translation cache.
     """
     scene, target = document.scene, TARGETS[options.target]
     kept = kept or Kept()
@@ -58,7 +57,7 @@ def assemble(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
     camera = camera_of(document, options.resolution)
-    if options.resolution is None and options.target == "prosim":  # stock says what it makes of the pixels
+    if options.resolution is None and options.target == "prosim":  # stock warns of the pixels itself
         warn_of_distortion(document)
     check_transforms(document)
     triangles = tessellate(
@@ -69,7 +68,7 @@ def assemble(
         lambda leaf: appearance(scene, leaf),
         lambda leaf: fresnel(scene, leaf),
         kept.faces,
-        {name: context.mesh(name, *way) for name, way in meshes(document).items()},
+        {name: context.mesh(name, *place) for name, place in meshes(document).items()},
     )
 
     result: Node = {"type": "scene"} | check(document, target.settings(context))
@@ -83,9 +82,9 @@ def assemble(
 
 
 def view_sensor(document: Document, options: Options, kept: Kept | None) -> Node:
-    """The sensor of a document's VIEW, before the faces that an earlier translation has left in ``kept``."""
+    """The sensor of a document's VIEW; its clipping planes enclose the faces in the cache ``kept``."""
     context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
-    faces = kept.found if kept else None
+    faces = kept.surface if kept else None
     bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
     camera = camera_of(document, options.resolution)
     return check(document, _sensor(context, TARGETS[options.target], camera, bodies), "view")
@@ -103,26 +102,28 @@ def _shapes(
     keys: dict[Hashable, list[MeshKey]] = {}
     for key in triangles:
         keys.setdefault(key.material, []).append(key)
-    alike = _alike(scene)
+    groups = _by_appearance(scene)
     media: dict[Hashable, int] = {
-        medium(scene, leaf): leaf.index for leaves in reversed(alike) for _, leaf in leaves[:1]
+        medium(scene, leaf): leaf.index for leaves in reversed(groups) for _, leaf in leaves[:1]
     }
     result: Node = {}
-    for leaves in alike:
+    for leaves in groups:
         number, leaf = leaves[0]
-        bearers = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
+        leaf_names = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
         for key in keys.get(appearance(scene, leaf), []):
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
             if not np.abs(triangles[key].vertices).max() <= LARGEST:
                 raise document.error(
-                    "this transform leads beyond single precision, Mitsuba's", "transforms", leaf.index
+                    "this transform is beyond Mitsuba's single precision; expected less extreme steps",
+                    "transforms",
+                    leaf.index,
                 )
             content = kept.file(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
             if content is None:
                 document.warn(
-                    f"nothing is seen of {bearers}: single precision, Mitsuba's, cannot tell its corners apart",
+                    f"nothing is visible of {leaf_names}: it is too small for Mitsuba's single precision; enlarge it",
                     "transforms",
                     leaf.index,
                 )
@@ -131,8 +132,8 @@ def _shapes(
                 leaf.index if key.inside == medium(scene, leaf) else media[key.inside],
                 None if key.outside is None else media[key.outside],
             )
-            met = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
-            text = f"SURFACE {leaf.index} of {bearers}{met}"
+            towards = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
+            text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
             result[name + "_comment"] = _comment(document, text, "surfaces", leaf.index)
             result[name] = {
                 "type": "ply",
@@ -146,13 +147,13 @@ def _comment(document: Document, text: str, *path: str | int) -> Comment:
     return Comment(f"{text} (line {document.line(*path)})")
 
 
-def _alike(scene: Scene) -> list[list[tuple[int, Leaf]]]:
-    """The leaves by equal appearance, with their numbers in the tree."""
-    alike: dict[Hashable, list[tuple[int, Leaf]]] = {}
+def _by_appearance(scene: Scene) -> list[list[tuple[int, Leaf]]]:
+    """The leaves grouped by equal appearance, with their numbers in the tree."""
+    groups: dict[Hashable, list[tuple[int, Leaf]]] = {}
     for number, leaf in enumerate(scene.csg):
         if isinstance(leaf, Leaf):
-            alike.setdefault(appearance(scene, leaf), []).append((number, leaf))
-    return list(alike.values())
+            groups.setdefault(appearance(scene, leaf), []).append((number, leaf))
+    return list(groups.values())
 
 
 def _sensor(context: Context, target: Target, camera: Camera, bodies: list[Triangles]) -> Node:

@@ -1,11 +1,11 @@
 """LIGHTS, AMBIENT and BACKGROUND: 65535 is 1.0.
 
-``light_units`` says what Intensity means; E is Intensity/65535, d the distance from the source to VRP, r its radius:
+``light_units`` defines Intensity; E is Intensity/65535, d the distance from the source to VRP, r its radius:
 
 ``calibrated``
     E is the irradiance on a surface that faces the source at the distance of VRP, on the axis of a cone or a spot:
     I = E d^2 for a point, L = E d^2/(pi r^2) for a sphere that shines uniformly. Otherwise L is E over the integral of
-    the sphere's falloff times the cosine, over the solid angle in which the sphere is seen.
+    the sphere's falloff times the cosine, over the solid angle of the sphere.
 ``radiance``
     E is the radiance itself; I = pi r^2 E for a point, whose radius is virtual (5.2).
 ``unattenuated``
@@ -34,8 +34,8 @@ def quantity(context: Context, number: int, light: Light, units: str) -> tuple[f
         d = math.dist(light.position, context.scene.view.vrp)
         if d <= (light.radius if light.kind == "area" else 0):
             raise context.document.error(
-                "this light stands at VRP, where light units 'calibrated' measure its irradiance; "
-                "expected another place, or other light units",
+                "this light is at VRP, where light units 'calibrated' define its irradiance; "
+                "expected another position, or other light units",
                 "lights",
                 number,
             )
@@ -48,8 +48,8 @@ def quantity(context: Context, number: int, light: Light, units: str) -> tuple[f
 def facing_irradiance(light: Light, d: float) -> float:
     """Irradiance on a surface that faces a sphere of radiance 1 at distance ``d`` from its centre, on its axis.
 
-    The ray to the surface that makes the angle t with the axis carries cos^n t, so that the irradiance is the integral
-    of 2 pi cos^(n+1) t sin t dt over the sphere, or where it is narrower over the cone of the light.
+    A ray at the angle t to the axis has the radiance cos^n t, so the irradiance is the integral of
+    2 pi cos^(n+1) t sin t dt over the sphere, or over the cone of the light if that is narrower.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
     sine2 = (light.radius / d) ** 2
@@ -59,19 +59,22 @@ def facing_irradiance(light: Light, d: float) -> float:
 
 
 def warn_of_radius(context: Context, number: int, light: Light) -> None:
-    """Warns of the virtual radius of a point where it has no effect."""
+    """Warns if the virtual radius of a point has no effect."""
     if (
         light.kind == "point"
         and context.light_units != "radiance"
         and context.document.given("lights", number, "radius")
     ):
         context.document.warn(
-            "raio has no effect on a POINT light, but with light units 'radiance'", "lights", number, "radius"
+            "raio has an effect on a POINT light only with light units 'radiance'; delete it",
+            "lights",
+            number,
+            "radius",
         )
 
 
 def emitter(context: Context, number: int, light: Light, units: str) -> Node:
-    """An emitter of this project's, or for an area light the sphere that bears it."""
+    """A light with this project's plugins: an emitter, or the sphere of an area light."""
     node: Node = {"type": "prosim_" + light.kind}
     if light.kind == "point":
         node["position"] = Point(light.position)
@@ -93,7 +96,7 @@ def sky(context: Context, number: int, light: Light) -> Node:
 
 
 def sphere(light: Light, emitter: Node) -> Node:
-    """The body of an area light: it emits, and reflects nothing."""
+    """The sphere of an area light: it emits, and reflects nothing."""
     return {
         "type": "sphere",
         "center": Point(light.position),

@@ -1,4 +1,4 @@
-"""SURFACE -> BSDF of this project's plugins, and what both targets need of a surface."""
+"""SURFACE -> BSDF of this project's plugins, and functions of a surface for both targets."""
 
 import math
 from dataclasses import dataclass
@@ -10,14 +10,15 @@ from . import textures
 from .context import Context
 
 BLACK = (0.0, 0.0, 0.0)
-#: The least absorption of a channel, as a share of the largest: ``volpath`` gives no number where there is none.
-LEAST = 1e-7
+#: The least absorption of a channel, relative to the largest: ``volpath`` returns NaN for 0.
+MIN_ABSORPTION = 1e-7
 
 
 @dataclass(frozen=True)
 class MediumInterface:
-    """The media on both sides of a face, as the indices of SURFACEs; ``outside`` is None for air, and ``inside`` the
-    face's own SURFACE where that is opaque.
+    """The media on both sides of a face, as indices of SURFACEs.
+
+    ``outside`` is None for air; ``inside`` is the face's own SURFACE if that is opaque.
     """
 
     inside: int
@@ -49,14 +50,14 @@ def slots(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]
 
 
 def mean_index(context: Context, index: int, surface: Surface) -> float:
-    """The index of refraction as one number; per-channel ones are averaged, and said so."""
+    """The index of refraction as one number: the mean of the channels, with a warning if they differ."""
     if surface.glass:
         return INDICES[surface.glass]
     assert surface.eta is not None
     if len(set(surface.eta)) > 1:
         context.approximate(
-            "the index of refraction differs from channel to channel: its mean is used, without dispersion "
-            "(a dieletrico disperses by abbe, or a glass's name)",
+            "n-refr differs between channels: its mean is used, without dispersion; "
+            "for dispersion use abbe, or a glass's name",
             "surfaces",
             index,
         )
@@ -64,7 +65,7 @@ def mean_index(context: Context, index: int, surface: Surface) -> float:
 
 
 def indices(context: Context, sides: MediumInterface) -> Node:
-    """The indices of refraction on both sides of a dielectric's face: numbers, or what depends on the wavelength."""
+    """The parameters for the indices of refraction on both sides of a dielectric's face, with dispersion."""
     inside = _index(context, sides.inside, "int")
     return inside | (
         {"ext_ior": context.scene.air_index} if sides.outside is None else _index(context, sides.outside, "ext")
@@ -72,7 +73,7 @@ def indices(context: Context, sides: MediumInterface) -> Node:
 
 
 def mean_indices(context: Context, sides: MediumInterface) -> Node:
-    """The same as one number each."""
+    """The parameters for the indices of refraction on both sides, one number each."""
     inside = mean_index(context, sides.inside, context.scene.surfaces[sides.inside])
     return {"int_ior": inside, "ext_ior": index_outside(context, sides)}
 
@@ -85,7 +86,7 @@ def index_outside(context: Context, sides: MediumInterface) -> float:
 
 
 def invisible(indices: Node) -> bool:
-    """Whether a face has the same index on both sides: then it is smooth, whatever it is made of."""
+    """Whether a face has the same index on both sides; then roughness has no effect."""
     inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
     return inside == outside
 
@@ -135,12 +136,12 @@ def _index(context: Context, index: int, side: str) -> Node:
 
 
 def absorbs(surface: Surface) -> bool:
-    """Whether light is absorbed inside."""
+    """Whether a surface encloses an absorbing medium."""
     return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
 
 
 def media(context: Context, sides: MediumInterface) -> Node:
-    """What lies on the sides of a dielectric's face and absorbs, as parameters of its shape; nothing for others."""
+    """The absorbing media on both sides of a face, as parameters of its shape."""
     result = {"interior": _medium(context.scene.surfaces[sides.inside])}
     if sides.outside is not None:
         result["exterior"] = _medium(context.scene.surfaces[sides.outside])
@@ -148,7 +149,7 @@ def media(context: Context, sides: MediumInterface) -> Node:
 
 
 def _medium(surface: Surface) -> Node:
-    """A medium that absorbs; nothing for what is clear.
+    """An absorbing medium; empty for a clear one.
 
     By Beer's law the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, hence the
     scale.
@@ -158,14 +159,14 @@ def _medium(surface: Surface) -> Node:
     assert surface.transmittance is not None
     sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
     scale = max(sigma)
-    shares = rgb(max(s / scale, LEAST) for s in sigma)
+    shares = rgb(max(s / scale, MIN_ABSORPTION) for s in sigma)
     return {"type": "homogeneous", "albedo": 0.0, "sigma_t": shares, "scale": scale}
 
 
 def phong_exponent(surface: Surface) -> float | None:
     """Exponent of the Phong lobe, None for a mirror; an RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007).
 
-    The largest is that of the language.
+    The result is at most the largest exponent of the language.
     """
     if surface.exponent is None and surface.slope:
         return min(max(2 / surface.slope**2 - 2, 0.0), numbers("OPTIC", "exponent").high)

@@ -1,4 +1,4 @@
-"""How this project's plugins say a scene."""
+"""The target with this project's plugins."""
 
 from ..camera import Camera
 from ..model import Leaf, Light
@@ -15,8 +15,8 @@ def settings(context: Context) -> Node:
     background = rgb(lights.radiometric(scene.background.color))
     if scene.background.image is not None:
         background = {"type": "bitmap", "filename": context.image(scene.background.image, "background", "image")}
-    # What is ours alone is said only where a scene asks for it.
-    word, ours = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
+    # Only a scene with CAUSTICS has the parameter.
+    word, caustics = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
     return {
         "comment": Comment(f"{scene.name}: SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW{word}, AMBIENT, BACKGROUND"),
         "integrator": {
@@ -24,7 +24,7 @@ def settings(context: Context) -> Node:
             "samples": Default("samples", context.samples),
             "max_level": scene.max_level,
             "shadows": scene.shadows,
-            **ours,
+            **caustics,
             "ambient": rgb(lights.radiometric(scene.ambient)),
             "background": background,
             "hide_emitters": True,
@@ -34,17 +34,17 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """The camera itself: any can be said."""
+    """The camera itself: this target has all cameras."""
     return camera
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """An emitter, or the sphere that bears it."""
+    """An emitter, or a sphere with an emitter."""
     if light.kind == "sky":
         return lights.sky(context, number, light)
     return lights.emitter(context, number, light, context.light_units)
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
-    """The BSDF of a leaf, and what lies on its sides."""
+    """The BSDF of a leaf, and the media on its sides."""
     return {"bsdf": materials.bsdf(context, number, leaf, sides), **materials.media(context, sides)}

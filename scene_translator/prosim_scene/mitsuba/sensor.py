@@ -1,5 +1,5 @@
 """Camera -> Mitsuba's sensor: exactly the rays of the language, for off-centre and oblique windows too.
-The planes between which Mitsuba's cameras see are wide enough for all of the scene, as the language clips nothing.
+The language has no clipping, so the clipping planes of Mitsuba's cameras enclose the whole scene.
 """
 
 import math
@@ -17,9 +17,9 @@ NEAR, FAR = 1e-3, 1e5
 
 
 def clipping(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
-    """Depths of the near and the far plane that cut off no triangle of the ``bodies``, and no light.
+    """Depths of a near and a far plane that clip no triangle of ``bodies``, and no light.
 
-    The near plane is almost at the eye where something may lie before it, but never on the eye.
+    If a triangle may be near the eye, the near plane is almost at the eye, but never on it.
     """
     near, far = NEAR * camera.depth, FAR * camera.depth
     for light in lights:
@@ -33,7 +33,7 @@ def clipping(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light
     corner = np.linalg.norm(
         [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
     )
-    slant = float(corner / camera.depth)  # how much longer the way is in a corner of the image
+    slant = float(corner / camera.depth)  # distance over depth, in a corner of the image
     if any(_reaches(camera.eye, body, near * slant) for body in bodies):
         near = 1e-9 * extent
     return near, far
@@ -44,7 +44,7 @@ def _depth(camera: Camera, points: np.ndarray) -> np.ndarray:
 
 
 def _reaches(point: np.ndarray, body: Triangles, distance: float) -> bool:
-    """Whether the box around a triangle comes so near to a point."""
+    """Whether the bounding box of a triangle is within ``distance`` of a point, per axis."""
     below, above = body.vertices < point + distance, body.vertices > point - distance
     return bool(np.all(below[body.index].any(axis=1) & above[body.index].any(axis=1), axis=1).any())
 
@@ -69,7 +69,7 @@ def sensor(camera: Camera, planes: tuple[float, float], film: Node, sampler: Nod
         "type": "perspective",
         "fov": 2 * math.degrees(math.atan2(width / 2, camera.depth)),
         "fov_axis": "x",
-        # In units of the image's width and height, from its centre to where the eye looks straight at the plane.
+        # The foot of the eye on the plane, relative to the image's centre, in units of its width and height.
         "principal_point_offset_x": 0.5 + camera.left / width,
         "principal_point_offset_y": 0.5 - camera.top / height,
         **common,

@@ -1,4 +1,4 @@
-"""The same scene for Mitsuba's built-in plugins alone. What they cannot say is approximated, and said so once."""
+"""The target with Mitsuba's own plugins only. An approximation is a warning, once."""
 
 import math
 from dataclasses import replace
@@ -27,20 +27,17 @@ def settings(context: Context) -> Node:
         "integrator": {"type": integrator, "max_depth": Default("max_depth", scene.max_level + 2), "rr_depth": 1000},
     }
     context.approximate(
-        f"stock target: {integrator!r} follows diffuse reflections too, and takes one sample of one light at a time; "
-        "N-rook patterns and adaptive sampling are left out",
+        f"stock target: {integrator!r} also follows diffuse reflections, and samples one light at a time; "
+        "there are no N-rook patterns and no adaptive sampling",
         "ambient",
     )
     if any(scene.ambient):
-        context.approximate(
-            "stock target: AMBIENT is emitted by the surfaces (ka I_a), so that they also light each other with it",
-            "ambient",
-        )
+        context.approximate("stock target: surfaces emit AMBIENT (ka I_a), and so light each other", "ambient")
     if not scene.shadows:
-        context.approximate("stock target: shadows are cast all the same", "shadows")
+        context.approximate("stock target: DO-SHADOW has no effect, shadows are cast", "shadows")
     if scene.caustics:
         context.approximate(
-            f"stock target: caustics are left to {integrator!r}, whose rays meet them by chance", "caustics"
+            f"stock target: CAUSTICS has no effect; {integrator!r} finds caustics by chance", "caustics"
         )
     if not all(scene.channels):
         context.approximate("stock target: all channels are written", "channels")
@@ -51,7 +48,7 @@ def settings(context: Context) -> Node:
         result["background"] = {"type": "constant", "radiance": rgb(lights.radiometric(scene.background.color))}
     if any(light.kind == "sky" for light in scene.lights):
         if result.pop("background", None):
-            context.approximate("stock target: the SKY is seen in place of BACKGROUND", "background", "image")
+            context.approximate("stock target: the SKY replaces BACKGROUND", "background", "image")
     elif "background" in result:
         context.approximate("stock target: BACKGROUND lights the scene", "background", "image")
     return result
@@ -72,7 +69,7 @@ def camera(context: Context, camera: Camera) -> Camera:
             "window",
         )
     context.approximate(f"stock target: pixels are square, {width}x{new} of them instead of {width}x{height}", "view")
-    # What rounding leaves over goes to both sides of the window.
+    # Both sides of the window get half of the rounding.
     middle, half = (camera.top + camera.bottom) / 2, new * pixel / 2
     return replace(camera, resolution=(width, new), bottom=middle - half, top=middle + half)
 
@@ -89,7 +86,7 @@ def light(context: Context, number: int, light: Light) -> Node:
         quantity = lights.quantity(context, number, light, units)
         if light.kind == "point":
             return {"type": "point", "position": Point(light.position), "intensity": rgb(quantity)}
-        context.approximate("stock target: AREA lights are seen by the camera", *path)
+        context.approximate("stock target: the camera sees AREA lights", *path)
         return lights.sphere(light, {"type": "area", "radiance": rgb(quantity)})
     context.approximate("stock target: CONE and SPOT lights are points, SPOT with a linear falloff", *path)
     quantity = lights.quantity(context, number, replace(light, kind="point"), units)
@@ -104,17 +101,17 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def _falloff(light: Light) -> tuple[float, float]:
-    """Degrees up to which a stock spot light is constant, and from which it is black."""
+    """Angles in degrees below which a stock spot light is constant, and above which it is black."""
     limit = min(light.angle or 90.0, 90.0 if light.distribution == "spot" else 179.0)
     if light.distribution == "cone":
         return 0.999 * limit, limit
-    # A linear ramp from the axis to where it has the same flux as cos^n: the integral of (1 - t/c) t dt is c^2/6,
-    # that of cos^n t sin t dt is 1/(n+1).
+    # A linear ramp from the axis with the flux of cos^n: the integral of (1 - t/c) t dt is c^2/6, that of
+    # cos^n t sin t dt is 1/(n+1).
     return 0.0, min(limit, math.degrees(math.sqrt(6 / (light.exponent + 1))))
 
 
 def _along(position: Vector, direction: Vector) -> np.ndarray:
-    """A transform that takes the origin to ``position`` and the z axis to ``direction``."""
+    """A transform that maps the origin to ``position`` and the z axis to ``direction``."""
     z = np.array(direction) / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= np.linalg.norm(x)
@@ -124,7 +121,7 @@ def _along(position: Vector, direction: Vector) -> np.ndarray:
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
-    """BSDF, what lies on its sides, and the emitter that stands for the ambient term."""
+    """BSDF, the media on its sides, and an emitter for the ambient term."""
     scene = context.scene
     surface = scene.surfaces[leaf.index]
     kd, ks, ka = materials.defaults(surface)
@@ -135,10 +132,10 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
         if slot is None:
             continue
         if slot.image is not None:
-            context.approximate("stock target: an image takes the place of kd, and does not change ka", *path)
+            context.approximate("stock target: an image replaces kd, and does not change ka", *path)
             image = {"type": "bitmap", "filename": context.image(slot.image, *path)}
         elif slot.name is not None:
-            context.approximate("stock target: patterns are replaced by their mean colour", *path)
+            context.approximate("stock target: the mean colour of a pattern replaces it", *path)
             factor = factor * _mean(*textures.parameters(scene, slot.name, i == 1))
     result = {
         "bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks),
@@ -174,10 +171,12 @@ def _bsdf(
     if surface.material == "conductor":
         optics: Node = {"material": surface.metal}
         outside = materials.index_outside(context, sides)
-        if surface.eta and surface.k:  # no parameter for the medium outside: relative to it
+        if (
+            surface.eta and surface.k
+        ):  # the plugin has no parameter for the medium outside, so indices are relative to it
             optics = {"eta": rgb([x / outside for x in surface.eta]), "k": rgb([x / outside for x in surface.k])}
         elif sides.outside is not None:
-            context.approximate("stock target: a metal with a name reflects in a dieletrico as it does in air", *path)
+            context.approximate("stock target: a named metal in a dieletrico reflects as in air", *path)
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
         if surface.glass or surface.abbe:
@@ -191,7 +190,7 @@ def _bsdf(
     if surface.material == "composite":
         indices = materials.mean_indices(context, sides)
         context.approximate("stock target: a composto is a (rough)plastic", *path)
-        if materials.invisible(indices):  # a rough one takes no equal indices, and there is no coat to be seen
+        if materials.invisible(indices):  # roughplastic refuses equal indices, and the coat is invisible
             return {"type": "diffuse", "reflectance": diffuse}
         return {
             "type": prefix + "plastic",
@@ -207,7 +206,7 @@ def _bsdf(
 
 
 def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:
-    # The blend weighs its parts with w and 1 - w; reflectances are divided by that, and may not exceed 1.
+    # The blend has the weights w and 1 - w; reflectances are divided by them, and may not exceed 1.
     kd = np.array(diffuse["value"]) if diffuse["type"] == "rgb" else np.full(3, 0.5)
     weight = float(np.mean(ks) / (np.mean(ks) + np.mean(kd)))
     weight = min(max(weight, max(ks) if max(ks) < 1 else 0.0), 1.0)

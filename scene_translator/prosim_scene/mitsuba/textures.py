@@ -16,7 +16,7 @@ from .context import Context
 
 #: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.
 DEFAULTS: dict[str, dict[str, Any]] = {
-    # 12 bricks with their joints along u, 26 rows along v: no seam.
+    # 12 bricks with their joints along u, 26 rows along v: no visible seam.
     "brick": {
         "brick": (1.0, 0.7, 0.6),
         "mortar": (1.4, 1.5, 1.8),
@@ -41,7 +41,7 @@ STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}
 
 COLORS = ("brick", "mortar", "color0", "color1")
 
-#: Makes of a pattern's factor the colour that it stands for, or a texture within the pattern.
+#: Maps a factor of a pattern to its colour, or to a texture inside the pattern.
 Colored = Callable[[Iterable[float]], Node]
 
 

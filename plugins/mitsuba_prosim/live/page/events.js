@@ -4,9 +4,9 @@
 // interval between two requests of a hidden page.
 const SILENCE = 40000, SELDOM = 3000;
 
-/** Calls `told(state)` with the state and each newer one, and `lost(refused)` when nothing is heard: for good where it is
+/** Calls `receive(state)` with the state and each newer one, and `lost(refused)` when nothing is heard: for good where it is
  * refused. A hidden page asks at intervals only: a browser has few connections for all its pages here. */
-export function follow(told, lost) {
+export function follow(receive, lost) {
     let events = null, silence = 0, again = 0;
 
     function listen() {
@@ -15,7 +15,7 @@ export function follow(told, lost) {
         events.addEventListener("here", heard);
         events.onmessage = (e) => {
             heard();
-            told(JSON.parse(e.data));
+            receive(JSON.parse(e.data));
             if (!document.hidden) return;
             stop();
             again = setTimeout(listen, SELDOM);

@@ -2,8 +2,8 @@
 
 /** Writes messages into a box, unless they are there. */
 export function tell(box, text) {
-    if (box.dataset.told === text) return;
-    box.dataset.told = text;
+    if (box.dataset.text === text) return;
+    box.dataset.text = text;
     box.replaceChildren();
     for (const line of text.split("\n").filter((line) => line.trim())) {
         const kind = /^\s/.test(line) ? "PRE" : "P";

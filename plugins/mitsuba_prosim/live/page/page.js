@@ -103,7 +103,7 @@ function splitting() {
 
 const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "stopped", done: "done", missing: "the file has gone; its last picture is shown until it is there again", failed: "not rendered; the next save is awaited"};
 
-function told(news) {
+function receive(news) {
     state = news;
     const parts = [WORDS[state.doing]], whose = state.compared ? `${state.integrator}: ` : "", percent = `${Math.round(100 * state.part)} %`;
     write(find("scene"), state.scene);
@@ -317,4 +317,4 @@ find("copy").addEventListener("click", async () => {
     find("announcement").textContent = find("copy").textContent;
     setTimeout(() => { find("copy").textContent = "Copy the view"; }, 1500);
 });
-follow(told, lost);
+follow(receive, lost);

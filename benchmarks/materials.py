@@ -15,7 +15,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from measure import Run, arguments, begin, interval, shown
+from measure import Run, arguments, begin, interval, renders, shown
 from scenes import diffuse, lamp, rectangle, sphere, with_film
 
 CU = {"material": "Cu"}
@@ -90,13 +90,7 @@ def main() -> None:
     print("| | time | variance |\n|---|---:|---:|")
     for name, scenes in rows.items():
         pair = [Run("", one, {"type": "path", "max_depth": 6}, 32) for one in scenes]
-        images: list[list[np.ndarray]] = [[], []]
-        for seed in range(options.rounds + 1):
-            for run, of in zip(pair, images):
-                image, seconds = run.render(seed)
-                if seed:
-                    of.append(image)
-                    run.seconds.append(seconds)
+        images = renders(pair, options.rounds)
 
         def quotients(k: np.ndarray) -> np.ndarray:
             seconds = [np.median(np.array(run.seconds)[k]) for run in pair]  # noqa: B023  (used at once)

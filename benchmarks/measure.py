@@ -83,6 +83,18 @@ def by_turns(
                 entry.image = image
 
 
+def renders(entries: Sequence[Run], rounds: int) -> list[list[np.ndarray]]:
+    """The images of each entry, one for each round; their seconds go to the entry. The first images warm up."""
+    images: list[list[np.ndarray]] = [[] for _ in entries]
+    for seed in range(rounds + 1):
+        for entry, of in zip(entries, images):
+            image, seconds = entry.render(seed)
+            if seed:
+                of.append(image)
+                entry.seconds.append(seconds)
+    return images
+
+
 def interval(ratio: Callable[[np.ndarray], np.ndarray], rounds: int, draws: int = 2000) -> np.ndarray:
     """Value and 95 % bootstrap interval of ``ratio``, a function of the indices of the rounds: shape (3, ...)."""
     rng = np.random.default_rng(1)

@@ -14,7 +14,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from measure import REFERENCE_SEEDS, Run, arguments, begin, interval, shown
+from measure import REFERENCE_SEEDS, Run, arguments, begin, interval, renders, shown
 from mitsuba_prosim.compare import measures
 from scenes import NAMES, Subject, lamp, rgb, sphere, stage, with_film
 
@@ -63,13 +63,7 @@ def main() -> None:
         theirs = {"type": "volpath" if name == "green glass" else "path", "hide_emitters": True}
         ours = Run("ours", scene, {"type": "prosim", "caustics": True, "samples": 8} | every)
         pair = (ours, Run("theirs", scene, theirs, 256))
-        images: list[list[np.ndarray]] = [[], []]
-        for seed in range(options.rounds + 1):
-            for run, of in zip(pair, images):
-                image, seconds = run.render(seed)
-                if seed:
-                    of.append(image)
-                    run.seconds.append(seconds)
+        images = renders(pair, options.rounds)
         truth = np.mean([ours.render(REFERENCE_SEEDS + seed)[0] for seed in range(20)], axis=0)
         scale = 0.25 / truth.mean()
         for run, of in zip(pair, images):

@@ -71,6 +71,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         """The estimator of the radiance along rays of ``sensor`` in ``scene``, see :class:`.Transport`; ``attached``:
         whether derivatives are wanted.
         """
+        # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
         raise NotImplementedError
 
     def name(self) -> str:

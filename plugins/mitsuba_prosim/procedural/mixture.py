@@ -39,6 +39,7 @@ class Mixture(mi.Texture):
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
         """The pattern at ``si``, in [0, 1]."""
+        # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
         raise NotImplementedError
 
     def average(self) -> mi.Float:

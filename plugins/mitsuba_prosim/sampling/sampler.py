@@ -24,6 +24,7 @@ class PureSampler(mi.Sampler):
 
     def points(self) -> NRook | Sobol:
         """The sample at hand, in every space."""
+        # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
         raise NotImplementedError
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:

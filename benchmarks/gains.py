@@ -8,7 +8,8 @@
     The thesis's tree with ``graded`` and with ``neighbours`` over ``none``, N = 8, at the same mean number of samples.
 ``paths``
     ``prosim`` with every path of light, and ``path`` within ``prosim_adaptive``, over ``path`` with the sampler
-    ``independent``, at 64 samples.
+    ``independent``, at 64 samples. Scenes whose tree has one level (stage, copper ball, metal floor, 24 lamps) have
+    direct light only, and ``direct`` in place of ``path``.
 ``denoised``
     ``prosim_denoised`` over the raw image of as many samples.
 ``ablations``
@@ -62,18 +63,21 @@ def policies(subject: Subject, n: int = 8) -> Entries:
 
 
 def paths(subject: Subject, n: int = 8) -> Entries:
-    """The same for every path of light."""
-    scene, path = subject.load(), {"type": "path", "max_depth": DEPTH}
+    """The same for every path of light, or for direct light."""
+    scene, ours, theirs = subject.load(), PATHS, {"type": "path", "max_depth": DEPTH}
+    if subject.tree and subject.tree.get("max_level") == 0:
+        ours, theirs = subject.tree, {"type": "direct"}
+    name, nested = theirs["type"], {"type": "prosim_adaptive", "nested": theirs}
     entries = [
-        Run("prosim", scene, PATHS | {"adaptive": "none", "samples": n}),
-        with_samples(Run("prosim, graded", scene, PATHS | {"adaptive": "graded", "samples": n}), n * n),
-        Run("prosim_adaptive", scene, NESTED | {"adaptive": "none", "samples": n}),
-        with_samples(Run("prosim_adaptive, graded", scene, NESTED | {"adaptive": "graded", "samples": n}), n * n),
-        Run("path, owen", subject.load("owen"), path, n * n),
-        Run("path, multijitter", subject.load("multijitter"), path, n * n),
-        Run("path", scene, path, n * n),
+        Run("prosim", scene, ours | {"adaptive": "none", "samples": n}),
+        with_samples(Run("prosim, graded", scene, ours | {"adaptive": "graded", "samples": n}), n * n),
+        Run("prosim_adaptive", scene, nested | {"adaptive": "none", "samples": n}),
+        with_samples(Run("prosim_adaptive, graded", scene, nested | {"adaptive": "graded", "samples": n}), n * n),
+        Run(f"{name}, owen", subject.load("owen"), theirs, n * n),
+        Run(f"{name}, multijitter", subject.load("multijitter"), theirs, n * n),
+        Run(name, scene, theirs, n * n),
     ]
-    return entries, path, 256
+    return entries, theirs, 256
 
 
 def denoised(subject: Subject, n: int = 6) -> Entries:

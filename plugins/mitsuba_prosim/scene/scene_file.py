@@ -26,13 +26,18 @@ class SceneFile:
     """A scene file, read once. :meth:`load` makes scenes of it."""
 
     def __init__(
-        self, path: str | Path, folder: Path, kept: prosim_scene.Kept | None = None, confined: bool = False, **how: Any
+        self,
+        path: str | Path,
+        folder: Path,
+        cache: prosim_scene.TranslationCache | None = None,
+        confined: bool = False,
+        **how: Any,
     ) -> None:
         """Reads the scene at ``path``: XML if that is its suffix, else the thesis's language.
 
         ``folder``
             Folder of the translation; it has to exist as long as scenes are loaded.
-        ``kept``
+        ``cache``
             The cache of translations.
         ``confined``
             Whether the scene may name only files in its folder, see :class:`.confinement.Confinement`.
@@ -52,7 +57,7 @@ class SceneFile:
         if self.path.suffix.lower() != ".xml":
             self.document = prosim_scene.document(self.path, self.definitions)
             self._language = how | {"resolution": resolution, "samples": changes.samples}
-            self.xml = prosim_scene.translate(self.document, Path(folder), kept=kept, **self._language)
+            self.xml = prosim_scene.translate(self.document, Path(folder), cache=cache, **self._language)
             changes = replace(changes, definitions={}, resolution=None, samples=None)  # the translation has these
         #: The arguments with which the XML file makes the same scene.
         self.changes = asdict(changes)

@@ -17,8 +17,8 @@ from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
 from .plan import UNLIMITED, Sampling, area
 
-#: Maximum seconds of a work item with a time limit; and the maximum as a fraction of the limit.
-STEP, SHARE = 0.5, 0.01
+#: Seconds of a work item with a time limit: this fraction of the limit, between these two.
+SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
 
 #: Maximum samples of a pass over those so far: few samples estimate the error badly.
 GROWTH = 4.0
@@ -72,7 +72,7 @@ class ErrorTarget:
     @property
     def item_seconds(self) -> float:
         """Seconds of a work item at most."""
-        return min(STEP, self.seconds * SHARE) if self.seconds else np.inf
+        return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
 class SecondImage:

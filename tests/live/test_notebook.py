@@ -14,7 +14,7 @@ import numpy as np
 import prosim_scene
 import pytest
 from little import LITTLE
-from mitsuba_prosim.engine.work import Local
+from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.live import notebook
 from mitsuba_prosim.live.image import ProgressiveImage
 from mitsuba_prosim.live.picture import coloured, palest
@@ -129,7 +129,7 @@ def test_the_part_that_is_done_never_falls(path, monkeypatch, estimates_that_fal
             self.observe(lambda change: parts.append(change.new), "value")
 
     monkeypatch.setattr(ipywidgets, "FloatProgress", Bar)
-    monkeypatch.setattr(Local, "limit", lambda *_: 1500)
+    monkeypatch.setattr(Executor, "limit", lambda *_: 1500)
     mitsuba_prosim.show(path)
     assert parts == sorted(parts) and len(parts) > 4
 

@@ -127,7 +127,7 @@ class Film:
             # The states are here, so that a lost worker loses no samples; and a time is that of all workers.
             if workers.dask is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
                 continue
-            if workers.dask.seconds <= SMALL:
+            if workers.dask.worker_seconds <= SMALL:
                 yield from self.results_of_workers(frames, workers.dask, task.size())
 
     def results_of_workers(

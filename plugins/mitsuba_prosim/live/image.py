@@ -12,7 +12,7 @@ import numpy as np
 
 from ..compare.scenes import can_light, lit
 from ..denoising import halves
-from ..engine.work import Local, Step
+from ..engine.work import Executor, Step
 from ..registry import create
 from ..transport.scattering import disperses
 from .picture import of_render, over
@@ -52,7 +52,7 @@ class ProgressiveImage:
 
     def begin(self, seed: int, spp: int = 0, **how: Any) -> Any:
         """A :class:`.Render` with short work items."""
-        return self.integrator.progressive(self.scene, self.sensor, seed, spp, executor=Local(SECONDS), **how)
+        return self.integrator.progressive(self.scene, self.sensor, seed, spp, executor=Executor(SECONDS), **how)
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
         """The layers of a :class:`.Picture` of the image so far; None before the render has started.
@@ -108,7 +108,7 @@ class DenoisedImage(ProgressiveImage):
 
     def _run(self) -> Iterator[Step]:
         steps = halves.DenoisedRender(
-            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Local(SECONDS)
+            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS)
         )
         self.render = steps.render
         for step in steps:

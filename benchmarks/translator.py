@@ -87,16 +87,16 @@ def measure(kind: str, count: int) -> None:
         path = Path(folder) / "bench.scn"
         path.write_text(scene(kind, count))
         prosim_scene.parse("END")  # builds the parser of expressions
-        before, kept = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, prosim_scene.Kept()
+        before, cache = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, prosim_scene.TranslationCache()
         times = [time.process_time()]
         prosim_scene.parse(prosim_scene.read(path))
         times.append(time.process_time())
-        prosim_scene.translate(path, kept=kept)
+        prosim_scene.translate(path, cache=cache)
         times.append(time.process_time())
         path.write_text(path.read_text().replace("SURFACE 1 material lambertiano", "SURFACE 1"))
         changed = prosim_scene.document(path)
         begun = time.process_time()
-        prosim_scene.translate(changed, kept=kept)
+        prosim_scene.translate(changed, cache=cache)
         seconds = [*np.diff(times), time.process_time() - begun]
     peak = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     print(f"| {kind} | {count} | " + " | ".join(f"{s:.2f}" for s in seconds) + f" | {peak:.0f} |", flush=True)

@@ -14,7 +14,7 @@ from .language.analysis import analyse
 from .language.diagnostics import SceneError, SceneWarning
 from .language.document import Document
 from .mitsuba.assemble import assemble
-from .options import Options
+from .translation_options import Options
 
 #: The largest time of an evaluation in seconds.
 TIME_LIMIT = 60.0

@@ -7,19 +7,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from . import descriptions
 from .language import words
 from .language.analysis import analyse
 from .language.diagnostics import USE
 from .language.expressions import CONSTANTS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
 from .language.tokens import Token
-from .language.words import NAMED, NOTHING, ROLES, STATEMENTS, Flags, row
+from .language.words import NAMED, NOTHING, ROLES, STATEMENTS, Flags, Word, row
 
 #: The keywords that an index follows.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
 #: The word before the cursor, and the arithmetic around the cursor.
 WORD = re.compile(r'[^\s()#":=]*\Z')
+OPERATORS = {
+    "PLUS": "`+` A B: the union of two solids.",
+    "MINUS": "`-` A B: the difference of two solids.",
+    "TIMES": "`*` A B: the intersection of two solids.",
+}
 BRACES = re.compile(r"\{[^{}\n]*?([$\w]*)\Z")
 
 
@@ -116,11 +120,11 @@ class Symbols:
         if i < 0 or offset >= self.tokens[i].end:
             return None
         token, before = self.tokens[i], self.tokens[i - 1].role
-        text = descriptions.OPERATORS.get(token.role, "")
+        text = OPERATORS.get(token.role, "")
         if token.role in ROLES:
-            text = descriptions.of_word(row(token.role, token.text))
+            text = description(row(token.role, token.text))
         elif token.role == "WORD" and before in NAMED:
-            text = descriptions.of_name(*NAMED[before], words.normalise(token.text))
+            text = _of_name(*NAMED[before], words.normalise(token.text))
         return (token.start, token.end, text) if text else None
 
     @property
@@ -197,5 +201,29 @@ def _words(role: str, start: int) -> Iterator[Completion]:
     kind, rank = ("statement", 2) if role in STATEMENTS else ("keyword", 0)
     for word in words.of_role(role):
         for i, spelling in enumerate(word.spellings):
-            detail, text = descriptions.takes(word), descriptions.of_word(word)
-            yield Completion(spelling, kind, start, detail, text, rank + (i > 0))
+            yield Completion(spelling, kind, start, _takes(word), description(word), rank + (i > 0))
+
+
+def _takes(word: Word) -> str:
+    """The values after a word: ``x y z``, or nothing."""
+    return " ".join(["TRUE"] * word.takes.count) if isinstance(word.takes, Flags) else word.takes.what
+
+
+def description(word: Word) -> str:
+    """A word's meaning, its values with their units and range, and its other spellings, as Markdown."""
+    lines = [f"**{word.canonical}** {_takes(word)}".rstrip(), word.meaning]
+    if word.takes.count and not isinstance(word.takes, Flags):
+        each = "each " if word.takes.count > 1 else ""
+        lines.append(f"{word.takes.what}: {each}{word.takes.bounds()}")
+    lines += ["Of: " + ", ".join(word.of)] if word.of else []
+    lines += ["Also: " + ", ".join(word.spellings[1:])] if word.spellings[1:] else []
+    return "\n\n".join(lines)
+
+
+def _of_name(what: str, names: dict[str, str], name: str) -> str:
+    """The table or the material behind the name of a metal or a glass, and its other names, as Markdown."""
+    if name not in names:
+        return f"no {what} has this name"
+    index = f": n-refr = {words.INDICES[names[name]]} at 587.6 nm" if what == "glass" else ""
+    others = ", ".join(other for other in names if names[other] == names[name])
+    return f"The {what} **{names[name]}**{index}\n\nNames: {others}"

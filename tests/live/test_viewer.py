@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from little import LITTLE, running, save, until
 from mitsuba_prosim import denoising
-from mitsuba_prosim.engine.work import Local
+from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.live import progressive_image, throttle
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.live.view_requests import ViewRequests
@@ -47,7 +47,7 @@ def all_portions_seen(monkeypatch):
     """However small and quick they are."""
     monkeypatch.setattr(throttle, "INTERVAL", 0)
     monkeypatch.setattr(throttle, "SHARE", 1e9)
-    return lambda samples: monkeypatch.setattr(Local, "limit", lambda *_: samples)
+    return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 
 def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from prosim_scene import Kept
+from prosim_scene import TranslationCache
 
 from .. import atomic
 from ..scene import images, scene_file, session
@@ -50,10 +50,10 @@ def watch(job: Job, port: int, browser: bool) -> None:
             f"port {port}: {error.strerror}. Give another by --port, or leave it out for any free one."
         ) from None
     with atomic.scratch() as folder:
-        kept, confined = Kept(), not job.language.get("allow_outside")
+        cache, confined = TranslationCache(), not job.language.get("allow_outside")
 
         def opened() -> tuple[scene_file.SceneFile, Any, Any]:
-            file = job.file(folder, kept=kept, confined=confined)
+            file = job.file(folder, cache=cache, confined=confined)
             scene = file.load()
             return file, scene, scene_file.pick_sensor(scene, job.sensor)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..compare.scenes import can_light, lit
 from ..denoising import halves
-from ..engine.work import Local, Step
+from ..engine.work import Executor, Step
 from ..registry import create
 from ..transport.scattering import disperses
 from .picture import Picture, of_render, over
@@ -49,7 +49,9 @@ class ProgressiveImage:
         return step.complete
 
     def _run(self) -> Iterator[Step]:
-        self.render = self.integrator.progressive(self.scene, self.sensor, self.seed, self.spp, executor=Local(SECONDS))
+        self.render = self.integrator.progressive(
+            self.scene, self.sensor, self.seed, self.spp, executor=Executor(SECONDS)
+        )
         yield from self.render
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
@@ -102,7 +104,7 @@ class DenoisedImage(ProgressiveImage):
 
     def _run(self) -> Iterator[Step]:
         steps = halves.DenoisedRender(
-            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Local(SECONDS)
+            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS)
         )
         self.render = steps.render
         for step in steps:

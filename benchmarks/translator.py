@@ -116,8 +116,11 @@ async def keystrokes(count: int, keys: int = 100) -> None:
     for key in range(keys):
         while not reports.empty():
             reports.get_nowait()
-        place = lsp.Position(rng.choice(places), 40)
-        change = lsp.TextDocumentContentChangePartial(lsp.Range(place, place), rng.choice("12x"))
+        lines = text.splitlines(keepends=True)
+        line = rng.choice(places)
+        lines[line] = lines[line][:40] + rng.choice("12x") + lines[line][40:]
+        text = "".join(lines)
+        change = lsp.TextDocumentContentChangeWholeDocument(text)
         version = lsp.VersionedTextDocumentIdentifier(key + 2, URI)
         begun = time.perf_counter()
         client.text_document_did_change(lsp.DidChangeTextDocumentParams(version, [change]))

@@ -224,7 +224,7 @@ def test_references_that_can_not_be_stored(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     for folder in tmp_path / "file" / "cache", None:
-        with pytest.raises(InputError, match=r"references can't be stored: .*this is not a folder"):
+        with pytest.raises(InputError, match=r"references can't be stored: .*Not a directory"):
             compare.reference_folder(folder, 10)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert compare.reference_folder(None, 10) == runs.cache_folder()

@@ -64,16 +64,6 @@ def facts(integrator: mi.Integrator, reached: Reached | None, interrupted: bool)
     return result
 
 
-def nothing(reached: Reached | None) -> bool:
-    """Whether a render is known to have ended before the first sample."""
-    return reached is not None and reached.samples == 0
-
-
-def interrupted(reached: Reached | None) -> str:
-    """The state of an interrupted image, in words."""
-    return "interrupted" if reached is None or reached.least > 0 else "interrupted: pixels without a sample are black"
-
-
 def goals(integrator: mi.Integrator) -> list[str]:
     """The parameters among :data:`NOISES` that an integrator has."""
     return [name for name in NOISES if getattr(integrator, name, 0)]

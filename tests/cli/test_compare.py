@@ -11,8 +11,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.cli import compare, progress
-from mitsuba_prosim.cli.options import InputError
+from mitsuba_prosim.cli import compare_command as compare
+from mitsuba_prosim.cli import progress
+from mitsuba_prosim.cli.option_types import InputError
 from mitsuba_prosim.compare import measures, runs
 from mitsuba_prosim.compare.scenes import Scene, Spec, typed
 from mitsuba_prosim.scene.scene_file import SceneFile

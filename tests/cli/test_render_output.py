@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import atomic
-from mitsuba_prosim.cli import output
+from mitsuba_prosim.cli import output_files as output
 from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering

@@ -48,7 +48,7 @@ class Film:
 
     def __init__(self, job: Job, stem: Path) -> None:
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
-        self.cache = prosim_scene.Kept()
+        self.cache = prosim_scene.TranslationCache()
         self.rendered = self.left = self.black = 0
         self.bar = FilmProgress(len(self.frames))
         self.signals: list[int] = []
@@ -94,7 +94,7 @@ class Film:
             seed = (self.job.seed + number) % 2**32
             job = replace(self.job, definitions={**self.job.definitions, **own}, seed=seed)
             with wrong_input():
-                file = job.file(folder, kept=self.cache)
+                file = job.file(folder, cache=self.cache)
                 facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
             task = Task(job, file, self.path(number), facts=facts)
             if job.overwrite or not exists(task):
@@ -115,7 +115,7 @@ class Film:
             if self.signals:  # from here on the render listens itself
                 return
             yield task, *render_image(task, self.bar, workers)
-            if workers.dask is not None and workers.dask.seconds <= SMALL and not self.needs_all(task):
+            if workers.dask is not None and workers.dask.worker_seconds <= SMALL and not self.needs_all(task):
                 yield from self.images_of_workers(tasks, workers.dask, task.size)
 
     def needs_all(self, task: Task) -> bool:

@@ -14,11 +14,12 @@ import dask
 import distributed
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .. import atomic
 from ..alone import alone
 from ..engine import origin
-from ..engine.work import Results, TimeSlicer, WorkItem
+from ..engine.work import Executor, Results, WorkItem
 from ..photons.caustics import Which
 from ..scene import rendering, scene_file
 from . import worker
@@ -60,7 +61,7 @@ class _Task:
         self.future: Any = None
 
 
-class DaskExecutor:
+class DaskExecutor(Executor):
     """Takes samples of the scene in ``bundle`` by the workers of ``client``: an :class:`.Executor`.
 
     Workers may come and go. ``say`` receives warnings about them. Use it as a context manager.
@@ -72,11 +73,11 @@ class DaskExecutor:
         self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
     ) -> None:
         self.client, self.bundle, self.say = client, bundle, say
-        self.slicer = TimeSlicer(SECONDS)
+        super().__init__(SECONDS)
         #: Why the cluster has gone away.
         self.gone: str | None = None
         #: Seconds of all workers together.
-        self.seconds = 0.0
+        self.worker_seconds = 0.0
         self.address = getattr(client.scheduler, "address", "of the cluster")
         self._workers: frozenset[str] = frozenset()
         self._refused: dict[str, str] = {}
@@ -99,9 +100,9 @@ class DaskExecutor:
 
     # ---------------------------------------------------------------- the interface of an executor
 
-    def limit(self, left: int, seconds: float) -> int:
+    def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item: some seconds of a worker, less towards the end."""
-        size = self.slicer.limit(left, seconds)
+        size = super().limit(left, seconds)
         return min(size, max(left // (WINDOW * max(len(self._workers), 1)), size // FEWER, 1))
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
@@ -124,7 +125,7 @@ class DaskExecutor:
 
     def _samples(self, item: WorkItem) -> _Task:
         """The task that takes the samples of ``item``."""
-        content, sets = worker.packed(item), item.photon_sets()
+        content, sets = worker.packed(item), [which for which, _ in item.photon_sets() if which is not None]
 
         def submit() -> distributed.Future:
             photons = [self._draw(which) for which in sets] if len(sets) <= SETS else []
@@ -132,8 +133,8 @@ class DaskExecutor:
 
         def read(result: tuple[float, bytes]) -> tuple[WorkItem, Any]:
             seconds, sums = result
-            self.seconds += seconds
-            self.slicer.learn(item.work, seconds)
+            self.worker_seconds += seconds
+            self.learn(item.work, seconds)
             with alone():
                 values = pickle.loads(sums)
                 dr.eval(values)

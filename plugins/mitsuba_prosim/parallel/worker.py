@@ -27,7 +27,7 @@ from ..alone import alone
 from ..compat import dr_array
 from ..engine import origin
 from ..engine.estimator import Estimator
-from ..engine.policies import POLICIES
+from ..engine.policies import policy_of
 from ..engine.work import WorkItem
 from ..photons.caustics import Which
 from ..scene import session
@@ -60,7 +60,6 @@ class Loaded:
         self.key = bundle.key
         self.scene, self.sensor = bundle.load(contents)
         self.integrator: Any = self.scene.integrator()
-        self.sensor.film().prepare(self.integrator.aov_names())
         self._estimator: Estimator | None = None
 
     def estimator(self) -> Estimator:
@@ -155,7 +154,7 @@ def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes
     """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
         plan, x, y, start, end, decides = pickle.loads(item)
-        policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold) if decides else None
+        policy = policy_of(plan) if decides else None
         whole = WorkItem(estimator(), plan, x, y, start, end, policy)
     started = time.perf_counter()
     sums = whole.take()

@@ -55,7 +55,7 @@ def test_resolution_of_a_scene_that_no_film_can_hold(palito):
 
 @pytest.mark.parametrize("level", [-1, 25])
 def test_levels_that_only_paths_have(palito, level):
-    says = f"\"max_level\" is {level}; allowed: 0 to 24"
+    says = f'"max_level" is {level}; allowed: 0 to 24'
     refused(says, "render", palito, "--max-level", level, folder=palito.parent)
 
 

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -137,29 +138,28 @@ class Film:
 
         Raises the error of a frame when those before it are written.
         """
+        from ..parallel import worker
         from ..parallel.bundle import SceneBundle
-        from ..parallel.executor import ImageTask
+        from ..parallel.executor import Task as DaskTask
 
-        asked: dict[ImageTask, Frame] = {}
         errors: list[click.ClickException] = []
 
-        def images() -> Iterator[ImageTask]:
+        def tasks() -> Iterator[DaskTask]:
             try:
                 for frame in frames:
                     output.check(frame.stem, SUFFIXES, size, [frame.file.path, *frame.file.sources()])
                     with wrong_input():
                         bundle = SceneBundle.of(frame.file, self.job.sensor)
-                    image = ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))
-                    asked[image] = frame
-                    yield image
+                    submit = partial(dask.submit, worker.make, bundle, on_worker, frame.job, frame.facts)
+                    yield DaskTask(f"frame {frame.number}", submit, partial(lambda frame, image: (frame, image), frame))
             except click.ClickException as error:
                 errors.append(error)
 
-        for answer in dask.make(images()):
+        for answer in dask.results(tasks()):
             if self.signals:
                 return
             if answer is not None:
-                frame, image = asked.pop(answer[0]), answer[1]
+                frame, image = answer
                 paths = output.save(frame.stem, image.contents)
                 report = "\n".join([image.line(frame.job, frame.file, paths), *image.quality])
                 yield frame, Result(report, black=image.black)

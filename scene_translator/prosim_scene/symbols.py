@@ -48,7 +48,7 @@ class Completion(NamedTuple):
     """A word that fits at ``start``; ``detail``: its parameters. The lowest ``rank`` is first."""
 
     label: str
-    kind: str  # "statement", "keyword", "value", "solid", "index", "name" or "function"
+    kind: str  # of LSP's CompletionItemKind
     start: int
     detail: str = ""
     documentation: str = ""
@@ -158,7 +158,7 @@ class Symbols:
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):
             start = offset - len(braces[1])
-            functions = [Completion(name, "function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
+            functions = [Completion(name, "Function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._variables(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
         before = Reader(self.text[:start])
@@ -174,15 +174,15 @@ class Symbols:
             return self._variables(start)
         result = [one for role in words.ORDER if role in ROLES and role in expected for one in _words(role, start)]
         values = NAMED[last.role][1] if last.role in NAMED else self._textures if "TEXTURE_NAME" in expected else {}
-        result += [Completion(name, "value", start, value) for name, value in values.items()]
+        result += [Completion(name, "Color", start, value) for name, value in values.items()]
         if "USE" in expected:
-            result += [Completion(name, "solid", start) for name in before.fields["solids"]]
+            result += [Completion(name, "Class", start) for name in before.fields["solids"]]
         if {"NUMBER", "WORD"} & expected:
             result += self._variables(start)
         return result
 
     def _variables(self, start: int) -> list[Completion]:
-        return [Completion(f"${name}", "name", start, value, rank=1) for name, value in self._names.items()]
+        return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self._names.items()]
 
     def _indices(self, role: str, start: int) -> list[Completion]:
         """Indices without this statement; after a primitive, indices with a statement."""
@@ -193,12 +193,12 @@ class Symbols:
         used, defined = given["PRIMITIVE"] | given["USE"], given["SURFACE"] | given["TRANSFORM"]
         fitting = defined if role in ("PRIMITIVE", "USE") else (used | defined) - given[role]
         fitting = fitting or {max(set().union(*given.values()), default=-1) + 1}
-        return [Completion(str(i), "index", start) for i in sorted(fitting)]
+        return [Completion(str(i), "Value", start) for i in sorted(fitting)]
 
 
 def _words(role: str, start: int) -> Iterator[Completion]:
     """The keywords of a role: those of the statement before statements, canonical spellings before others."""
-    kind, rank = ("statement", 2) if role in STATEMENTS else ("keyword", 0)
+    kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.of_role(role):
         for i, spelling in enumerate(word.spellings):
             yield Completion(spelling, kind, start, _takes(word), description(word), rank + (i > 0))

@@ -59,7 +59,7 @@ class Film:
 
     def __init__(self, job: Job, stem: Path) -> None:
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
-        self.cache = prosim_scene.Kept()
+        self.cache = prosim_scene.TranslationCache()
         self.rendered = self.left = self.black = 0
         self.bar = FilmProgress(len(self.frames))
         self.signals: list[int] = []
@@ -105,7 +105,7 @@ class Film:
             seed = (self.job.seed + number) % 2**32
             job = replace(self.job, definitions={**self.job.definitions, **own}, seed=seed)
             with wrong_input():
-                file = job.file(folder, kept=self.cache)
+                file = job.file(folder, cache=self.cache)
                 facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
             frame = Frame(number, job, self.path(number), file, facts)
             if job.overwrite or not exists(frame):

@@ -23,7 +23,7 @@ from tqdm import tqdm
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
         ("--crop 0,0,0,0", "not of the form X,Y,W,H"),
         ("--crop -1,0,1,1", "not of the form X,Y,W,H"),
-        ("--crop 0,0,100,100", "a crop window of 100 x 100 pixels at (0, 0) leaves the image"),
+        ("--crop 0,0,100,100", "crop_size"),
         ("-D key", "not of the form key=value"),
         ("-m no_such_variant", "llvm_ad_rgb"),
         ("--spp 0", "range"),
@@ -55,7 +55,7 @@ def test_resolution_of_a_scene_that_no_film_can_hold(palito):
 
 @pytest.mark.parametrize("level", [-1, 25])
 def test_levels_that_only_paths_have(palito, level):
-    says = f"the maximum depth is {level}; a tree of rays allows 0 to 24"
+    says = f'"max_level" is {level}; allowed: 0 to 24'
     refused(says, "render", palito, "--max-level", level, folder=palito.parent)
 
 

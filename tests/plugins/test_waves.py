@@ -57,7 +57,7 @@ def reached(scene, seed=0):
 def grow(render, counts, items=1 << 30):
     """Takes the samples up to those counts, or of so many work items; returns whether that was all."""
     wanted = np.broadcast_to(np.asarray(counts, dtype=np.uint32), width(render))
-    for item in itertools.islice(work_items(render.state, wanted, render.policy, lambda left: left), items):
+    for item in itertools.islice(work_items(render.state, wanted, lambda left: left), items):
         item.put(item.take())
     return np.all(np.array(render.state.accumulators.count) >= wanted)
 
@@ -267,7 +267,7 @@ def test_the_second_image_measures_the_noise_and_is_independent(variant_rgb):
         render = begun(loaded(adaptive="none", samples=4), seed)
         state, twin = render.state, SecondImage(render.state)
         counts = np.array(state.accumulators.count)[twin.index]
-        for item in work_items(twin, counts, None, lambda left: left):
+        for item in work_items(twin, counts, lambda left: left):
             item.put(item.take())
         measured.append(twin.noise(state)[0] ** 2)
         images.append(np.array(state.accumulators.total)[twin.index] / 16)

@@ -9,13 +9,13 @@ import prosim_scene
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
-from prosim_scene.camera import camera_of
 from prosim_scene.geometry import csg, surfaces
 from prosim_scene.geometry.coincidence import Planes
 from prosim_scene.geometry.primitives import PRIMITIVES as SHAPES
 from prosim_scene.geometry.primitives import Corners, Mesh, Primitive
 from prosim_scene.geometry.transforms import matrix
 from prosim_scene.language import document_of
+from prosim_scene.view import camera_of
 
 PRIMITIVES = {
     "CUBE": (1.0, 6.0),

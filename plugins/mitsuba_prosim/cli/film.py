@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -58,7 +59,7 @@ class Film:
 
     def __init__(self, job: Job, stem: Path) -> None:
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
-        self.cache = prosim_scene.Kept()
+        self.cache = prosim_scene.TranslationCache()
         self.rendered = self.left = self.black = 0
         self.bar = FilmProgress(len(self.frames))
         self.signals: list[int] = []
@@ -104,7 +105,7 @@ class Film:
             seed = (self.job.seed + number) % 2**32
             job = replace(self.job, definitions={**self.job.definitions, **own}, seed=seed)
             with wrong_input():
-                file = job.file(folder, kept=self.cache)
+                file = job.file(folder, cache=self.cache)
                 facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
             frame = Frame(number, job, self.path(number), file, facts)
             if job.overwrite or not exists(frame):
@@ -127,7 +128,7 @@ class Film:
             # The states are here, so that a lost worker loses no samples; and a time is that of all workers.
             if workers.dask is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
                 continue
-            if workers.dask.seconds <= SMALL:
+            if workers.dask.worker_seconds <= SMALL:
                 yield from self.results_of_workers(frames, workers.dask, task.size())
 
     def results_of_workers(
@@ -137,29 +138,28 @@ class Film:
 
         Raises the error of a frame when those before it are written.
         """
+        from ..parallel import worker
         from ..parallel.bundle import SceneBundle
-        from ..parallel.executor import ImageTask
+        from ..parallel.executor import Task as DaskTask
 
-        asked: dict[ImageTask, Frame] = {}
         errors: list[click.ClickException] = []
 
-        def images() -> Iterator[ImageTask]:
+        def tasks() -> Iterator[DaskTask]:
             try:
                 for frame in frames:
                     output.check(frame.stem, SUFFIXES, size, [frame.file.path, *frame.file.sources()])
                     with wrong_input():
                         bundle = SceneBundle.of(frame.file, self.job.sensor)
-                    image = ImageTask(f"frame {frame.number}", bundle, on_worker, (frame.job, frame.facts))
-                    asked[image] = frame
-                    yield image
+                    submit = partial(dask.submit, worker.make, bundle, on_worker, frame.job, frame.facts)
+                    yield DaskTask(f"frame {frame.number}", submit, partial(lambda frame, image: (frame, image), frame))
             except click.ClickException as error:
                 errors.append(error)
 
-        for answer in dask.make(images()):
+        for answer in dask.results(tasks()):
             if self.signals:
                 return
             if answer is not None:
-                frame, image = asked.pop(answer[0]), answer[1]
+                frame, image = answer
                 paths = output.save(frame.stem, image.contents)
                 report = "\n".join([image.line(frame.job, frame.file, paths), *image.quality])
                 yield frame, Result(report, black=image.black)

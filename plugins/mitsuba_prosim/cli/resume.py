@@ -96,7 +96,7 @@ def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | Non
     Raises InputError.
     """
     try:
-        choose_variant(checkpoint.about(state)["origin"]["variant"])
+        choose_variant(checkpoint.read(state, arrays=False).origin["variant"])
         with warnings.catch_warnings():
             warnings.simplefilter("always")
             record = read() if read else checkpoint.load(state)

@@ -48,7 +48,7 @@ class Viewer:
 
     def update(self, render: Any) -> None:
         """Shows a render in progress, if it is time for that."""
-        if self._tev is not None and self._throttle:
+        if self._tev is not None and self._throttle.due:
             with self._throttle.drawing():
                 render.put()
                 self.show()

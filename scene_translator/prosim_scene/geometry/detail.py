@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera import Camera
 from ..language.document import Document
 from ..model import Leaf, Operator
+from ..view import Camera
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
 from .solids import IDENTITY, Solid, corners

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..camera import Camera
 from ..language.document import Document
 from ..model import Leaf
+from ..view import Camera
 from .coincidence import STEP, Planes, same_surfaces
 from .detail import active_zones, choose_segments, clamped, shrink_inscribed, warn_of_rounding
 from .grouping import components

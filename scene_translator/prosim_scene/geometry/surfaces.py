@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from manifold3d import Manifold, Mesh64
 
-from ..camera import Camera
 from ..collector import paused
 from ..language.document import Document
 from ..model import Leaf
+from ..view import Camera
 from . import csg, media
 from .grouping import components
 from .leaves import Leaves

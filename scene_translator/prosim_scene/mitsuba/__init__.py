@@ -7,9 +7,9 @@
 
 from typing import Protocol
 
-from ..camera import Camera
 from ..model import Leaf, Light
 from ..nodes import Node
+from ..view import Camera
 from . import prosim, stock
 from .context import Context
 from .materials import MediumInterface

@@ -19,9 +19,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from .files import PART, refuse_special, replace
 from .geometry import SurfaceMesh, Triangles
 from .nodes import Comment, Default, Node, Point
+from .text_files import PART, refuse_special, replace
 
 
 def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
@@ -58,7 +58,7 @@ def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
     return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
 
 
-class Kept:
+class TranslationCache:
     """A translation cache: the surface of the last evaluated tree, with its cache key, and its PLY files.
 
     The key does not depend on materials. The cache takes as much memory as the evaluation. ``evaluations`` counts the
@@ -80,7 +80,7 @@ class Kept:
         return self.surface
 
     def file(self, triangles: Triangles, with_uv: bool) -> bytes | None:
-        """The PLY file of some triangles of the surface, see :func:`.output.ply`; cached."""
+        """The PLY file of some triangles of the surface, see :func:`.writer.ply`; cached."""
         files = self.files.setdefault(triangles, {})
         if with_uv not in files:
             files[with_uv] = ply(triangles, with_uv)

@@ -6,7 +6,7 @@ import signal
 import drjit as dr
 import numpy as np
 import pytest
-from mitsuba_prosim.cli import task
+from mitsuba_prosim.cli import render_task as task
 from mitsuba_prosim.cli.progress import FilmProgress
 from running import XML, facts, names, pixels, prosim, refused
 from running import done as run

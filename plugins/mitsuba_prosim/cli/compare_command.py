@@ -17,7 +17,7 @@ from .job import Command, Job, takes
 from .log import log
 from .option_types import LEVELS, InputError, Integer, Number, need, option, wrong_input
 from .progress import Progress
-from .task import check_denoising
+from .render_task import check_denoising
 
 SUFFIXES = (".html", ".json")
 

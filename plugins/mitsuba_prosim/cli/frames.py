@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -26,7 +27,7 @@ from .job import Job
 from .log import log
 from .option_types import wrong_input
 from .progress import FilmProgress, warn
-from .task import Image, Task, finish, render_image, start
+from .render_task import Image, RenderTask, finish, render_image, start
 from .workers import Workers
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ DIGEST = "prosim.digest"
 SMALL = 30.0
 
 #: A frame, its image and its report.
-Rendered = tuple[Task, Image, str]
+Rendered = tuple[RenderTask, Image, str]
 
 
 class Film:
@@ -83,7 +84,7 @@ class Film:
                 raise click.ClickException(str(error)) from None
             return "interrupted" if self.signals else getattr(workers.dask, "gone", None)
 
-    def missing(self, folder: Path) -> Iterator[Task]:
+    def missing(self, folder: Path) -> Iterator[RenderTask]:
         """The frames that are to be rendered, each read when it is its turn, until a signal arrives."""
         for number in self.frames:
             if self.signals:
@@ -96,14 +97,14 @@ class Film:
             with wrong_input():
                 file = job.file(folder, cache=self.cache)
                 facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
-            task = Task(job, file, self.path(number), facts=facts)
+            task = RenderTask(job, file, self.path(number), facts=facts)
             if job.overwrite or not exists(task):
                 yield task
             else:
                 self.left += 1
                 self.bar.leave_out()
 
-    def images(self, tasks: Iterator[Task], workers: Workers) -> Iterator[Rendered]:
+    def images(self, tasks: Iterator[RenderTask], workers: Workers) -> Iterator[Rendered]:
         """Renders frames, each by all workers or by this process; small frames by one worker each. Ends with a
         frame that is interrupted.
         """
@@ -118,46 +119,45 @@ class Film:
             if workers.dask is not None and workers.dask.worker_seconds <= SMALL and not self.needs_all(task):
                 yield from self.images_of_workers(tasks, workers.dask, task.size)
 
-    def needs_all(self, task: Task) -> bool:
+    def needs_all(self, task: RenderTask) -> bool:
         """Whether all workers have to render a frame together: its checkpoints are written here, so that a lost worker
         loses no samples; a time limit is that of all workers; or they may lack the denoiser.
         """
         job = task.job
         return bool(job.keep or task.integrator.time or (job.denoise and job.cluster))
 
-    def images_of_workers(self, tasks: Iterator[Task], dask: DaskExecutor, size: int) -> Iterator[Rendered]:
+    def images_of_workers(self, tasks: Iterator[RenderTask], dask: DaskExecutor, size: int) -> Iterator[Rendered]:
         """Lets one worker render each frame, and writes them as they are finished; ``size``: bytes of one at most.
 
         Raises the error of a frame when those before it are written.
         """
+        from ..parallel import worker
         from ..parallel.bundle import SceneBundle
-        from ..parallel.executor import ImageTask
+        from ..parallel.executor import Task
 
-        asked: dict[ImageTask, Task] = {}
         errors: list[click.ClickException] = []
 
-        def requests() -> Iterator[ImageTask]:
+        def calls() -> Iterator[Task]:
             try:
                 for task in tasks:
                     task.check_place(size)
                     with wrong_input():
                         bundle = SceneBundle.of(task.file, self.job.sensor)
-                    request = ImageTask(f"frame {self.number}", bundle, on_worker, (task.job, task.facts))
-                    asked[request] = task
-                    yield request
+                    submit = partial(dask.submit, worker.make, bundle, on_worker, task.job, task.facts)
+                    yield Task(f"frame {self.number}", submit, partial(lambda task, image: (task, image), task))
             except click.ClickException as error:
                 errors.append(error)
 
-        for answer in dask.make(requests()):
+        for result in dask.results(calls()):
             if self.signals:
                 return
-            if answer is not None:
-                task, image = asked.pop(answer[0]), answer[1]
+            if result is not None:
+                task, image = result
                 yield task, image, image.report(task, output_files.save(task.stem, image.contents))
         if errors and not dask.gone:
             raise errors[0]
 
-    def count(self, task: Task, image: Image, report: str) -> None:
+    def count(self, task: RenderTask, image: Image, report: str) -> None:
         """Counts a frame that was rendered, and prints its report."""
         self.rendered += 1
         self.bar.finish()
@@ -204,7 +204,7 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def exists(task: Task) -> bool:
+def exists(task: RenderTask) -> bool:
     """Whether the disk has the frame, finished, with the same digest."""
     image = Path(f"{task.stem}.exr")
     if not image.is_file():  # OpenEXR would print an error

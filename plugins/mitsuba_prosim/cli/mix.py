@@ -15,7 +15,7 @@ from ..scene import images
 from . import output_files
 from .job import Command, Job, takes
 from .option_types import Form, InputError
-from .task import SUFFIXES
+from .render_task import SUFFIXES
 
 #: Difference of an image and the sum of its layers, over the brightest value: that of half precision.
 ROUNDING = 0.01

@@ -17,7 +17,7 @@ from .job import OPTIONS, Command, Job, takes
 from .log import log
 from .option_types import wrong_input
 from .progress import Progress, warn
-from .task import SUFFIXES, Task, render_image
+from .render_task import SUFFIXES, RenderTask, render_image
 from .tev import Viewer
 from .workers import Workers
 
@@ -48,7 +48,7 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
     """
     with log(job.verbose), session.threads(job.threads), atomic.scratch() as folder:
         with wrong_input():
-            task = Task(job, job.file(folder), stem, begin)
+            task = RenderTask(job, job.file(folder), stem, begin)
             task.check()
         progressive = rendering.keeps(task.integrator)
         with (

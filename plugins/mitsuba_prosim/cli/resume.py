@@ -18,7 +18,7 @@ from .input_files import PART_FILE, SCENE_FILE, STATE_FILE, parts, stem
 from .job import RUNNING, TARGETS, Command, Job, choose_variant, takes
 from .option_types import InputError, option
 from .render_command import write_image
-from .task import STATE, SUFFIXES
+from .render_task import STATE, SUFFIXES
 
 #: Policies that decide by the first samples alone; ``graded`` takes their place where the target changes.
 BY_FIRST = ("neighbours", "thesis")
@@ -96,7 +96,7 @@ def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | Non
     Raises InputError.
     """
     try:
-        choose_variant(checkpoint.about(state)["origin"]["variant"])
+        choose_variant(checkpoint.read(state, arrays=False).origin["variant"])
         with warnings.catch_warnings():
             warnings.simplefilter("always")
             record = read() if read else checkpoint.load(state)

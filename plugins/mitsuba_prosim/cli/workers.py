@@ -44,8 +44,7 @@ class Workers(ExitStack):
             return self.dask
         there = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
         try:
-            client = self.enter_context(there)
-            self.dask = self.enter_context(DaskExecutor(client, bundle, warn))
+            self.dask = DaskExecutor(self.enter_context(there), bundle, warn)
         except RuntimeError as error:
             message = str(error) if job.cluster else f"the workers can't be started here ({error})"
             raise click.ClickException(message) from None

@@ -33,7 +33,7 @@ SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
 
 @dataclass(eq=False)
-class Task:
+class RenderTask:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
     ``begin``: continues from there. ``facts``: further metadata, of a frame of a film, which is written only when it is
@@ -128,7 +128,7 @@ class Image:
     black: str | None = None
     interruption: str | None = None
 
-    def report(self, task: Task, written: Sequence[Path], note: str = "") -> str:
+    def report(self, task: RenderTask, written: Sequence[Path], note: str = "") -> str:
         """The lines that the command prints; ``note``: for the first."""
         part, wrapped = task.job.part, task.file.wrapped
         first = (
@@ -148,7 +148,7 @@ def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     return rendering.progressive(scene, sensor, job.seed, job.spp or 0, **how)
 
 
-def render_image(task: Task, bar: Progress, workers: Workers, shown: Viewer | None = None) -> tuple[Image, str]:
+def render_image(task: RenderTask, bar: Progress, workers: Workers, shown: Viewer | None = None) -> tuple[Image, str]:
     """Renders and writes an image or its state; returns it and its report. ``workers`` may take the samples; ``shown``:
     where the image is shown.
 
@@ -213,7 +213,7 @@ class Snapshots:
     ``NAME.4s.exr`` after 4 seconds, with its true error, counts and time.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: RenderTask) -> None:
         self.task, self.left, self.started = task, sorted(task.job.snapshots or ()), perf_counter()
 
     def __call__(self, steps: Any) -> None:

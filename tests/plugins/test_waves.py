@@ -7,6 +7,7 @@ import sys
 import textwrap
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import drjit as dr
 import mitsuba as mi
@@ -176,6 +177,40 @@ def test_two_threads_with_one_sensor_do_not_corrupt_each_other(variant_rgb, sens
     for thread in threads:
         thread.join()
     assert np.array_equal(images, expected)
+
+
+def test_derivatives_and_features_in_two_threads_are_those_of_one(variant_rgb):
+    """With one scene and one sensor, whose film has a crop window (defect C5)."""
+    description = penumbra(COPPER, size=32, type="prosim", max_level=1, samples=2, adaptive="none", band=100)
+    description["sensor"] |= {"type": "thinlens", "aperture_radius": 0.1}
+    description["sensor"]["film"] |= CROPPED
+    scene = mi.load_dict(description)
+    params, features = mi.traverse(scene), mi.load_dict({"type": "prosim_features"})
+    params.keep("floor.bsdf.reflectance.value")
+
+    def gradient(seed):
+        dr.enable_grad(params["floor.bsdf.reflectance.value"])
+        params.update()
+        image = mi.render(scene, params, seed=seed, seed_grad=seed + 9)
+        dr.backward(dr.mean(image, axis=None))
+        found = [*np.ravel(dr.grad(params["floor.bsdf.reflectance.value"])), *np.ravel(image)]
+        dr.disable_grad(params["floor.bsdf.reflectance.value"])
+        return found
+
+    def feature(seed):
+        return np.array(features.render(scene, seed=seed))
+
+    expected = [[work(seed) for seed in range(3)] for work in (gradient, feature)]
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)  # threads interrupt each other everywhere
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            work = [pool.submit(lambda f: [f(seed) for seed in range(3)], f) for f in (gradient, feature)]
+            found = [future.result() for future in work]
+    finally:
+        sys.setswitchinterval(before)
+    assert np.allclose(found[0], expected[0], rtol=1e-4, atol=1e-7) and np.min(expected[0], axis=0)[:3].max() > 0
+    assert np.array_equal(found[1], expected[1]) and found[1][0].shape[:2] == (20, 32)
 
 
 def test_scalar_variants_cannot_render_progressively(variant_scalar):

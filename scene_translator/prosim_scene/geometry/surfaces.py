@@ -128,12 +128,12 @@ def tessellate(
     tree = csg.tree_of(document.scene.csg)
     names = [None, *map(medium, leaves)]
     media_of = _numbered(names)[1:]
-    cut, cut_several = csg.cutters(tree, media_of)
-    table = Leaves(document, camera, tolerance, cut_several, meshes)
+    cut = csg.cut_media(tree, media_of)
+    table = Leaves(document, camera, tolerance, cut > 1, meshes)
     reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _faces(tree, table, media_of, reflects, cut),
+        lambda: _faces(tree, table, media_of, reflects, cut > 0),
     )
     visible, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     kinds_of_key: dict[MeshKey, list[int]] = {}
@@ -172,23 +172,32 @@ def _faces(
     boxes = table.boxes[table.of_leaf] + table.step * np.array([[-1.0], [1.0]])
     fresnel = np.flatnonzero(reflects).tolist()
 
+    groups = components(boxes[:, 0], boxes[:, 1])
+    alone = np.bincount(groups, minlength=len(groups)) == 1
+    cuts = csg.touching_small(boxes)
+
     def body(number: int, medium: int) -> csg.Body | None:
         if medium != media_of[number] and not cut[number]:
             return None
         i = int(table.of_leaf[number])
-        mesh = manifold(table.meshes[i], table.first[i], ids.of(number, medium))
+        mesh = Manifold()
+        if not alone[groups[number]]:
+            mesh = csg.refined(manifold(table.meshes[i], table.first[i], ids.of(number, medium)), cuts[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
         return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
 
+    bodies: dict[int, dict[int, csg.Body]] = {}
+    for m in sorted(set(media_of)):
+        for group, value in csg.evaluate(tree, groups.tolist(), partial(body, medium=m)).items():
+            bodies.setdefault(group, {})[m] = value
     boundaries: list[media.Boundary] = []
-    for part in csg.split(tree, components(boxes[:, 0], boxes[:, 1]).tolist()).values():
-        chosen = [number for number in part if not isinstance(number, str)]
-        if len(chosen) == 1:
-            i = table.of_leaf[chosen[0]]
-            boundaries.append(media.primitive_boundary(table.meshes[i], chosen[0], table.first[i], media_of[chosen[0]]))
-            continue
-        present = {media_of[number] for number in chosen if not cut[number]}
-        boundaries += media.boundaries({m: csg.evaluate(part, partial(body, medium=m)) for m in present}, ids, fresnel)
+    for group in sorted(bodies):
+        of_group = bodies.pop(group)  # frees memory
+        if alone[group]:  # a leaf that has the number of its group
+            i = int(table.of_leaf[group])
+            boundaries.append(media.primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
+        else:
+            boundaries += media.boundaries(of_group, ids, fresnel)
     if not boundaries:
         nothing = Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int))
         return SurfaceMesh(nothing, np.empty(0, int), np.empty(0, int), [], np.empty(0, bool))

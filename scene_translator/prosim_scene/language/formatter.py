@@ -8,7 +8,6 @@ from . import tokens
 from .analysis import analyse
 from .diagnostics import SceneError, combined_error
 from .expressions import written
-from .reader import SYNTAX
 from .tokens import Token
 from .words import OPERATORS, STATEMENTS, row
 
@@ -24,11 +23,10 @@ def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     """The text of a scene in canonical layout: one statement or parameter per line, canonical spellings; comments stay.
 
     ``parse(format(x)) == parse(x)`` and ``format(format(x)) == format(x)``; names and expressions stay as written.
-    Raises :class:`SceneError` where ``parse`` does; in a scene with names without a value, only for syntax errors.
+    Raises :class:`SceneError` where ``parse`` does, except for names without a value.
     """
     reader, found, _ = analyse(text, filename)
-    syntax_only = reader.has_undefined and not reader.skipped
-    errors = [one for one in found if isinstance(one, SceneError) and (one.code in SYNTAX or not syntax_only)]
+    errors = [one for one in found if isinstance(one, SceneError) and one.code != "undefined"]
     if errors:
         raise combined_error(errors)
     layout, end, rest = _Layout(text), 0, list[str]()

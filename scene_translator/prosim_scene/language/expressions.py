@@ -116,7 +116,7 @@ class Definitions:
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
                 names = f"it has {listing(used, 'and')}{nearest('$' + name, used)}" if used else "it uses no $names"
-                reason = f"{name} = {text} is given, but the scene does not use ${name}; {names}"
+                reason = f"the scene does not use ${name}, which -D {name}={text} or define sets; {names}"
                 filename = self.source.filename
                 raise SceneError(f"{filename}: {reason}", filename, reason=reason, code="unused-definition")
 

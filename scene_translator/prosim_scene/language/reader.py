@@ -197,6 +197,8 @@ class Reader:
     def checked(self, keyword: Token, takes: Numbers) -> Any:
         """The value of the tokens in ``taken`` after a keyword; reports an error and returns None if it is wrong."""
         tokens = self.taken
+        if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
+            return None  # the error is that about the name
         value = takes.value([token.text for token in tokens])
         if value is not None:
             return value
@@ -304,10 +306,9 @@ class Reader:
     def index(self, field: str, follow: frozenset[str]) -> None:
         """The index after SURFACE or TRANSFORM."""
         index = self.value(self.keyword, follow)
-        if index is None:
+        if index is None and not self.definitions.undefined:
             self.skipped = min(self.skipped, self.keyword.start)
-        unknown = index is None or (self.definitions.undefined and self.source.text[self.taken[0].start] in "${")
-        self.begin(*(("unknown", self.keyword.start) if unknown else (field, index)))
+        self.begin(*(("unknown", self.keyword.start) if index is None else (field, index)))
 
     def surface(self) -> model.Surface:
         """SURFACE."""
@@ -462,18 +463,20 @@ class Reader:
 
     def unexpected(self, token: Token) -> SceneError:
         """The error about a token with an unexpected role."""
-        roles = self.expected - {"NUMBER"} if self.takes and self.takes[1].fit(len(self.taken)) else self.expected
+        takes, roles, code = self.takes, self.expected, "unexpected"
+        lacking = takes is not None and not takes[1].fit(len(self.taken))
+        if takes and not lacking:
+            roles -= {"NUMBER"}
         inner = [role for role in words.ORDER if role in roles and role not in STATEMENTS]
         names = [name for role in inner for name in words.meanings(role)]
-        names += self.fields["solids"] if "USE" in self.expected else ()
-        names += ["the next statement" if inner else "a statement"] if self.expected & STATEMENTS else ()
+        names += self.fields["solids"] if "USE" in roles else ()
+        names += ["the next statement" if inner else "a statement"] if roles & STATEMENTS else ()
         text, span, found = token.text, token.span, f"found {quote(token.text)}"
-        reason, code = f"; expected {listing(names)}", "unexpected"
-        if self.takes and not self.takes[1].fit(len(self.taken)):
-            names = [self.takes[1].counted()]
-            reason, code = f" after {self.takes[0]}; expected {names[0]}", "count"
-        owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
-        if not token.role and "RPAR" in self.expected:
+        reason = f"; expected {listing(names)}"
+        if takes and lacking:
+            names, code = [takes[1].counted()], "count"
+            reason = f" after {takes[0]}; expected {names[0]}"
+        if not token.role and "RPAR" in roles:
             return self.source.error(self.parenthesis, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
             reason = f"the file ends after this; expected {listing(names)}"
@@ -482,27 +485,25 @@ class Reader:
             reason, code = mark, "foreign"
         elif "NUMBER" in self.expected and token.role in LIKE_NUMBERS and LIKE_NUMBER.search(text):
             found, code = f"{quote(text)} is not a number", "not-a-number"
-            reason = f"; expected {names[0]}" if self.takes and "NUMBER" in roles else ""
+            reason = f"; expected {names[0]}" if takes and "NUMBER" in roles else ""
             reason += f"; {BRACES}" if ARITHMETIC.search(text) else ""
             reason += f"; write {float(share[1]) / 100:.10g}" if (share := SHARE.fullmatch(text)) else ""
         elif token.role == "WORD":
+            near = nearest(text, self.fields["solids"] if "USE" in roles else ())
+            near = near or meant(text, roles & {"BOOL"} if lacking else roles)
             if self.keyword.role == "NAME":
-                reason += '; write a name of several words in quotes: NAME "a red ball"'
-            solids = self.fields["solids"] if "USE" in roles else ()
-            near = nearest(text, solids) or meant(text, roles & {"BOOL"} if code == "count" else roles)
+                near = '; write a name of several words in quotes: NAME "a red ball"' + near
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + near
-        elif code == "count":
-            pass
-        elif "RPAR" in self.expected:
+        elif "RPAR" in roles and not lacking:
             line, column = self.source.line_column(self.parenthesis.start)
             reason = f"; expected ')' before it: the '(' on line {line}, column {column} is not closed"
             code = "unclosed"
-        else:
-            if owner != self.keyword.role and inner and self.expected & STATEMENTS:
+        elif not lacking:
+            owner = words.STATEMENT_OF.get(token.role)
+            if owner and owner != self.keyword.role and inner and roles & STATEMENTS:
                 found += f", a word of {words.canonical(owner)}"
                 reason = f"; expected it after {words.canonical(owner)}, before the next statement"
-            near = nearest(text, TEXTURES) if "TEXTURE_NAME" in self.expected else ""
-            reason += near or hint(text)
+            reason += (nearest(text, TEXTURES) if "TEXTURE_NAME" in roles else "") or hint(text)
         return self.source.error(span, found + reason, code)
 
 

@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 import OpenEXR
 import pytest
-from mitsuba_prosim.cli import output as files
+from mitsuba_prosim.cli import output_files as files
 from mitsuba_prosim.engine import origin
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from mitsuba_prosim.parallel import cluster, worker

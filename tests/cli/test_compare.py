@@ -11,8 +11,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.cli import compare, progress
-from mitsuba_prosim.cli.options import InputError
+from mitsuba_prosim.cli import compare_command as compare
+from mitsuba_prosim.cli import progress
+from mitsuba_prosim.cli.option_types import InputError
 from mitsuba_prosim.compare import measures, runs
 from mitsuba_prosim.compare.scenes import Scene, Spec, typed
 from mitsuba_prosim.scene.scene_file import SceneFile
@@ -224,7 +225,7 @@ def test_references_that_can_not_be_stored(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     for folder in tmp_path / "file" / "cache", None:
-        with pytest.raises(InputError, match=r"references can't be stored: .*this is not a folder"):
+        with pytest.raises(InputError, match=r"references can't be stored: .*Not a directory"):
             compare.reference_folder(folder, 10)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert compare.reference_folder(None, 10) == runs.cache_folder()

@@ -11,13 +11,13 @@ import mitsuba as mi
 from .. import atomic
 from ..compat import PLACE
 from ..scene import session
-from . import output as files
-from .image import check_denoising
+from . import output_files
 from .input_files import SCENE_FILE
 from .job import Command, Job, takes
 from .log import log
-from .options import LEVELS, InputError, Integer, Number, need, option, wrong_input
+from .option_types import LEVELS, InputError, Integer, Number, need, option, wrong_input
 from .progress import Progress
+from .render_task import check_denoising
 
 SUFFIXES = (".html", ".json")
 
@@ -56,7 +56,7 @@ def compare(
     """
     need("compare", "prosim compare")
     scene = Path(job.scene)
-    stem = files.stem(job.output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
+    stem = output_files.stem(job.output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
     noise = job.noise
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {job.variant}; give an rgb variant that is not scalar.")
@@ -85,14 +85,14 @@ def compare(
         width, height = opened.sensor().film().crop_size()
         if min(width, height) < LEAST:
             raise InputError(f"{scene}: SSIM needs {LEAST} x {LEAST} pixels; the image has {width} x {height}.")
-        files.check(stem, SUFFIXES, 2**23, [scene])
+        output_files.check(stem, SUFFIXES, 2**23, [scene])
         cache = reference_folder(cache, 2**4 * 3 * width * height)
         with Progress("comparing") as bar:
             tell = lambda doing, done: bar.show(done, doing)  # noqa: E731
             effort = Effort(levels, rounds, reference_seconds, cache, job.denoise, tell)
             facts, images = study(opened, scene.name, *specs, effort, job.exposure or 0.0)
     texts = page.html(facts, images), page.json_text(facts)
-    written = files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
+    written = output_files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
     click.echo(summary(facts))
     click.echo(" and ".join(map(str, written)))
 
@@ -105,7 +105,9 @@ def reference_folder(cache: Path | None, size: int) -> Path:
     try:
         atomic.check([folder / "reference"], size)
     except OSError as error:
-        raise InputError(f"references can't be stored: {files.reason(error)}. Give another folder by --cache") from None
+        raise InputError(
+            f"references can't be stored: {output_files.reason(error)}. Give another folder by --cache"
+        ) from None
     return folder
 
 

@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 import OpenEXR
 import pytest
-from mitsuba_prosim.cli import output as files
+from mitsuba_prosim.cli import output_files as files
 from mitsuba_prosim.engine import origin
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from mitsuba_prosim.parallel import cluster, worker
@@ -53,12 +53,11 @@ def there(client, path, tell=None, say=lambda _: None, **changes):
     file = scene_file.SceneFile(path, path.parent, **changes)
     scene = file.load()
     integrator = scene.integrator()
-    with DaskExecutor(client, SceneBundle.of(file), say) as executor:
-        render = integrator.progressive(scene, seed=2, executor=executor)
-        for step in render:
-            if tell is not None:
-                tell(step.done)
-        return np.array(render.image())
+    render = integrator.progressive(scene, seed=2, executor=DaskExecutor(client, SceneBundle.of(file), say))
+    for step in render:
+        if tell is not None:
+            tell(step.done)
+    return np.array(render.image())
 
 
 # ------------------------------------------------------------------ what travels
@@ -313,8 +312,8 @@ def test_a_film(client, lamp, monkeypatch):
     watch_kernels(client, True)
     result = prosim(*many, *helpers)
     assert result.exit_code == 0 and result.stderr.count("12x12 pixels distort the image") == 1
-    takers, clients, saved, make, save = [], [], [], DaskExecutor.make, files.save
-    monkeypatch.setattr(DaskExecutor, "make", lambda self, *rest: takers.append(self) or make(self, *rest))
+    takers, clients, saved, results, save = [], [], [], DaskExecutor.results, files.save
+    monkeypatch.setattr(DaskExecutor, "results", lambda self, *rest: takers.append(self) or results(self, *rest))
     monkeypatch.setattr(
         cluster, "scheduler", lambda at, scheduler=cluster.scheduler: clients.append(at) or scheduler(at)
     )

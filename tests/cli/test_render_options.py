@@ -4,7 +4,7 @@ import re
 
 import prosim_scene
 import pytest
-from mitsuba_prosim.cli import render
+from mitsuba_prosim.cli import render_command as render
 from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import rendering, scene_file, session
 from running import XML, done, facts, prosim, refused

@@ -9,7 +9,6 @@ import subprocess
 import sys
 
 import numpy as np
-import OpenEXR
 import pytest
 from mitsuba_prosim import atomic
 from mitsuba_prosim.engine import origin
@@ -114,8 +113,6 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
         done("render", lamp, "-o", tmp_path / "a", "--keep")
         change(state, **{name: value})
         refuse(says, "resume", state)
-    OpenEXR.File({"prosim.state": "{}"}, {"R": np.zeros((2, 2), np.float32)}).write(str(state))
-    refuse("was written by an older version", "resume", state)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +144,7 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
         assert report.startswith(f"{tmp_path}/a.{number}-of-3.npz: part {number} of 3, 32 x 24 pixels")
     first, second, third = parts = [tmp_path / f"a.{number}-of-3.npz" for number in (1, 2, 3)]
     assert not (tmp_path / "a.exr").exists()
-    refuse("of 3 parts, part 2 is missing", "merge", first, third)
+    refuse("of 3 parts, these are missing: 2", "merge", first, third)
     assert f"can be removed: {tmp_path}/a.state.npz" in done("merge", third, first, second, "--keep").stdout
     assert alike(tmp_path / "whole", tmp_path / "a")
     # All that a small noise begins with is in the parts.

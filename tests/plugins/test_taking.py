@@ -40,7 +40,7 @@ class Elsewhere:
             sensor = self.scene.sensors()[0]
             self.estimator = self.scene.integrator().estimator(self.scene, sensor)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, self.history):
-            _, sums = worker.taken(lambda: self.estimator, worker.packed(item))
+            _, sums = worker.taken(self.estimator, worker.packed(item))
             self.compiled.append(sum(not kernel.get("cache_hit", True) for kernel in dr.kernel_history()))
         return pickle.loads(sums)
 

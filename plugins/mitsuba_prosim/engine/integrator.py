@@ -173,6 +173,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         """How the image is sampled, by the parameters."""
         return Sampling(**{name: getattr(self, name) for name in SAMPLING})
 
+    @alone()
     def estimator(self, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
         """The estimator of the image of ``scene`` by ``sensor``, whose film is prepared."""
         from .estimator import Estimator

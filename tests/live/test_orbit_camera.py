@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from little import LITTLE
-from mitsuba_prosim.live.camera import STEEPEST, Camera, as_view, as_xml, nearest_axis
+from mitsuba_prosim.live.orbit_camera import STEEPEST, Camera, as_view, as_xml, nearest_axis
 from prosim_scene.view import camera_of
 
 

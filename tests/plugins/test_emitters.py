@@ -135,17 +135,6 @@ def test_irradiance_of_a_sphere(variant_rgb, distance, tilt):
     assert np.allclose(irradiance, expected, rtol=1e-3)
 
 
-def test_point_source_falls_off(variant):
-    _scene, emitter = emitter_of(point())
-    for y in (2.0, 0.0, -5.0):
-        p = [CENTRE[0], y, CENTRE[2]]
-        ds, weight = emitter.sample_direction(receiver(p), mi.Point2f(0.5))
-        if variant.endswith("rgb"):
-            assert np.allclose(first(weight), np.array([20, 15, 10]) / (CENTRE[1] - y) ** 2, rtol=1e-5)
-        assert np.all(np.array(ds.delta)) and np.allclose(np.array(ds.d).ravel(), [0, 1, 0])
-        assert np.allclose(np.array(ds.dist), CENTRE[1] - y)
-
-
 def around(angle):
     """A receiver at distance 2 of CENTRE, at an angle in degrees from the axis of CONE and SPOT."""
     axis = np.array([-1.0, -2.0, 0.0]) / np.sqrt(5)
@@ -259,17 +248,13 @@ def test_falloff_is_what_is_sampled(variant_rgb, cos_angle, exponent):
     assert test.run(significance_level=SIGNIFICANCE, test_count=5), test.messages
 
 
-@pytest.mark.parametrize(
-    "direction", ([1, 0, 0], [0, -3, 0], [0, 0, 1], [0, 0, -1], [1e-7, 0, -1], [0, 1e-4, 1], [1, 2, 3]), ids=str
-)
+@pytest.mark.parametrize("direction", ([1, 0, 0], [0, 0, -1], [1e-7, 0, -1], [1, 2, 3]), ids=str)
 @pytest.mark.parametrize(
     "parameters",
     (
         {"distribution": "cone", "angle": 180.0},
-        {"distribution": "cone", "angle": 0.05},
         {"distribution": "cone", "angle": 1e-3},
         {"distribution": "spot", "exponent": 1e6},
-        {"distribution": "spot", "exponent": 1e4, "angle": 0.5},
         {"distribution": "spot", "exponent": 0.0, "angle": 0.05},
     ),
     ids=str,

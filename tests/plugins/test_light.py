@@ -20,7 +20,7 @@ def grid(n=128):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("normal", [(0, 1, 0), (0.6, 0.8, 0), (0.48, 0.64, 0.6), (0, 0, 1), (1, 0, 0)])
+@pytest.mark.parametrize("normal", [(0, 1, 0), (0.48, 0.64, 0.6), (1, 0, 0)])
 @pytest.mark.parametrize("radius", [1.0, 0.01])
 def test_a_ball_overhead_is_sampled_where_it_is(variant_rgb, normal, radius):
     """At every angle from the normal: unit directions that meet the ball, and its irradiance pi L (r/d)² cos."""

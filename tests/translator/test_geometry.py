@@ -9,13 +9,13 @@ import prosim_scene
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
-from prosim_scene.camera import camera_of
 from prosim_scene.geometry import csg, surfaces
 from prosim_scene.geometry.coincidence import Planes
 from prosim_scene.geometry.primitives import PRIMITIVES as SHAPES
 from prosim_scene.geometry.primitives import Corners, Mesh, Primitive
 from prosim_scene.geometry.transforms import matrix
 from prosim_scene.language import document_of
+from prosim_scene.view import camera_of
 
 PRIMITIVES = {
     "CUBE": (1.0, 6.0),
@@ -210,8 +210,8 @@ def test_what_fills_a_hollow_has_not_vanished():
 def test_depth_of_nesting_needs_no_recursion(tree):
     mesh = surfaces.manifold(SHAPES["cube"].mesh(4, np.eye(4)), 0, 0)
     planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
-    body = csg.evaluate(tree, lambda _: csg.Body(mesh, np.array([[[0.0] * 3, [1.0] * 3]]), frozenset(), planes, 0))
-    assert body.manifold.volume() == pytest.approx(1)
+    body = csg.Body(mesh, np.array([[[0.0] * 3, [1.0] * 3]]), frozenset(), planes, 0)
+    assert csg.evaluate(tree, [0], lambda _: body)[0].manifold.volume() == pytest.approx(1)
 
 
 class Bracket(Primitive):

@@ -209,7 +209,7 @@ def test_a_file_outside_if_that_is_allowed_and_in_a_named_solid(tmp_path):
 
 
 def test_a_mesh_that_has_changed_is_read_again(tmp_path):
-    kept, path = prosim_scene.Kept(), tmp_path / "s.scn"
+    cache, path = prosim_scene.TranslationCache(), tmp_path / "s.scn"
     path.write_text(scene("MESH 0 $file", "").replace("VIEW", "DEFAULT $file = a.obj VIEW", 1))
     for content, define, made in (
         (obj(), {}, 1),
@@ -219,8 +219,8 @@ def test_a_mesh_that_has_changed_is_read_again(tmp_path):
     ):
         for name in ("a.obj", "b.obj"):
             (tmp_path / name).write_bytes(content)
-        prosim_scene.translate(path, kept=kept, define=define)
-        assert kept.evaluations == made
+        prosim_scene.translate(path, cache=cache, define=define)
+        assert cache.evaluations == made
 
 
 def test_the_manuals_example_and_its_layout(tmp_path):

@@ -8,10 +8,10 @@ import numpy as np
 import prosim_scene
 import pytest
 from exact_csg import through_pixels
-from prosim_scene.camera import camera_of
 from prosim_scene.geometry import Triangles
 from prosim_scene.language import document_of
 from prosim_scene.mitsuba.sensor import clipping
+from prosim_scene.view import camera_of
 
 VIEWS = {
     "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",

@@ -285,7 +285,7 @@ def denoised(steps: halves.DenoisedRender, film: mi.Film) -> tuple[mi.Bitmap, di
     if both.second is None:
         return layers.undenoised(both), {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
     result = steps.denoised()
-    raw, final = result.noise(result.raw_error), result.noise(result.final_error)
+    raw, final = result.raw_noise, result.noise
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
         "agree; the layers raw and denoised of the EXR are what was mixed",
@@ -293,7 +293,7 @@ def denoised(steps: halves.DenoisedRender, film: mi.Film) -> tuple[mi.Bitmap, di
         "prosim.denoised.raw_noise": f"{raw:.6g}",
     }
     if steps.render is not None and (estimates := steps.render.state.estimates):
-        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, fast or not, noise
+        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, noise
     line = f"denoised: noise about {final:.2g}, raw {raw:.2g}"
     if both.uncertainty > UNCERTAIN:
         line += ", uncertain: a few pixels have most of the error"

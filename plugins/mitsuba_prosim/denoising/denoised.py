@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
 
 from ..engine.accumulators import BRIGHTEST
-from .mixing import displayed, inputs, mix
+from .mixing import displayed, in_display, inputs, mix
 from .oidn import Denoiser
+
+NORMAL = NormalDist()
 
 
 @dataclass(frozen=True)
@@ -24,27 +27,37 @@ class Denoised:
     raw_error: np.ndarray
     denoised_error: np.ndarray
     final_error: np.ndarray
+    #: Squared errors of the displayed luminance (white = 1) of ``raw`` and ``final``, shape (height, width), 64 bits.
+    #: Their means over many pixels are about unbiased; single values are uncertain, and may be negative.
+    raw_squares: np.ndarray
+    final_squares: np.ndarray
 
-    def noise(self, error: np.ndarray) -> float:
-        """RMS error of the displayed image (white = 1), by one of the error maps.
+    @property
+    def raw_noise(self) -> float:
+        """Estimated RMS error of the displayed raw image (white = 1)."""
+        return float(self.raw_squares.mean()) ** 0.5
 
-        It is about the noise of :class:`~mitsuba_prosim.engine.error_target.ErrorTarget`, and higher where few pixels
-        of a neighbourhood have all of its error.
-        """
-        light = displayed(self.final)
-        return float(np.sqrt(np.mean((np.sqrt(light + error) - np.sqrt(light)) ** 2, dtype=np.float64)))
+    @property
+    def noise(self) -> float:
+        """Estimated RMS error of the displayed final image (white = 1)."""
+        return max(float(self.final_squares.mean()), 0.0) ** 0.5
+
+    @property
+    def at_most(self) -> float:
+        """RMS error that the displayed final image exceeds with a probability of 5 %, about."""
+        deviation = float(np.sqrt(np.sum(self.final_squares**2))) / self.final_squares.size
+        return max(float(self.final_squares.mean()) + NORMAL.inv_cdf(0.95) * deviation, 0.0) ** 0.5
 
     def errors(self) -> tuple[float, float, float]:
-        """RMS error of the displayed final image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, with
-        normal errors in each.
+        """``noise``, and bounds of the errors of 99 and of 99.9 % of the displayed pixels: normal errors in each, in
+        proportion to the error map.
         """
         light = displayed(self.final)
         deviation = (np.sqrt(light + self.final_error) - np.sqrt(light)).ravel()
         deviation = deviation[:: max(1, deviation.size // 16384)]
-        normal = NormalDist()
-        errors = np.outer(deviation, [normal.inv_cdf(0.5 + (k + 0.5) / 128) for k in range(64)]).ravel()
-        tails = np.percentile(errors, [99, 99.9])
-        return self.noise(self.final_error), float(tails[0]), float(tails[1])
+        errors = np.outer(deviation, [NORMAL.inv_cdf(0.5 + (k + 0.5) / 128) for k in range(64)]).ravel()
+        tails = np.percentile(errors, [99, 99.9]) * (self.noise / max(float(np.sqrt(np.mean(deviation**2))), 1e-30))
+        return self.noise, float(tails[0]), float(tails[1])
 
 
 def denoise(
@@ -82,7 +95,7 @@ def denoise(
     return mixed(first, second, Denoiser(albedo, normal, fast))
 
 
-def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
+def mixed(first: np.ndarray, second: np.ndarray, denoiser: Callable[[np.ndarray], np.ndarray]) -> Denoised:
     """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features."""
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Their squares must be finite.
@@ -90,5 +103,7 @@ def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )
     mixture = mix(first, second, *(denoiser(image) for image in inputs(first, second)))
-    errors = (np.sqrt(e) for e in (mixture.raw_error, mixture.denoised_error, mixture.error))
-    return Denoised((first + second) / 2, mixture.denoised, mixture.image, *errors)
+    raw, denoised, final = (np.sqrt(e) for e in (mixture.raw_error, mixture.denoised_error, mixture.error))
+    raw_squares = np.square((in_display(first) - in_display(second)) / 2)
+    images = (first + second) / 2, mixture.denoised, mixture.image
+    return Denoised(*images, raw, denoised, final, raw_squares, mixture.squares)

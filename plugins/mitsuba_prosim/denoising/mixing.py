@@ -15,6 +15,9 @@ The result is D plus a share of M - D, which depends on the share of signal in i
 Wiener's filter. So light that the denoiser has lost in small spots returns as a wide, faint difference, which many
 pixels together determine. The variance of each share is estimated too; where the share does not differ significantly
 from that of a wide neighbourhood, the latter is used (James and Stein 1961).
+
+The error of the result F, in display units f, is that of (f(F) - f(A)) (f(F) - f(B)) plus twice the product of noise and
+response, where the response includes that of the shares. Its mean over the image is nearly unbiased.
 """
 
 from __future__ import annotations
@@ -37,6 +40,12 @@ PIXELS = 4 * np.pi * 10
 #: A pixel is converged if its variance is much less than this part of the mean.
 SURE = 1 / 30
 
+#: Step of the numerical derivative of the mixture, in units of d.
+STEP = np.float32(0.1)
+
+#: Luminance of linear sRGB, as Mitsuba has it.
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)
+
 #: Maximum share of light that is added: more would come from single samples and be visible everywhere.
 LIGHT = 0.02
 
@@ -53,6 +62,8 @@ class Mixture:
     error: np.ndarray
     raw_error: np.ndarray
     denoised_error: np.ndarray
+    #: Estimate of the squared error of ``image`` in display units, shape (height, width), 64 bits; see :func:`stein`.
+    squares: np.ndarray
 
 
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,23 +80,51 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     """
     raw, noise = (first + second) / 2, (first - second) / 2
     denoised, followed = (near_first + near_second) / 2, near_first - near_second
-    removed = raw - denoised
-    light = average(displayed(denoised))
     # Errors are weighted by the slope of the displayed value, a square root.
-    scales = [bands(image, SCALES, LEAST_SIDE) for image in (removed, noise, noise - followed)]
-    slopes = halved(1 / light, len(scales[0]))
-    parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, slopes)]
-    image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
-    # Near much brighter pixels the scales may not cancel out. The result is never darker than all of its inputs.
-    image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
-    left = followed + whole([share * taken for share, taken in zip(parts, scales[2])])
+    slope = 1 / average(displayed(denoised))
+    image, left = combined(raw, denoised, noise, followed, slope)
+    # The same for noise like d on the samples: the shares depend on it, too.
+    above, below = (
+        combined(raw + k * noise, denoised + k * followed, noise, followed, slope)[0] for k in (STEP, -STEP)
+    )
+    removed = raw - denoised
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
     # Both are at least the variance, which is positive.
-    squares = noise * left, left * left, own, error, followed * followed
-    mean = spread(np.stack([x.mean(2) for x in squares], axis=2), displayed(image))
+    products = noise * left, left * left, own, error, followed * followed
+    mean = spread(np.stack([x.mean(2) for x in products], axis=2), displayed(image))
     error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
-    return Mixture(with_light(image, raw, error), denoised, error, mean[2], denoised_error)
+    image = with_light(image, raw, error)
+    squares = stein(image, first, second, (above - below) / (4 * STEP))
+    return Mixture(image, denoised, error, mean[2], denoised_error, squares)
+
+
+def combined(
+    raw: np.ndarray, denoised: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The mixture of ``raw`` and ``denoised``, and its response to ``noise`` with the same shares. ``followed``: the
+    response of the denoiser.
+    """
+    scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
+    parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, halved(slope, len(scales[0])))]
+    image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
+    # Near much brighter pixels the scales may not cancel out. The result is never darker than all of its inputs.
+    image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
+    return image, followed + whole([share * taken for share, taken in zip(parts, scales[2])])
+
+
+def stein(image: np.ndarray, first: np.ndarray, second: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """An estimate of each pixel's squared error in display units, shape (height, width), whose mean over many pixels is
+    nearly unbiased. It may be negative. ``response``: half the difference that noise like d makes in the ``image``.
+    """
+    final, a, b, above, below = (in_display(x) for x in (image, first, second, image + response, image - response))
+    return (final - a) * (final - b) + (a - b) * (above - below)
+
+
+def in_display(image: np.ndarray) -> np.ndarray:
+    """The displayed luminance, shape (height, width), as :func:`~mitsuba_prosim.engine.error.displayed` has it."""
+    luminance = image @ LUMINANCE if image.shape[2] == 3 else image[..., 0]
+    return np.sqrt(np.maximum(luminance, 0, dtype=np.float64) + 0.01)
 
 
 def displayed(image: np.ndarray) -> np.ndarray:

@@ -32,9 +32,11 @@ if TYPE_CHECKING:
 #: Suffixes of an image, and of its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
+#: The report calls the error of a denoised image uncertain if its upper bound is this many times the limit.
+UNCERTAIN = 1.1
 
-#: From this relative standard error on, the report calls the estimated error of a denoised image uncertain.
-UNCERTAIN = 0.12
+#: A line of the report where the denoiser does not pay.
+NOT_DENOISED = "not denoised: the samples alone reached the limit as soon"
 
 
 @dataclass(frozen=True)
@@ -284,19 +286,20 @@ def denoised(steps: halves.DenoisedRender, film: mi.Film) -> tuple[mi.Bitmap, di
     both = steps.halves
     if both.second is None:
         return layers.undenoised(both), {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
-    result = steps.denoised()
-    raw, final = result.raw_noise, result.noise
+    result, denoised, limit = steps.denoised(), steps.networks != "none", getattr(steps.integrator, "noise", 0.0)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
-        "agree; the layers raw and denoised of the EXR are what was mixed",
-        "prosim.denoised.noise": f"{final:.6g}",
-        "prosim.denoised.raw_noise": f"{raw:.6g}",
+        "agree; the layers raw and denoised of the EXR are what was mixed"
+        if denoised
+        else "no, the raw image is within the limit",
+        "prosim.denoised.noise": f"{result.noise:.6g}",
+        "prosim.denoised.raw_noise": f"{result.raw_noise:.6g}",
     }
     if steps.render is not None and (estimates := steps.render.state.estimates):
         facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, noise
-    line = f"denoised: noise about {final:.2g}, raw {raw:.2g}"
-    if both.uncertainty > UNCERTAIN:
-        line += ", uncertain: a few pixels have most of the error"
+    line = f"denoised: noise about {result.noise:.2g}, raw {result.raw_noise:.2g}" if denoised else NOT_DENOISED
+    if result.at_most > UNCERTAIN * max(result.noise, limit):
+        line += f", uncertain: may be {result.at_most:.2g}"
     if not film.rfilter().is_box_filter():
         line += " (the film's filter is wider than a pixel; a box filter suits a denoiser better)"
     return layers.bitmap(both, result), facts, line

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,11 +18,11 @@ from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
 from ..transport.features import NAMES
-from .denoised import Denoised, mixed
+from .denoised import mixed
+from .mixing import Denoised
 from .oidn import Denoiser
 
 if TYPE_CHECKING:
-    from ..engine.accumulators import FilmState
     from ..engine.checkpoint import Checkpoint
     from ..engine.render import Render
 
@@ -52,7 +52,7 @@ class Halves:
         """Number of the channels that are colours."""
         return 1 if self.names[0] == "Y" else 3
 
-    def denoised(self, denoiser: Callable[[np.ndarray], np.ndarray], pixels: Any = ...) -> Denoised:
+    def denoised(self, denoiser: Denoiser | None, pixels: Any = ...) -> Denoised:
         """The result of :func:`.denoise` for both halves, or some of the ``pixels``."""
         assert self.second is not None
         first, second = (half[..., : self.colours][pixels] for half in (self.first, self.second))
@@ -194,20 +194,24 @@ class DenoisedRender:
         """Albedo and normal, see :func:`features`."""
         return features(self.scene, self.sensor, self.seed, getattr(self.integrator, "hide_emitters", False))
 
-    def denoised(self) -> Denoised:
-        """The denoised image of the samples so far, or the raw image if that is within the error target."""
-        networks = "fast" if self.fast else "best"
+    @property
+    def networks(self) -> str:
+        """The denoiser's networks for the samples so far: "fast" or "best"; "none" where the raw image is within the
+        error target.
+        """
         if self.render is not None and self.render.second is not None:
             state, target = self.render.state, self.render.target
-            last = state.estimates[-1][:2] if state.estimates else None
-            if last in ((self._samples, "fast"), (self._samples, "best")):
-                networks = last[1]
-            elif any(target.limits) and target.excess(self.render.second.noise(state)) <= ENOUGH:
-                networks = "none"
-        return self._denoised(networks)
+            if state.estimates and state.estimates[-1][0] == self._samples and state.estimates[-1][1] != "probe":
+                return str(state.estimates[-1][1])
+            if target.excess(self.render.second.noise(state)) <= ENOUGH:
+                return "none"
+        return "fast" if self.fast else "best"
+
+    def denoised(self) -> Denoised:
+        """The denoised image of the samples so far, or the raw image if that is within the error target."""
+        return self._denoised(self.networks)
 
     def _denoised(self, networks: str) -> Denoised:
-        """The result of the ``networks``: "fast", "best", or "none" for the raw image."""
         of = networks, 0.0 if self.render is None else self._samples
         if self._latest is None or self._latest[0] != of:
             self._latest = of, self.halves.denoised(self._denoiser(networks))
@@ -217,8 +221,8 @@ class DenoisedRender:
     def _samples(self) -> float:
         return float(self.counts().mean(dtype=np.float64))
 
-    def _load(self, networks: str) -> Callable[[np.ndarray], np.ndarray]:
-        return (lambda image: image) if networks == "none" else Denoiser(*self.features, fast=networks == "fast")
+    def _load(self, networks: str) -> Denoiser | None:
+        return None if networks == "none" else Denoiser(*self.features, fast=networks == "fast")
 
     def estimate(self, render: Render) -> Noise:
         """The error of the final image; see :class:`~mitsuba_prosim.engine.render.Denoiser`. Where the denoiser is not
@@ -250,7 +254,7 @@ class DenoisedRender:
                 state.slope = self.SLOPE
                 return noise
             networks = "fast" if self.fast or by_raw < self.BEST else "best"
-            self._record(networks, self._denoised(networks).errors())
+            self._record(networks, scaled(raw, (result := self._denoised(networks)).noise / result.raw_noise))
         return raw
 
     def _probed(self, raw: Noise) -> Noise:

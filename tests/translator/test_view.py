@@ -7,11 +7,6 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
-from exact_csg import through_pixels
-from prosim_scene.geometry import Triangles
-from prosim_scene.language import document_of
-from prosim_scene.mitsuba.sensor import clipping
-from prosim_scene.view import camera_of
 
 VIEWS = {
     "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",
@@ -81,18 +76,6 @@ def test_rays_are_exact(name, tmp_path, variant_rgb):
         assert (np.linalg.norm(o + t[:, None] * d - through, axis=1) / pixel).max() < 1e-3
         assert np.linalg.norm(np.cross(eye - o, d), axis=1).max() < 1e-4 * np.linalg.norm(eye)  # through the eye
     assert tuple(sensor.film().size()) == (w, h)
-
-
-@pytest.mark.parametrize("name", ["oblique", "tall pixels"])
-def test_the_formula_of_the_translator_itself(name):
-    with pytest.warns(prosim_scene.SceneWarning):
-        document = document_of(f"VIEW {VIEWS[name]} CSG-TREE LIGHTS END")
-    i, j = np.array([0, 17, 99]), np.array([99, 3, 0])
-    through, eye, *_ = formula(document.scene.view, i, j)
-    d = through - eye
-    assert np.allclose(
-        through_pixels(camera_of(document), i, j), d / np.linalg.norm(d, axis=1, keepdims=True), atol=1e-14
-    )
 
 
 def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
@@ -207,15 +190,3 @@ def test_nothing_is_clipped(name, target, tmp_path, variant_rgb):
     whole = mi.Ray3f(mi.Point3f(prosim_scene.parse(path.read_text()).view.eye), ray.d)
     expected = np.array(scene.ray_intersect(whole).is_valid())
     assert expected.any() and np.array_equal(seen, expected)
-
-
-def test_planes_stay_where_they_are_if_nothing_is_cut_off():
-    camera = camera_of(document_of("LIGHTS POINT position 0 0 5 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END"))
-
-    def planes(z):
-        vertices = np.array([[0, 0, z], [1, 0, z], [0, 1, z]])
-        return clipping(camera, [Triangles(vertices, vertices, vertices, np.array([[0, 1, 2]]))], ())
-
-    assert planes(0) == (0.02, 2e6)
-    assert planes(19.99) == (1e-9, 2e6)
-    assert planes(-3e6) == (0.02, 2 * (3e6 + 20))

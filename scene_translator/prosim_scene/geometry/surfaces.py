@@ -62,40 +62,24 @@ def corner_keys(of: np.ndarray, face: np.ndarray, corners: Corners, first: int =
 
 @dataclass(eq=False)
 class SurfaceMesh:
-    """The boundary of a tree's result without materials: all triangles, the number ``kind`` (n,) of each triangle's
-    kind, and that of each vertex, ``vertex_kind`` (k,).
+    """The boundary of a tree's result without materials: all triangles, sorted by their kinds; those of kind i are
+    number ``starts[i]`` to ``starts[i + 1]``.
 
     ``kinds`` are the numbers of the leaf and of the media inside and outside. ``visible`` (kinds,) is False for kinds
     that have only seams of no width.
     """
 
     triangles: Triangles
-    kind: np.ndarray
-    vertex_kind: np.ndarray
+    starts: np.ndarray
     kinds: list[tuple[int, int, int]]
     visible: np.ndarray
 
-    def chosen(self, groups: list[list[int]]) -> list[Triangles]:
-        """The triangles of groups of kinds."""
-        group_of = np.full(len(self.kinds), len(groups))
-        for number, kinds in enumerate(groups):
-            group_of[kinds] = number
-        triangles, starts = _sorted(group_of[self.kind], len(groups))
-        vertices, firsts = _sorted(group_of[self.vertex_kind], len(groups))
+    def chosen(self, kinds: list[int]) -> Triangles:
+        """The triangles of some kinds."""
         of = self.triangles
-        place = np.empty(len(vertices), int)
-        place[vertices] = np.arange(len(vertices))
-        result = []
-        for group, first in enumerate(firsts[:-1]):
-            chosen = vertices[first : firsts[group + 1]]
-            index = place[of.index[triangles[starts[group] : starts[group + 1]]]] - first
-            result.append(Triangles(of.vertices[chosen], of.normals[chosen], of.uv[chosen], index))
-        return result
-
-
-def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The positions sorted by group, and the limits of the ``count`` groups in them."""
-    return np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups + 1, minlength=count + 2))[: count + 1]
+        chosen = np.concatenate([of.index[self.starts[kind] : self.starts[kind + 1]] for kind in kinds])
+        vertices, index = np.unique(chosen, return_inverse=True)
+        return Triangles(of.vertices[vertices], of.normals[vertices], of.uv[vertices], index.reshape(-1, 3))
 
 
 BATCH = 1 << 16  # triangles
@@ -150,8 +134,7 @@ def tessellate(
     filling -= {media.OPAQUE, media.AIR}
     _report_vanished(document, visible | np.isin(media_of, list(filling)))
     _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
-    visible_keys = {key: chosen for key, chosen in kinds_of_key.items() if faces.visible[chosen].any()}
-    return dict(zip(visible_keys, faces.chosen(list(visible_keys.values()))))
+    return {key: faces.chosen(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
 def _numbered(keys: Iterable[Hashable]) -> list[int]:
@@ -197,9 +180,6 @@ def _faces(
             boundaries.append(media.primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
             boundaries += media.boundaries(of_group, ids, fresnel)
-    if not boundaries:
-        nothing = Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int))
-        return SurfaceMesh(nothing, np.empty(0, int), np.empty(0, int), [], np.empty(0, bool))
     return _surface_mesh(table, media.concatenated(boundaries), max(media_of) + 2)
 
 
@@ -217,28 +197,31 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 
 def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> SurfaceMesh:
     """A boundary with normals and uv; ``count`` is the number of media, with air."""
-    codes = (boundary.leaf * count + boundary.inside + 1) * count + boundary.outside + 1
-    codes, kind = np.unique(codes, return_inverse=True)
+    triangles = boundary.triangles
+    codes = (triangles["leaf"] * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
+    order = np.argsort(codes, kind="stable")
+    triangles = triangles[order]
+    codes, starts, kind = np.unique(codes[order], return_index=True, return_inverse=True)
     batches = []
     unshared = 0  # so far
-    for start in range(0, len(kind), BATCH):
-        chosen = boundary.chosen(slice(start, start + BATCH))
-        positions = chosen.vertices[chosen.triangles]
-        face = table.faces[chosen.facet]
-        corners = table.corners(positions, chosen.leaf, face)
-        keys = corner_keys(chosen.triangles * len(codes) + kind[start : start + BATCH, None], face, corners, unshared)
+    for start in range(0, max(len(kind), 1), BATCH):
+        some = triangles[start : start + BATCH]
+        positions = boundary.vertices[some["index"]]
+        face = table.faces[some["facet"]]
+        corners = table.corners(positions, some["leaf"], face)
+        keys = corner_keys(some["index"] * len(codes) + kind[start : start + BATCH, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
-        normals = corners.normals * chosen.sign[:, None, None]
+        normals = corners.normals * some["sign"][:, None, None]
         batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), media.heights(positions) > 2 * table.step])
     keys, normals, uv, high = map(np.concatenate, zip(*batches))
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
-    positions = boundary.vertices[boundary.triangles[triangle, at]] + table.origin
-    triangles = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
+    positions = boundary.vertices[triangles["index"][triangle, at]] + table.origin
+    result = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
     visible = np.bincount(kind[high], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)
     kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))
-    return SurfaceMesh(triangles, kind, kind[triangle], kinds, visible)
+    return SurfaceMesh(result, np.append(starts, len(kind)), kinds, visible)
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:

@@ -47,19 +47,6 @@ def test_sphere_cut_by_a_box():
     assert area(meshes[0]) == pytest.approx(math.pi * h, rel=5e-4)  # Archimedes: half of 2 pi r h
 
 
-def test_cylinder_through_a_cube():
-    meshes = solids(
-        scene("- CUBE 0 CYLINDER 1", ["TRANSLATE (-.5 -.5 -.5)", "SCALE (.3 .3 3) TRANSLATE (0 0 -1)"]), tolerance=0.002
-    )
-    assert_closed(list(meshes.values()))
-    assert volume(list(meshes.values())) == pytest.approx(1 - math.pi * 0.09, rel=2e-4)
-    assert area(meshes[1]) == pytest.approx(2 * math.pi * 0.3, rel=2e-4)  # the wall of the hole is the cylinder's
-    assert area(meshes[0]) == pytest.approx(6 - 2 * math.pi * 0.09, rel=2e-4)
-    # The hole's normals point into it, that is, to the axis.
-    mesh = meshes[1]
-    assert np.all(np.einsum("tci,tci->tc", mesh.normals[mesh.index], mesh.positions * [1, 1, 0]) < 0)
-
-
 @pytest.mark.parametrize("shape, form", [("SPHERE", (1, 1, 1)), ("CYLINDER", (1, 1, 0)), ("CONE", (1, 1, -1))])
 @pytest.mark.parametrize("sign", [1, -1], ids=["added", "taken away"])
 def test_normals_are_those_of_the_quadric_after_cuts(shape, form, sign):
@@ -89,18 +76,6 @@ def test_chord_error_is_below_the_tolerance():
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         distance = np.abs(np.einsum("ti,ti->t", n / np.linalg.norm(n, axis=1, keepdims=True), p[:, 0]))
         assert 3 * (1 - distance.min()) <= tolerance * camera.footprint(20 - 1) * 1.02
-
-
-@pytest.mark.parametrize("tree, owner", [("+ CUBE 0 CUBE 1", 0), ("+ CUBE 1 CUBE 0", 1)])
-@pytest.mark.parametrize("along", range(3))
-def test_coincident_faces_go_to_the_first_primitive_in_the_tree(tree, owner, along):
-    # Two boxes side by side: four pairs of faces lie in common planes and overlap by half.
-    meshes = solids(scene(tree, ["", f"TRANSLATE ({' '.join('.5' if i == along else '0' for i in range(3))})"]))
-    assert_closed(list(meshes.values()))
-    for axis in {0, 1, 2} - {along}:
-        for side in (0, 1):
-            face = {i: area(m, np.all(np.abs(m.positions[..., axis] - side) < 1e-9, axis=1)) for i, m in meshes.items()}
-            assert face[owner] == pytest.approx(1) and face[1 - owner] == pytest.approx(0.5)
 
 
 def test_coincident_faces_in_a_large_union():

@@ -136,27 +136,6 @@ TUMBLER = scene(
 )
 
 
-ON_A_TABLE = TUMBLER.replace("+ -", "+ CUBE 3 + -").replace(
-    "END", "SURFACE 3 kd = .5 TRANSFORM 3 SCALE (9 9 9) TRANSLATE (5 0 0) END"
-)
-
-
-@pytest.mark.parametrize("text", [TUMBLER, ON_A_TABLE])
-def test_a_tumbler_with_water_to_its_wall_has_one_interface_and_the_right_volumes(text):
-    meshes = solids(text, 0.02)
-    for mesh in meshes.values():
-        a, b = mesh.positions[:, 1] - mesh.positions[:, 0], mesh.positions[:, 2] - mesh.positions[:, 0]
-        assert (np.einsum("ti,tci->tc", np.cross(a, b), mesh.normals[mesh.index]) >= -1e-9).all()
-    meshes.pop(3, None)
-    glass, water, between = meshes[0], meshes[2], meshes[0, 2]
-    disc, wall = math.pi * 1.8**2, 2 * math.pi * 1.8 * 2
-    assert area(between) == pytest.approx(disc + wall, rel=2e-3)
-    assert area(water) == pytest.approx(disc, rel=2e-3)  # its top alone
-    assert volume([glass, between]) == pytest.approx(math.pi * (4 * 4 - 3.7 * 1.8**2), rel=3e-3)
-    assert volume([water]) - volume([between]) == pytest.approx(2 * disc, rel=2e-3)
-    assert len(meshes) == 3
-
-
 def test_both_targets_say_both_indices(tmp_path):
     path = tmp_path / "s.scn"
     path.write_text(TUMBLER)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import ambient
+from scenes import camera, film
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -23,13 +24,9 @@ def scene(bsdf, size=16, spp=16, integrator="path", light=None, depth=3):
         {
             "type": "scene",
             "integrator": {"type": integrator, "max_depth": depth},
-            "sensor": {
-                "type": "perspective",
-                "fov": 40,
-                "to_world": mi.ScalarTransform4f().look_at([0, 2, 3], [0, 0, 0], [0, 1, 0]),
-                "sampler": {"type": "independent", "sample_count": spp},
-                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-            },
+            "sensor": camera(
+                [0, 2, 3], [0, 0, 0], film(size), fov=40, sampler={"type": "independent", "sample_count": spp}
+            ),
             "ball": {"type": "sphere", "radius": 0.9, "bsdf": bsdf},
             "light": light or {"type": "constant", "radiance": 0.5},
         }
@@ -263,7 +260,7 @@ def test_derivatives_match_finite_differences(variant_rgb, material, key, step):
             "sensor": {
                 "type": "orthographic",
                 "to_world": place().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1),
-                "film": {"type": "hdrfilm", "width": 2, "height": 2, "rfilter": {"type": "box"}},
+                "film": film(2),
             },
             "plate": {"type": "rectangle", "bsdf": material},
             "sun": {"type": "directional", "direction": [1.2, 0.3, -2], "irradiance": 1.0},

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.compat import to_world_name
-from scenes import diffuse, mesh, penumbra, rgb
+from scenes import camera, diffuse, film, mesh, penumbra, rgb
 
 
 def derivatives(scene, change, seed=1, spp=16, integrator=None):
@@ -162,19 +162,9 @@ def spot(kind, floor, **settings):
         {
             "type": "scene",
             "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0, **settings},
-            "sensor": {
-                "type": "perspective",
-                "fov": 1e-3,
-                "to_world": T().look_at([0, 3, -4], [0, 0, 0], [0, 1, 0]),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": 32,
-                    "height": 32,
-                    "rfilter": {"type": "box"},
-                    "pixel_format": "rgb",
-                    "component_format": "float32",
-                },
-            },
+            "sensor": camera(
+                [0, 3, -4], [0, 0, 0], film(32, pixel_format="rgb", component_format="float32"), fov=0.001
+            ),
             "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20), "bsdf": FLOORS[floor]},
             "lamp": lamp(kind),
         }
@@ -383,11 +373,7 @@ def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
                 "diffuse_bounces": bounces,
                 "adaptive": "none",
             },
-            "sensor": {
-                "type": "perspective",
-                "to_world": mi.ScalarTransform4f().look_at([0, 1, 5], [0, 0, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 4, "height": 4, "pixel_format": "rgb", "rfilter": {"type": "box"}},
-            },
+            "sensor": camera([0, 1, 5], [0, 0, 0], film(4, pixel_format="rgb")),
             "sky": {"type": "constant", "radiance": 0.5},
             "lamp": {"type": "point", "position": [1, 2, 3], "intensity": 9.0},
             "card": mesh([(-9, -9, 0), (9, -9, 0.5), (0, 9, 0)], [(0, 1, 2)], bsdf=blend),
@@ -432,12 +418,7 @@ def below_a_sky(**bsdfs):
         {
             "type": "scene",
             "integrator": {"type": "prb", "max_depth": 4},
-            "sensor": {
-                "type": "perspective",
-                "fov": 25 * len(bsdfs),
-                "to_world": T().look_at([0, 2, 6], [0, 0.5, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 32, "height": 16, "rfilter": {"type": "box"}},
-            },
+            "sensor": camera([0, 2, 6], [0, 0.5, 0], film(32, 16), fov=25 * len(bsdfs)),
             "sky": {"type": "envmap", "bitmap": mi.Bitmap(texels)},
             "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(10)},
             **spheres,

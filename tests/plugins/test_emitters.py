@@ -3,7 +3,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.light import beam
-from scenes import rgb
+from scenes import camera, film, rgb
 from scipy import integrate
 
 SIGNIFICANCE = 0.01
@@ -40,13 +40,9 @@ def scene(source, integrator="path", size=16, samples=64, **options):
         {
             "type": "scene",
             "integrator": {"type": integrator, **options},
-            "sensor": {
-                "type": "perspective",
-                "fov": 45,
-                "to_world": mi_T.look_at([0, 2.5, 6], [0, 1, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-                "sampler": {"type": "independent", "sample_count": samples},
-            },
+            "sensor": camera(
+                [0, 2.5, 6], [0, 1, 0], film(size), fov=45, sampler={"type": "independent", "sample_count": samples}
+            ),
             "floor": {
                 "type": "rectangle",
                 "to_world": mi_T.rotate([1, 0, 0], -90).scale(4),

@@ -6,6 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
+from scenes import camera, film
 
 
 def T():
@@ -21,12 +22,7 @@ def card(bsdf, **others):
     """A card before the camera; a rough metal ball out of sight lets the scene have every kind of lobe."""
     return {
         "type": "scene",
-        "sensor": {
-            "type": "perspective",
-            "fov": 20,
-            "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}},
-        },
+        "sensor": camera([0, 0, 5], [0, 0, 0], film(8), fov=20),
         "card": {"type": "rectangle", "to_world": T().scale(3), "bsdf": bsdf},
         "ball": {"type": "sphere", "center": [90, 0, 0], "bsdf": {"type": "roughconductor"}},
         **others,

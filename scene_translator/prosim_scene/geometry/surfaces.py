@@ -12,7 +12,8 @@ from ..collector import paused
 from ..language.document import Document
 from ..model import Leaf
 from ..view import Camera
-from . import csg, media
+from . import csg
+from .boundaries import AIR, OPAQUE, Boundary, Ids, boundaries, concatenated, heights, primitive_boundary
 from .detail import warn_of_rounding
 from .grouping import components
 from .leaves import Leaves
@@ -112,7 +113,7 @@ def tessellate(
     media_of = _numbered(names)[1:]
     cut = csg.cut_media(tree, media_of)
     table = Leaves(document, camera, tolerance, cut > 1, meshes)
-    reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
+    reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
         lambda: _faces(tree, table, media_of, reflects, cut > 0),
@@ -120,20 +121,20 @@ def tessellate(
     warn_of_rounding(document, camera, faces.triangles.vertices)
     visible, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     kinds_of_key: dict[MeshKey, list[int]] = {}
-    of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
+    of_number = dict(zip([OPAQUE, *media_of, AIR], [*names, None]))
     filling: set[int] = set()  # media that are visible behind faces of other media
     for number, (leaf, inside, outside) in enumerate(faces.kinds):
         visible[leaf] |= faces.visible[number]
         filling |= {inside, outside} - {media_of[leaf]} if faces.visible[number] else set()
-        lining[leaf] |= faces.visible[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
+        lining[leaf] |= faces.visible[number] and (inside == OPAQUE) != (media_of[leaf] == OPAQUE)
         inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
         kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(
             number
         )
     # The face of a medium that fills a hollow belongs to the cutter; the medium is visible.
-    filling -= {media.OPAQUE, media.AIR}
+    filling -= {OPAQUE, AIR}
     _report_vanished(document, visible | np.isin(media_of, list(filling)))
-    _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
+    _report_lining(document, lining, np.array(media_of) == OPAQUE)
     return {key: faces.chosen(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
@@ -150,10 +151,9 @@ def _faces(
     and reflects by Fresnel's equations, ``cut[i]`` whether it is in the second operand of - or *.
     """
     table.make_meshes()
-    ids = media.Ids(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
+    ids = Ids(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     boxes = table.boxes[table.of_leaf] + table.step * np.array([[-1.0], [1.0]])
     fresnel = np.flatnonzero(reflects).tolist()
-
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
     cuts = csg.touching_small(boxes)
@@ -172,15 +172,15 @@ def _faces(
     for m in sorted(set(media_of)):
         for group, value in csg.evaluate(tree, groups.tolist(), partial(body, medium=m)).items():
             bodies.setdefault(group, {})[m] = value
-    boundaries: list[media.Boundary] = []
+    found: list[Boundary] = []
     for group in sorted(bodies):
         of_group = bodies.pop(group)  # frees memory
         if alone[group]:  # a leaf that has the number of its group
             i = int(table.of_leaf[group])
-            boundaries.append(media.primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
+            found.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
-            boundaries += media.boundaries(of_group, ids, fresnel)
-    return _surface_mesh(table, media.concatenated(boundaries), max(media_of) + 2)
+            found += boundaries(of_group, ids, fresnel)
+    return _surface_mesh(table, concatenated(found), max(media_of) + 2)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
@@ -195,7 +195,7 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
     return csg.checked(Manifold(mesh64))
 
 
-def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> SurfaceMesh:
+def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     """A boundary with normals and uv; ``count`` is the number of media, with air."""
     triangles = boundary.triangles
     codes = (triangles["leaf"] * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
@@ -212,7 +212,7 @@ def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> Surfac
         keys = corner_keys(some["index"] * len(codes) + kind[start : start + BATCH, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
         normals = corners.normals * some["sign"][:, None, None]
-        batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), media.heights(positions) > 2 * table.step])
+        batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), heights(positions) > 2 * table.step])
     keys, normals, uv, high = map(np.concatenate, zip(*batches))
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
@@ -230,9 +230,9 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     An opaque face has an outer medium only if it ``reflects`` by Fresnel's equations. If a dielectric cuts
     an opaque solid, the face is still the dielectric's.
     """
-    if own == media.OPAQUE:
-        return own, outside if reflects else media.AIR
-    return own if inside == media.OPAQUE else inside, outside
+    if own == OPAQUE:
+        return own, outside if reflects else AIR
+    return own if inside == OPAQUE else inside, outside
 
 
 def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:

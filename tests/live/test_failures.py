@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from little import LITTLE, running, save, until
-from mitsuba_prosim.compare.scenes import lit
-from mitsuba_prosim.live.image import ProgressiveImage
+from mitsuba_prosim.compare.contestants import lit
+from mitsuba_prosim.live.progressive_image import ProgressiveImage
 
 pytestmark = pytest.mark.slow
 
@@ -14,7 +14,7 @@ XML = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><film type=
 
 
 def is_(viewer, doing, saves=0):
-    until(lambda: viewer.publisher.state.doing == doing and viewer.publisher.state.saves == saves)
+    until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.saves == saves)
 
 
 def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
@@ -27,11 +27,11 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
     def asked(words):
         assert words in viewer.publisher.state.error
         viewer.requests.change(compared=True)
-        viewer.requests.change(stopped=True)
-        viewer.requests.change(stopped=False)
+        viewer.requests.change(paused=True)
+        viewer.requests.change(paused=False)
         assert viewer.requests.call(lambda subject: subject.surface_at(4, 3)).result(20).startswith("Sphere")
         viewer.requests.change(compared=False)
-        assert viewer.publisher.state.doing == "failed" and words in viewer.publisher.state.error
+        assert viewer.publisher.state.status == "failed" and words in viewer.publisher.state.error
 
     with running(path) as viewer:
         is_(viewer, "failed")
@@ -53,7 +53,7 @@ def test_a_camera_that_is_moved_and_back_before_it_is_looked_at(variant_rgb, tmp
     def there_and_back(image):
         if viewers:
             viewers[0].requests.move(lambda camera: camera.orbited(10, 0))
-            viewers.pop().requests.change(camera=None, stopped=False)
+            viewers.pop().requests.change(camera=None, paused=False)
         return step(image)
 
     monkeypatch.setattr(ProgressiveImage, "step", there_and_back)
@@ -74,7 +74,7 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
     path.write_text(XML.replace("INTEGRATOR", squares))
     with running(path) as viewer:
         is_(viewer, "done")
-        assert "no bitmap" in viewer.publisher.state.alone
+        assert "no bitmap" in viewer.publisher.state.not_compared
         viewer.requests.change(compared=True)
         is_(viewer, "done")
         assert set(viewer.publisher.pictures) == {"own"} and viewer.publisher.state.error is None
@@ -91,7 +91,7 @@ def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path):
     path.write_text(XML.replace("INTEGRATOR", maps).replace("</film>", window))
     with running(path) as viewer:
         viewer.requests.change(compared=True)
-        until(lambda: viewer.publisher.state.doing == "done" and viewer.publisher.state.compared)
+        until(lambda: viewer.publisher.state.status == "done" and viewer.publisher.state.compared)
         before, count = dict(viewer.publisher.state.pictures), len(viewer.publisher.said)
         save(viewer, path, path.read_text().replace('z="5"', 'z="6"'))
         is_(viewer, "done", 1)

@@ -445,7 +445,8 @@ def test_the_raw_image_is_the_result_where_the_denoiser_does_not_pay(variant_rgb
 
 def test_time_is_left_for_the_denoiser(variant_rgb):
     needs_oidn()
-    final(mi.load_dict(penumbra(size=16, type="prosim", samples=2, noise=0.05)))  # compiles
+    denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2, noise=0.05)))  # compiles
+    denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2)))  # loads the denoiser
     render = final(mi.load_dict(penumbra(size=16, type="prosim", samples=2, time=2.0)))
     assert render.finished and render.render.target.reserved > 0 and np.all(render.counts() >= 2)
 

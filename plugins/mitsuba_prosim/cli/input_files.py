@@ -100,9 +100,9 @@ def kind(path: Path) -> str:
         with open(path, "rb") as file:
             begin = file.read(4)
         what = next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
-        if what in (EXR, ARCHIVE):
+        if what == ARCHIVE:
             try:
-                return STATE if checkpoint.about(path)["facts"]["part"] is None else PART
+                return STATE if checkpoint.read(path, arrays=False).part is None else PART
             except checkpoint.NotACheckpointError:
                 return what
             except (checkpoint.CheckpointError, OSError):  # its command reports the error

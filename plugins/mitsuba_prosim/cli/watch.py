@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import webbrowser
 from pathlib import Path
 from typing import Any
 
 import click
-from prosim_scene import Kept
+from prosim_scene import TranslationCache
 
 from .. import atomic
 from ..scene import images, scene_file, session
-from .image import metadata
 from .input_files import SCENE_FILE
 from .interrupts import interruptible
 from .job import OPTIONS, Command, Job, refuse_scalar, takes
 from .log import log
-from .options import Integer, need, option
+from .option_types import Integer, need, option
+from .report import metadata
 
 #: Options of files, films and other processes, which it does not have.
 LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "overwrite", "workers", "cluster", "part")
@@ -43,16 +44,16 @@ def watch(job: Job, port: int, browser: bool) -> None:
     if job.denoise:
         need("denoise", "--denoise")
     try:
-        sock = server.bound(port)
+        sock = socket.create_server(("127.0.0.1", port))
     except OSError as error:
         raise click.ClickException(
             f"port {port}: {error.strerror}. Give another by --port, or leave it out for any free one."
         ) from None
     with atomic.scratch() as folder:
-        kept, confined = Kept(), not job.language.get("allow_outside")
+        cache, confined = TranslationCache(), not job.language.get("allow_outside")
 
         def opened() -> tuple[scene_file.SceneFile, Any, Any]:
-            file = job.file(folder, kept=kept, confined=confined)
+            file = job.file(folder, cache=cache, confined=confined)
             scene = file.load()
             return file, scene, scene_file.pick_sensor(scene, job.sensor)
 
@@ -60,7 +61,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
             state, bitmap, integrator, reached = shown.result(factors)
-            facts = metadata(job, integrator, reached, state.doing != "done", state.seconds)
+            facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
                 facts["prosim.mix"] = said([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)
@@ -72,7 +73,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             with (
                 log(job.verbose),
                 session.threads(job.threads),
-                shown.files.watched(shown.requests.save),
+                shown.watcher.watching(shown.requests.save),
                 interruptible(shown.requests.close),
             ):
                 shown.run()

@@ -2,10 +2,11 @@
 
 import errno
 import os
+from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene import SceneError, text_files
+from prosim_scene import SceneError
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
@@ -75,7 +76,7 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(scene, step, monkeypatch)
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     if step == "writing":
-        monkeypatch.setattr(text_files, "open", full, raising=False)
+        monkeypatch.setattr(Path, "write_bytes", full)
     else:
         monkeypatch.setattr(os, "replace", full)
     with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is unchanged"):

@@ -36,11 +36,6 @@ def test_remarks_stand_with_what_follows_them():
     assert tree("+ (a) - CUBE 0 CUBE 1 CUBE 2") == "+ (a)\n-\n    CUBE 0\n    CUBE 1\n    CUBE 2"
 
 
-def test_a_deep_tree_stays_in_proportion():
-    text = tree("+ CUBE 0 " * 500 + "CUBE 0")
-    assert max(map(len, text.splitlines())) < 60
-
-
 def test_words_are_spelt_as_the_place_has_them():
     tidy = prosim_scene.format("TEXTURE t-x fractal escala=3 SURFACE 0 TRANSFORM 0 escala 1 2 3 CSG CUBE 0 LUZES END")
     assert "    scale = 3\n" in tidy and "    SCALE (1 2 3)\n" in tidy and "CSG-TREE\n" in tidy and "LIGHTS\n" in tidy

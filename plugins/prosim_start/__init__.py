@@ -8,8 +8,6 @@ import os
 import signal
 import sys
 
-from .ending import end_at_once
-
 __all__ = ["main"]
 
 
@@ -17,7 +15,10 @@ def main() -> None:
     """Runs the command with the arguments of the process, and ends the process."""
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
-    end_at_once()  # a render, which has a result to keep, handles the signal itself
+    # Ctrl-C ends the process at any moment, also in compilers and renderers, where Python would not hear it. A render,
+    # which has a result to keep, handles the signal itself. Where it is ignored (by nohup, say), it stays so.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     from .group import prosim
 
     try:

@@ -28,7 +28,7 @@ from tqdm import tqdm
         ("-m no_such_variant", "llvm_ad_rgb"),
         ("--spp 0", "range"),
         ("--spp 4 --samples 2", "give one of them"),
-        ("-s 7", "out of bounds! The scene has one sensor, number 0."),
+        ("-s 7", "out of bounds! The scene has sensors 0 to 0."),
         ("--exposure 1e9", "range"),
         ("--exposure nan", "finite"),
         ("-t 100000", "range"),

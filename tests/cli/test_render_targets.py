@@ -68,7 +68,7 @@ def test_time_alone_says_what_the_noise_is_at_most(scene, variant_rgb):
 @pytest.mark.parametrize(
     "integrator, options, says",
     [
-        ('"ptracer"/>', "--noise 0.1", "which can't hold the integrator ptracer"),
+        ('"ptracer"/>', "--noise 0.1", "one that takes samples from a sensor"),
         ('"prosim"><float name="noise" value="0.1"/></integrator>', "-m scalar_rgb", "noise: scalar_rgb"),
     ],
 )

@@ -116,7 +116,7 @@ def test_the_help_has_groups_and_no_old_names():
     printed = prosim("render", "-h").output
     groups = [line[:-1] for line in printed.splitlines() if line.endswith(":") and not line.startswith(" ")]
     assert groups == ["Quality", "Output", "Scene", "Film", "Distribution", "Advanced", "Others"]
-    assert "--overwrite" in printed and "--anew" not in printed
+    assert "--overwrite" in printed and "--anew" not in printed and "--keep" not in printed
 
 
 def test_a_warning_is_printed_once(capsys):

@@ -90,7 +90,7 @@ def test_a_signal_after_the_first_pass_leaves_a_whole_image(scene, monkeypatch):
 def test_a_signal_is_heard_within_seconds_in_a_long_pass(scene):
     scene.write_text(NOISY.replace('"12"', '"512"').replace('"8"', '"512"'))
     with subprocess.Popen(
-        [sys.executable, "-m", "prosim_start", "render", scene, "--noise", "1e-5", "-t", "1", "--keep"],
+        [sys.executable, "-m", "prosim_start", "render", scene, "--noise", "1e-5", "-t", "1", "--checkpoint"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:

@@ -65,7 +65,7 @@ class InputFile(click.Path):
 
 SCENE_FILE = InputFile("a scene", (TEXT, XML), ("*.xml", "*.scn"))
 LANGUAGE_FILE = InputFile("a scene in the thesis's language", (TEXT,), ("*.scn",))
-STATE_FILE = InputFile(STATE, (STATE, PART), ("*.state.npz", "*.*-of-*.npz"), "prosim render --keep")
+STATE_FILE = InputFile(STATE, (STATE, PART), ("*.state.npz", "*.*-of-*.npz"), "prosim render --checkpoint")
 PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/4")
 
 

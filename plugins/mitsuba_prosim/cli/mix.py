@@ -73,12 +73,7 @@ def said(factors: Iterable[tuple[str, np.ndarray]]) -> str:
     return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
 
 
-def total(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> np.ndarray:
-    """The sum of one colour of the ``layers``."""
-    return np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
-
-
 def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:
     """Whether one colour of the image is the sum of the ``layers``."""
-    image = planes.get(letter, np.zeros(1))
-    return bool(np.abs(total(planes, layers, letter) - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))
+    image, total = planes.get(letter, np.zeros(1)), np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
+    return bool(np.abs(total - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))

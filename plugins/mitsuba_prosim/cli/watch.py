@@ -16,13 +16,13 @@ from .. import atomic
 from ..scene import images, scene_file, session
 from .input_files import SCENE_FILE
 from .interrupts import interruptible
-from .job import OPTIONS, Command, Job, refuse_scalar, takes
+from .job import FILM, OPTIONS, Command, Job, refuse_scalar, takes
 from .log import log
 from .option_types import Integer, need, option
 from .report import metadata
 
-#: Options of files, films and other processes, which it does not have.
-LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "overwrite", "workers", "cluster", "part")
+#: Options of files and other processes, which it does not have, besides those of films.
+LEFT_OUT = ("output", "exposure", "checkpoint", "view", "crop", "workers", "cluster", "part", *FILM)
 
 
 @click.command(cls=Command)

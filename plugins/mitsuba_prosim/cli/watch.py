@@ -22,7 +22,7 @@ from .option_types import Integer, need, option
 from .report import metadata
 
 #: Options of files and other processes, which it does not have, besides those of films.
-LEFT_OUT = ("output", "exposure", "checkpoint", "view", "crop", "workers", "cluster", "part", *FILM)
+LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "workers", "cluster", "part", *FILM)
 
 
 @click.command(cls=Command)

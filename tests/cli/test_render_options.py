@@ -38,7 +38,7 @@ from tqdm import tqdm
         ("--paths", "only the integrator prosim"),
         ("--noise 0", "range"),
         ("--adaptive all", "graded"),
-        ("--noise 0.1 --adaptive thesis", "--adaptive thesis knows neither"),
+        ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--noise 0.1 -m scalar_rgb", "--noise: scalar_rgb"),
         ("--max-samples 4 -m scalar_rgb", "--max-samples: scalar_rgb"),
         ("--light-units radiance", "--light-units is for scenes in the thesis's language"),

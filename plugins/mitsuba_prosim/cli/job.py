@@ -255,7 +255,7 @@ def job_of(asked: dict[str, Any]) -> Job:
     if "frames" not in given and (film := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film)} is for films; add --frames.")
     if asked.get("adaptive") == "thesis" and given & set(TARGETS):
-        raise click.UsageError("--adaptive thesis knows neither --noise nor --time; give another policy, or none.")
+        raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
     asked["scene"] = scene = str(asked.get("scene") or "")
     for name in ("light_units", "tolerance"):
         if name in given and scene.lower().endswith(".xml"):
@@ -289,6 +289,6 @@ def refuse_scalar(names: list[str], variant: str) -> None:
     """Raises InputError for these options with a scalar variant, which renders pixel by pixel."""
     if variant.startswith("scalar_") and names:
         raise InputError(
-            f"{', '.join(names)}: {variant} renders one pixel after the other, and knows nothing of the whole image. "
-            "Give another variant, such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
+            f"{', '.join(names)}: {variant} renders pixel by pixel, not progressively. Give another variant, "
+            "such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
         )

@@ -53,7 +53,7 @@ class RenderTask:
 
     @cached_property
     def sensor(self) -> mi.Sensor:
-        """The sensor that the job names. Raises ValueError where there is none."""
+        """The sensor that the job names. Raises ValueError where the scene has no such sensor."""
         return scene_file.pick_sensor(self.scene, self.job.sensor)
 
     @property

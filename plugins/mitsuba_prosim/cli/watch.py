@@ -38,7 +38,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """
     need("watch", "prosim watch")
     from ..live import server, viewer
-    from .mix import said
+    from .mix import described
 
     refuse_scalar(["prosim watch"], job.variant)
     if job.denoise:
@@ -63,7 +63,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             state, bitmap, integrator, reached = shown.result(factors)
             facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
-                facts["prosim.mix"] = said([(name.partition(".")[2], factor) for name, factor in factors])
+                facts["prosim.mix"] = described([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)
 
         with server.served(shown, encode, sock) as address:

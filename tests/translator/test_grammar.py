@@ -88,20 +88,6 @@ def test_mutated_scenes_raise_scene_errors_or_nothing(seed, tmp_path):
         check(mutated(rng.choice(MANUAL), rng), tmp_path)
 
 
-@pytest.mark.slow
-@quick
-@given(
-    st.lists(
-        st.sampled_from(
-            [w for row in WORDS for w in row.spellings] + list('()+-*=:"#\n') + ["0", "1.5", "t-a", "a.png"]
-        )
-    ).map(" ".join)
-    | st.text()
-)
-def test_any_text_raises_scene_errors_or_nothing(text):
-    check(text)
-
-
 def test_both_languages_say_the_same():
     english = """NAME: a MAX-LEVEL: 2 DO-SHADOW: TRUE CAUSTICS: YES BACKGROUND: 1000 2000 3000 NONE
     LIGHTS AREA position 1 2 3 Intensity 4000 5000 6000 radius 7 SPOT direction 0 -1 0 angle 30 exponent 8

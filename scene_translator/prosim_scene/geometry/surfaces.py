@@ -112,7 +112,7 @@ def tessellate(
     names = [None, *map(medium, leaves)]
     media_of = _numbered(names)[1:]
     cut = csg.cut_media(tree, media_of)
-    table = Leaves(document, camera, tolerance, cut > 1, meshes)
+    table = Leaves(document, camera, tolerance, cut > 1, meshes or {})
     reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),

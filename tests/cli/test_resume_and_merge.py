@@ -1,8 +1,6 @@
 """``prosim render --keep`` and ``--part``, ``prosim resume`` and ``prosim merge``."""
 
-import errno
 import json
-import os
 import random
 import re
 import subprocess
@@ -10,7 +8,6 @@ import sys
 
 import numpy as np
 import pytest
-from mitsuba_prosim import atomic
 from mitsuba_prosim.engine import origin
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from running import done, names, pixels, prosim, refused
@@ -159,28 +156,6 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
     assert f"finished: prosim merge {tmp_path}/a.*-of-3.npz\n" in done("resume", second).stdout
     assert "can be removed, unless" in done("merge", *parts, "-o", tmp_path / "b").stdout
     assert alike(tmp_path / "whole", tmp_path / "b")
-
-
-def test_a_disk_that_is_full(lamp, tmp_path_factory, monkeypatch):
-    """The render continues without its state, which is written where there is room in the end."""
-    write, elsewhere = atomic.write, tmp_path_factory.mktemp("elsewhere")
-
-    def full(contents):
-        path = next(iter(contents))
-        if path.name.endswith(".state.npz") and path.parent == lamp.parent:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-        return write(contents)
-
-    monkeypatch.setattr(CheckpointWriter, "SHORTEST", 0.0)
-    monkeypatch.setattr(atomic, "write", full)
-    monkeypatch.setattr(atomic.tempfile, "tempdir", str(elsewhere))
-    result = prosim("render", lamp, "--keep")
-    assert result.exit_code == 1 and result.stderr.count("the render continues") == 1
-    (folder,) = (path for path in elsewhere.iterdir() if path.name.startswith(atomic.RESCUE))
-    assert f"The result is in {folder / 'scene.state.npz'}" in result.stderr
-    assert names(lamp.parent) == ["scene.exr", "scene.png", "scene.xml"]
-    done("resume", folder / "scene.state.npz", "-o", folder / "b")
-    assert alike(lamp, folder / "b")
 
 
 #: States are written more often than usual, so that there is something to continue.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from little import LITTLE, running, save, until
-from mitsuba_prosim.compare.scenes import lit
+from mitsuba_prosim.compare.contestants import lit
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 
 pytestmark = pytest.mark.slow

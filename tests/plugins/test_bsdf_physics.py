@@ -313,15 +313,6 @@ def test_scalar_variant_agrees(bsdf):
                 np.testing.assert_allclose(scalar, row, rtol=1e-2, atol=1e-3)
 
 
-@each([b for b in ROUGH if b["type"] in ("prosim_composite", "prosim_phong", "prosim_dielectric")])
-def test_components_add_up(variant_rgb, bsdf):
-    bsdf = mi.load_dict(bsdf)
-    wi, wo = directions(5000, 5, True), directions(5000, 6, True)
-    si = curves.interaction(wi)
-    parts = sum(spectrum(bsdf.eval(only(f), si, wo)) for f in (SPECULAR, TRANSMITTED, mi.BSDFFlags.DiffuseReflection))
-    np.testing.assert_allclose(parts, spectrum(bsdf.eval(mi.BSDFContext(), si, wo)), rtol=1e-4, atol=1e-6)
-
-
 @pytest.mark.parametrize("mode", (mi.TransportMode.Radiance, mi.TransportMode.Importance))
 @pytest.mark.parametrize(
     "ours, theirs",

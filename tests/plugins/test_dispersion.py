@@ -11,6 +11,7 @@ from image_statistics import renderings, same_expectation
 from mitsuba.chi2 import ChiSquareTest, SphericalDomain
 from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
 from mitsuba_prosim.sampling import wavelengths
+from scenes import camera, film
 from scipy import stats
 
 #: Index at the line d, and Abbe number, as the catalogues state them: Schott's; refractiveindex.info for the others.
@@ -198,18 +199,7 @@ def furnace(**glass):
     T = mi.ScalarTransform4f
     return {
         "type": "scene",
-        "sensor": {
-            "type": "perspective",
-            "fov": 10,
-            "to_world": T().look_at([2, 0.7, 3], [0, 0, 0], [0, 1, 0]),
-            "film": {
-                "type": "hdrfilm",
-                "width": 8,
-                "height": 8,
-                "rfilter": {"type": "box"},
-                "component_format": "float32",
-            },
-        },
+        "sensor": camera([2, 0.7, 3], [0, 0, 0], film(8, component_format="float32"), fov=10),
         "slab": {
             "type": "cube",
             "to_world": T().scale([1, 1, 0.3]),

@@ -139,25 +139,6 @@ def test_thesis_approximation_needs_a_large_index(variant_rgb):
     assert difference(0.5, 0.5) > 5e-2  # n² + k² is not large: bad
 
 
-def test_dielectric_curves(variant_rgb):
-    """Figures 2.4 and 2.5: glancing reflectance 1; from inside, total reflection from asin(1 / n) on."""
-    for n in (1.33, 1.5, 2.4):
-        glass = mi.load_dict({"type": "prosim_dielectric", "int_ior": n, "ext_ior": 1.0})
-        outside = np.array(curves.reflectance(glass, [0, 89.9999]))[0]
-        np.testing.assert_allclose(outside, [((n - 1) / (n + 1)) ** 2, 1], rtol=1e-4)
-        critical = math.degrees(math.asin(1 / n))
-        below, above = np.array(curves.reflectance(glass, [180 - critical + 0.1, 180 - critical - 0.1]))[0]
-        assert below < 0.9 and above == 1
-
-
-def test_copper_is_red_and_white_at_glancing_incidence(variant_rgb):
-    """Figure 2.6."""
-    copper = mi.load_dict({"type": "prosim_conductor", "material": "Cu_palik"})
-    red, green, blue = np.array(curves.reflectance(copper, [0, 60, 89.999]))
-    assert (red[:2] > green[:2]).all() and (green[:2] > blue[:2]).all()
-    np.testing.assert_allclose([red[2], green[2], blue[2]], 1, atol=1e-3)
-
-
 def test_off_specular_peak(variant_rgb):
     """Figures 3.6 and 3.7: beyond the mirror direction for Torrance and Sparrow at 70 degrees, never for Phong."""
     angles = np.arange(0, 89.5, 0.5)

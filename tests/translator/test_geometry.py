@@ -210,8 +210,8 @@ def test_what_fills_a_hollow_has_not_vanished():
 def test_depth_of_nesting_needs_no_recursion(tree):
     mesh = surfaces.manifold(SHAPES["cube"].mesh(4, np.eye(4)), 0, 0)
     planes = Planes(np.empty((0, 4)), np.empty(0, int), np.full(6, -1), np.ones(6), 1e-9)
-    body = csg.evaluate(tree, lambda _: csg.Body(mesh, np.array([[[0.0] * 3, [1.0] * 3]]), frozenset(), planes, 0))
-    assert body.manifold.volume() == pytest.approx(1)
+    body = csg.Body(mesh, np.array([[[0.0] * 3, [1.0] * 3]]), frozenset(), planes, 0)
+    assert csg.evaluate(tree, [0], lambda _: body)[0].manifold.volume() == pytest.approx(1)
 
 
 class Bracket(Primitive):

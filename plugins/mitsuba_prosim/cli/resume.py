@@ -13,18 +13,18 @@ import click
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
 from ..scene import session
-from . import output
-from .image import STATE, SUFFIXES
+from . import output_files
 from .input_files import PART_FILE, SCENE_FILE, STATE_FILE, parts, stem
-from .job import RUNNING, Command, Job, choose_variant, takes
-from .options import InputError, option
-from .render import write_image
+from .job import RUNNING, TARGETS, Command, Job, choose_variant, takes
+from .option_types import InputError, option
+from .render_command import write_image
+from .render_task import STATE, SUFFIXES
 
 #: Policies that decide by the first samples alone; ``graded`` takes their place where the target changes.
 BY_FIRST = ("neighbours", "thesis")
 
 #: Options that change the target of a render.
-TARGET = ("noise", "time", "noise_99", "noise_999", "max_samples", "adaptive")
+TARGET = (*TARGETS, "max_samples", "adaptive")
 
 #: Decorator: the option of commands that open a state.
 scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path of the scene, if it was moved.")
@@ -53,7 +53,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
         policy = record.facts["sampling"]["adaptive"]
         target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
     job = continued(before, job, keep=True, part=record.part, **target)
-    write_image(job, output.stem(job.output, stem(state), SUFFIXES), record)
+    write_image(job, output_files.stem(job.output, stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
             f"It was finished before. When all parts are finished: prosim merge {parts(state)}"
@@ -73,7 +73,7 @@ def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
     Nothing is rendered.
     """
     record, before = opened(files[0], moved, lambda: checkpoint.merge(files))
-    target = output.stem(job.output, stem(files[0]), SUFFIXES)
+    target = output_files.stem(job.output, stem(files[0]), SUFFIXES)
     write_image(continued(before, job), target, record)
     click.echo(
         f"The parts can be removed: {target}{STATE} stores all of them."
@@ -107,6 +107,6 @@ def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | Non
                 return record, replace(job, scene=str(path))
         raise ValueError(f"{scene} does not exist, nor does the folder of {state} have it; give its path by --scene")
     except OSError as error:
-        raise InputError(f"{state}: {output.reason(error)}") from None
+        raise InputError(f"{state}: {output_files.reason(error)}") from None
     except (ImportError, ValueError) as error:
         raise InputError(session.message(error)) from None

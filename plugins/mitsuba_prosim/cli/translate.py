@@ -10,8 +10,8 @@ import prosim_scene
 from ..stock_command import stand_ins
 from .input_files import LANGUAGE_FILE
 from .job import Command, Job, takes
-from .options import option, wrong_input
-from .output import folder
+from .option_types import option, wrong_input
+from .output_files import folder
 
 TARGETS = click.Choice(["prosim", "stock"])
 

@@ -14,12 +14,12 @@ from prosim_scene import TranslationCache
 
 from .. import atomic
 from ..scene import images, scene_file, session
-from .image import metadata
 from .input_files import SCENE_FILE
 from .interrupts import interruptible
 from .job import OPTIONS, Command, Job, refuse_scalar, takes
 from .log import log
-from .options import Integer, need, option
+from .option_types import Integer, need, option
+from .report import metadata
 
 #: Options of files, films and other processes, which it does not have.
 LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "overwrite", "workers", "cluster", "part")

@@ -90,7 +90,7 @@ class Ids:
         )
 
 
-def boundaries(bodies: dict[int, Body | None], ids: Ids, fresnel: Collection[int]) -> list[Boundary]:
+def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> list[Boundary]:
     """The surfaces to render, of ``bodies`` by medium. A medium with a lower number has precedence.
 
     An opaque solid keeps its whole surface. A dielectric yields to opaque solids, and to dielectrics before it in the
@@ -103,7 +103,7 @@ def boundaries(bodies: dict[int, Body | None], ids: Ids, fresnel: Collection[int
     layers: list[tuple[int, Body]] = []  # a medium, and the union of all media up to it
     interfaces: dict[int, list[Boundary]] = {medium: [] for medium in bodies}
     for medium, body in sorted(bodies.items()):
-        if body is None or checked(body.manifold).is_empty():
+        if checked(body.manifold).is_empty():
             continue
         neighbours = [other for other, _ in layers if other != OPAQUE or fresnel]
         if total and neighbours:

@@ -1,7 +1,7 @@
 """The triangles of the result: one mesh for each material and pair of media, with normals and uv."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from ..language.document import Document
 from ..model import Leaf
 from ..view import Camera
 from . import csg, media
+from .detail import warn_of_rounding
 from .grouping import components
 from .leaves import Leaves
 from .primitives import Corners, Mesh, Primitive
@@ -73,26 +74,23 @@ class SurfaceMesh:
     vertex_kind: np.ndarray
     kinds: list[tuple[int, int, int]]
     visible: np.ndarray
-    _chosen: dict[tuple[int, ...], Triangles] = field(default_factory=dict)
 
-    def chosen(self, groups: list[tuple[int, ...]]) -> list[Triangles]:
-        """The triangles of groups of kinds; the groups of the last call are cached."""
+    def chosen(self, groups: list[list[int]]) -> list[Triangles]:
+        """The triangles of groups of kinds."""
         group_of = np.full(len(self.kinds), len(groups))
         for number, kinds in enumerate(groups):
-            group_of[list(kinds)] = number
+            group_of[kinds] = number
         triangles, starts = _sorted(group_of[self.kind], len(groups))
         vertices, firsts = _sorted(group_of[self.vertex_kind], len(groups))
         of = self.triangles
         place = np.empty(len(vertices), int)
         place[vertices] = np.arange(len(vertices))
-
-        def chosen(group: int) -> Triangles:
-            chosen = vertices[firsts[group] : firsts[group + 1]]
-            index = place[of.index[triangles[starts[group] : starts[group + 1]]]] - firsts[group]
-            return Triangles(of.vertices[chosen], of.normals[chosen], of.uv[chosen], index)
-
-        self._chosen = {kinds: self._chosen.get(kinds) or chosen(group) for group, kinds in enumerate(groups)}
-        return list(self._chosen.values())
+        result = []
+        for group, first in enumerate(firsts[:-1]):
+            chosen = vertices[first : firsts[group + 1]]
+            index = place[of.index[triangles[starts[group] : starts[group + 1]]]] - first
+            result.append(Triangles(of.vertices[chosen], of.normals[chosen], of.uv[chosen], index))
+        return result
 
 
 def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -128,13 +126,14 @@ def tessellate(
     tree = csg.tree_of(document.scene.csg)
     names = [None, *map(medium, leaves)]
     media_of = _numbered(names)[1:]
-    cut, cut_several = csg.cutters(tree, media_of)
-    table = Leaves(document, camera, tolerance, cut_several, meshes)
+    cut = csg.cut_media(tree, media_of)
+    table = Leaves(document, camera, tolerance, cut > 1, meshes)
     reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _faces(tree, table, media_of, reflects, cut),
+        lambda: _faces(tree, table, media_of, reflects, cut > 0),
     )
+    warn_of_rounding(document, camera, faces.triangles.vertices)
     visible, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
     kinds_of_key: dict[MeshKey, list[int]] = {}
     of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
@@ -151,7 +150,7 @@ def tessellate(
     filling -= {media.OPAQUE, media.AIR}
     _report_vanished(document, visible | np.isin(media_of, list(filling)))
     _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
-    visible_keys = {key: tuple(chosen) for key, chosen in kinds_of_key.items() if faces.visible[chosen].any()}
+    visible_keys = {key: chosen for key, chosen in kinds_of_key.items() if faces.visible[chosen].any()}
     return dict(zip(visible_keys, faces.chosen(list(visible_keys.values()))))
 
 
@@ -172,23 +171,32 @@ def _faces(
     boxes = table.boxes[table.of_leaf] + table.step * np.array([[-1.0], [1.0]])
     fresnel = np.flatnonzero(reflects).tolist()
 
+    groups = components(boxes[:, 0], boxes[:, 1])
+    alone = np.bincount(groups, minlength=len(groups)) == 1
+    cuts = csg.touching_small(boxes)
+
     def body(number: int, medium: int) -> csg.Body | None:
         if medium != media_of[number] and not cut[number]:
             return None
         i = int(table.of_leaf[number])
-        mesh = manifold(table.meshes[i], table.first[i], ids.of(number, medium))
+        mesh = Manifold()
+        if not alone[groups[number]]:
+            mesh = csg.refined(manifold(table.meshes[i], table.first[i], ids.of(number, medium)), cuts[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
         return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
 
+    bodies: dict[int, dict[int, csg.Body]] = {}
+    for m in sorted(set(media_of)):
+        for group, value in csg.evaluate(tree, groups.tolist(), partial(body, medium=m)).items():
+            bodies.setdefault(group, {})[m] = value
     boundaries: list[media.Boundary] = []
-    for part in csg.split(tree, components(boxes[:, 0], boxes[:, 1]).tolist()).values():
-        chosen = [number for number in part if not isinstance(number, str)]
-        if len(chosen) == 1:
-            i = table.of_leaf[chosen[0]]
-            boundaries.append(media.primitive_boundary(table.meshes[i], chosen[0], table.first[i], media_of[chosen[0]]))
-            continue
-        present = {media_of[number] for number in chosen if not cut[number]}
-        boundaries += media.boundaries({m: csg.evaluate(part, partial(body, medium=m)) for m in present}, ids, fresnel)
+    for group in sorted(bodies):
+        of_group = bodies.pop(group)  # frees memory
+        if alone[group]:  # a leaf that has the number of its group
+            i = int(table.of_leaf[group])
+            boundaries.append(media.primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
+        else:
+            boundaries += media.boundaries(of_group, ids, fresnel)
     if not boundaries:
         nothing = Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int))
         return SurfaceMesh(nothing, np.empty(0, int), np.empty(0, int), [], np.empty(0, bool))

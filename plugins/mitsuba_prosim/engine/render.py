@@ -225,9 +225,9 @@ class Render:
         """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
         in proportion to those that the policy requests.
         """
-        state, second, target, started = self.state, self.second, self.target, time.perf_counter()
+        state, second, started = self.state, self.second, time.perf_counter()
         have = mean(state.counts)
-        speed = have / target.passed if state.effort else 0.0  # else the first pass had to compile
+        speed = have / self.target.passed if state.effort else 0.0  # else the first pass had to compile
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:

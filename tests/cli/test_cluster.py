@@ -340,7 +340,7 @@ def test_a_scheduler_that_goes_away(lamp, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(CheckpointWriter, "__call__", killing)
             address = process.stdout.readline().strip()
-            result = prosim("render", lamp, "--keep", "-o", folder / "a", "--cluster", address, *aim)
+            result = prosim("render", lamp, "--checkpoint", "-o", folder / "a", "--cluster", address, *aim)
     assert result.exit_code == 1 and re.search("the scheduler tcp://.* has gone away", result.output)
     assert f"prosim resume {folder / 'a.state.npz'}" in result.output
     assert prosim("resume", folder / "a.state.npz").exit_code == 0

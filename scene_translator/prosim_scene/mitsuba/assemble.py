@@ -12,9 +12,9 @@ from ..translation_options import Options
 from ..view import Camera, camera_of, warn_of_distortion
 from ..writer import TranslationCache, ply
 from . import TARGETS, lights, materials
-from .context import Context, check, meshes
 from .materials import MediumInterface
 from .sensor import clipping, sensor
+from .translation_context import Context, check, meshes
 
 
 def medium(scene: Scene, leaf: Leaf) -> Hashable:

@@ -212,15 +212,12 @@ def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, mo
     assert key() != first
 
 
-def test_references_that_can_not_be_stored(tmp_path, monkeypatch):
+def test_references_that_can_not_be_stored(tmp_path):
     """An error before they are rendered."""
     (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    for folder in tmp_path / "file" / "cache", None:
-        with pytest.raises(InputError, match=r"references can't be stored: .*Not a directory"):
-            compare.reference_folder(folder, 10)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert compare.reference_folder(None, 10) == runs.cache_folder()
+    with pytest.raises(InputError, match=r"references can't be stored: .*Not a directory"):
+        compare.check_cache(tmp_path / "file" / "cache", 10)
+    compare.check_cache(tmp_path / "cache", 10)
 
 
 # ---- the page

@@ -71,36 +71,6 @@ def test_nested(variant_rgb, wrapper, material):
 
 
 @pytest.mark.parametrize(
-    "material, names",
-    (
-        (
-            {"type": "prosim_conductor", "alpha": 0.2, "specular_reflectance": 1.0},
-            {"eta.value", "k.value", "alpha.value", "specular_reflectance.value"},
-        ),
-        (
-            {"type": "prosim_dielectric", "exponent": 9.0, "specular_transmittance": 0.9},
-            {"eta", "exponent.value", "specular_transmittance.value"},
-        ),
-        ({"type": "prosim_lambertian"}, {"reflectance.value"}),
-        ({"type": "prosim_lambertian", "ambient": 0.1}, {"reflectance.value", "ambient.value"}),
-        (
-            {"type": "prosim_composite", "alpha": 0.2, "distribution": "gaussian", "specular_reflectance": 0.5},
-            {"diffuse_reflectance.value", "specular_reflectance.value", "eta", "alpha.value"},
-        ),
-        (
-            {"type": "prosim_phong", "exponent": 9.0},
-            {"diffuse_reflectance.value", "specular_reflectance.value", "exponent.value"},
-        ),
-    ),
-)
-def test_parameters_are_exposed(variant_rgb, material, names):
-    bsdf = mi.load_dict(material)
-    assert set(mi.traverse(bsdf).keys()) == names
-    for name in names:
-        assert name.split(".")[0] in str(bsdf)
-
-
-@pytest.mark.parametrize(
     "parameter, material",
     (
         ("alpha", {"type": "prosim_conductor"}),

@@ -53,7 +53,7 @@ class RenderTask:
 
     @cached_property
     def sensor(self) -> mi.Sensor:
-        """The sensor that the job names. Raises ValueError where there is none."""
+        """The sensor that the job names. Raises ValueError where the scene has no such sensor."""
         return scene_file.pick_sensor(self.scene, self.job.sensor)
 
     @property
@@ -74,7 +74,7 @@ class RenderTask:
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
         if job.denoise:
             check_denoising(film, integrator)
-        option = "--part" if job.part else "--keep" if job.keep else job.distributed
+        option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
         if option and not rendering.keeps(integrator):
             raise ValueError(
                 f"{option} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
@@ -90,7 +90,7 @@ class RenderTask:
     def writer(self) -> CheckpointWriter | None:
         """The writer of the checkpoints, or None. Raises InputError where the result can't be written."""
         part = self.job.part
-        states = [f".{part}.npz" if part else STATE] if part or self.job.keep else []
+        states = [f".{part}.npz" if part else STATE] if part or self.job.checkpoint else []
         self.check_place(self.size, [*(() if part else SUFFIXES), *states])
         return CheckpointWriter(Path(f"{self.stem}{states[0]}"), self.about, warn) if states else None
 

@@ -9,7 +9,7 @@ from typing import Any
 import mitsuba as mi
 from prosim_scene import misfit
 
-from ..transport.context import DEEPEST_TREE
+from ..transport.transport_context import DEEPEST_TREE
 
 #: Parameters of ``prosim`` and ``prosim_adaptive`` that ask for our sampling: they wrap any other integrator.
 ENOUGH = ("noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")

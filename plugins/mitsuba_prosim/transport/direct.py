@@ -13,10 +13,10 @@ from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
-from .context import NODE_SPACES, Context
-from .layers import Radiance
-from .media import beyond, transmittance
+from .absorption import beyond, transmittance
+from .radiance import Radiance
 from .ray import Vertex, mis
+from .transport_context import NODE_SPACES, Context
 
 
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:

@@ -11,9 +11,9 @@ from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
 from . import lobes
-from .context import CHOICE, DIFFUSE, REFRACTED, Context
-from .media import beyond
+from .absorption import beyond
 from .ray import Ray, Vertex
+from .transport_context import CHOICE, DIFFUSE, REFRACTED, Context
 
 
 def next_ray(
@@ -31,10 +31,6 @@ def next_ray(
     if context.attached:
         o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
-    if context.settings.max_level >= 0 and context.lights.can_exclude:
-        # The rays below the deepest level can only end in a source.
-        may_meet = context.lights.may_meet(dr.detach(o), dr.detach(d))
-        active = active & ((ray.level < context.settings.max_level) | may_meet)
     following = replace(
         ray,
         o=o,

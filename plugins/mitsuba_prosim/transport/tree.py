@@ -10,11 +10,11 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
-from .context import REFLECTED, REFRACTED, ROULETTE, Context
-from .layers import Radiance
 from .loop import walk
 from .next_ray import next_ray
+from .radiance import Radiance
 from .ray import Ray, Vertex
+from .transport_context import REFLECTED, REFRACTED, ROULETTE, Context
 from .vertex import shade
 
 

@@ -62,8 +62,8 @@ class Context:
 
     def __init__(
         self,
-        scene: mi.Scene,
         settings: Settings,
+        scene: mi.Scene,
         attached: bool = False,
         around: mi.Medium | None = None,
         caustics: Any | None = None,

@@ -574,7 +574,7 @@ def test_the_collector_does_not_run_while_a_kernel_is_traced():
 
         def scene(bsdf):
             return mi.load_dict({
-                "type": "scene", "integrator": {"type": "prosim", "adaptive": "none", "max_level": 1},
+                "type": "scene", "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0},
                 "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 8, "height": 8}},
                 "wall": {"type": "rectangle", "bsdf": bsdf,
                          "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180)},

@@ -100,6 +100,13 @@ class Context:
         #: The lobes lit by light sampling and by their own rays, with MIS; and those lit by light sampling alone, as no
         #: ray of theirs may meet a source, or None.
         self.mis_lobes = self.glossy if settings.diffuse_bounces < 0 or not self.lights.only_points else ()
+        #: Whether one call of a BSDF evaluates a lobe for the only lamp and samples its ray, so that its textures are
+        #: evaluated once.
+        self.samples_with_light = (
+            not attached
+            and not (self.scattering.disperses or self.scattering.mixes or self.scattering.any_inseparable)
+            and (self.lights.sampler is not None or self.lights.lamps == 1)
+        )
         self.light_lobes = None
         if settings.diffuse_bounces >= 0:
             self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.everything()
@@ -125,6 +132,13 @@ class Context:
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Number of the ``k``-th space of a node."""
         return CAMERA_SPACES + node * (NODE_SPACES + self.lights.count) + k
+
+
+def direction_space(lobe: mi.BSDFContext) -> int:
+    """The space of a node for the direction of the ray of ``lobe``."""
+    if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
+        return DIFFUSE
+    return REFLECTED if lobe.type_mask & lobes.mask(*lobes.REFLECTED) else REFRACTED
 
 
 def scene_flags(scene: mi.Scene) -> int:

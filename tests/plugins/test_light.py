@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.light.spheres import SphereLights, direction_to_sphere
+from mitsuba_prosim.light.spheres import direction_to_sphere
 from mitsuba_prosim.light.strategy import Receiver
 
 

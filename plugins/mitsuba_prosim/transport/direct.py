@@ -10,7 +10,8 @@ import mitsuba as mi
 from ..light.reparameterisation import reparameterised_sample
 from ..light.strategy import Receiver
 from ..light.table import Lamp
-from ..masks import but_not, idle
+from ..masks import but_not
+from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
 from . import lobes
 from .absorption import beyond, transmittance
@@ -98,7 +99,7 @@ def eval_lobe(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, wo: mi.Vector3f, points: Points, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Value of ``lobe`` times the cosine for ``wo``, and its density. Samples its ray, too, if the context says so."""
-    if not context.samples_with_light or idle(vertex.active):
+    if not context.samples_with_light or isinstance(points, SamplerPoints):  # those are taken in order
         return context.scattering.eval_pdf(lobe, vertex.si, vertex.bsdf, wo, active)
     choice, point = lobe_numbers(context, lobe, vertex, points, vertex.active)
     f, pdf, *drawn = vertex.bsdf.eval_pdf_sample(lobe, vertex.si, wo, choice, point, vertex.active)

@@ -87,16 +87,16 @@ def measure(kind: str, count: int) -> None:
         path = Path(folder) / "bench.scn"
         path.write_text(scene(kind, count))
         prosim_scene.parse("END")  # builds the parser of expressions
-        before, kept = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, prosim_scene.Kept()
+        before, cache = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, prosim_scene.TranslationCache()
         times = [time.process_time()]
         prosim_scene.parse(prosim_scene.read(path))
         times.append(time.process_time())
-        prosim_scene.translate(path, kept=kept)
+        prosim_scene.translate(path, cache=cache)
         times.append(time.process_time())
         path.write_text(path.read_text().replace("SURFACE 1 material lambertiano", "SURFACE 1"))
         changed = prosim_scene.document(path)
         begun = time.process_time()
-        prosim_scene.translate(changed, kept=kept)
+        prosim_scene.translate(changed, cache=cache)
         seconds = [*np.diff(times), time.process_time() - begun]
     peak = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     print(f"| {kind} | {count} | " + " | ".join(f"{s:.2f}" for s in seconds) + f" | {peak:.0f} |", flush=True)
@@ -116,8 +116,11 @@ async def keystrokes(count: int, keys: int = 100) -> None:
     for key in range(keys):
         while not reports.empty():
             reports.get_nowait()
-        place = lsp.Position(rng.choice(places), 40)
-        change = lsp.TextDocumentContentChangePartial(lsp.Range(place, place), rng.choice("12x"))
+        lines = text.splitlines(keepends=True)
+        line = rng.choice(places)
+        lines[line] = lines[line][:40] + rng.choice("12x") + lines[line][40:]
+        text = "".join(lines)
+        change = lsp.TextDocumentContentChangeWholeDocument(text)
         version = lsp.VersionedTextDocumentIdentifier(key + 2, URI)
         begun = time.perf_counter()
         client.text_document_did_change(lsp.DidChangeTextDocumentParams(version, [change]))

@@ -12,7 +12,7 @@ import textwrap
 from pathlib import Path
 
 import mitsuba as mi
-from prosim_scene.language.words import GLASS_NAMES, METAL_NAMES, WORDS, Numbers
+from prosim_scene.language.words import TABLE, WORDS, Numbers
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "api.rst"
@@ -123,7 +123,7 @@ def words_section():
         rows.append([first, ", ".join(others), takes, bounds])
     title = "Words of the scene language"
     words = table(["word", "other spellings", "takes", "range"], rows)
-    named = [[names.replace(" ", ", "), f"``{name}``"] for name, names in (METAL_NAMES | GLASS_NAMES).items()]
+    named = [[cells[0].replace(" ", ", "), f"``{cells[1]}``"] for cells in TABLE["metals"] + TABLE["glasses"]]
     materials = table(["metal or glass", "table of Mitsuba, or material of prosim_dielectric"], named)
     return f"{title}\n{'-' * len(title)}\n\n{words}\n\n{materials}\n"
 

@@ -32,7 +32,7 @@ def test_wheel(tmp_path):
         path.relative_to(folder).as_posix()
         for folder in (ROOT / "plugins", ROOT / "scene_translator")
         for path in folder.rglob("*.*")
-        if path.suffix in (".py", ".c", ".html", ".css", ".js", ".lark")
+        if path.suffix in (".py", ".c", ".html", ".css", ".js", ".lark", ".txt")
     }
     assert sources <= names
 

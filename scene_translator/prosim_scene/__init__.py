@@ -7,17 +7,17 @@ Wrong input raises :class:`SceneError`, whose message shows the place; doubtful 
 :class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
 """
 
-from .camera import misfit
-from .files import PART, read, refuse_special, rewrite
 from .language import document_of, parse
 from .language.diagnostics import SceneError, SceneWarning, Source, Span
 from .language.document import Document
 from .language.expressions import FPS, FRAME, TIME
 from .language.formatter import format
-from .mitsuba.context import images, located, meshes
+from .mitsuba.translation_context import images, located, meshes
 from .model import Leaf, Scene, View
-from .output import Kept
+from .text_files import PART, read, refuse_special, rewrite
 from .translator import check, document, load, sensor, translate
+from .view import misfit
+from .writer import TranslationCache
 
 __all__ = [
     "FPS",
@@ -25,13 +25,13 @@ __all__ = [
     "PART",
     "TIME",
     "Document",
-    "Kept",
     "Leaf",
     "Scene",
     "SceneError",
     "SceneWarning",
     "Source",
     "Span",
+    "TranslationCache",
     "View",
     "check",
     "document",

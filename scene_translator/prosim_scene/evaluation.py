@@ -6,15 +6,12 @@ import os
 import pickle
 import subprocess
 import sys
-import tempfile
 import warnings
 from pathlib import Path
 
-from .language.analysis import analyse
+from .language import document_of
 from .language.diagnostics import SceneError, SceneWarning
-from .language.document import Document
-from .mitsuba.assemble import assemble
-from .options import Options
+from .translator import check
 
 #: The largest time of an evaluation in seconds.
 TIME_LIMIT = 60.0
@@ -22,23 +19,20 @@ TIME_LIMIT = 60.0
 PACKAGES = Path(__file__).parents[1]
 
 
-def evaluate(document: Document, folder: Path | None) -> list[SceneError | SceneWarning]:
-    """The errors and warnings of ``prosim_scene.check`` for a document; ``folder`` has its images."""
+def evaluate(text: str, filename: str) -> list[SceneError | SceneWarning]:
+    """The errors and warnings of :func:`prosim_scene.check` for the text of a scene."""
     found: list[SceneError | SceneWarning] = []
-    with warnings.catch_warnings(record=True) as warned, tempfile.TemporaryDirectory() as empty_folder:
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)
         try:
-            assemble(document, folder or Path(empty_folder), Options(), lambda name, _: name, str)
+            check(document_of(text, filename))
         except SceneError as error:
-            found.append(error)
+            found = [error, *error.others]
     return found + [one.message for one in warned if isinstance(one.message, SceneWarning)]
 
 
-async def evaluate_in_process(text: str, path: Path | None) -> list[SceneError | SceneWarning]:
-    """The result of :func:`evaluate` for a scene without errors; empty if it takes longer than :data:`TIME_LIMIT`.
-
-    Cancelling the task ends the process.
-    """
+async def evaluate_in_process(text: str, filename: str) -> list[SceneError | SceneWarning] | None:
+    """The result of :func:`evaluate`; None if it takes longer than :data:`TIME_LIMIT`. Cancelling ends the process."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-c", "from prosim_scene.evaluation import main; main()"),
         stdin=subprocess.PIPE,
@@ -47,26 +41,23 @@ async def evaluate_in_process(text: str, path: Path | None) -> list[SceneError |
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )
     try:
-        found, _ = await asyncio.wait_for(process.communicate(pickle.dumps((text, path, TIME_LIMIT))), TIME_LIMIT)
-    except asyncio.TimeoutError:
-        return []
+        found, _ = await process.communicate(pickle.dumps((text, filename, TIME_LIMIT)))
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
-    return pickle.loads(found) if process.returncode == 0 else []
+    return pickle.loads(found) if process.returncode == 0 else None
 
 
 def main() -> None:
     """Evaluates the scene on standard input, and writes the result to standard output, both pickled.
 
-    Ends the process with exit code 1 after the time limit in the input, also if its parent has ended before.
+    Ends the process with exit code 1 after the time limit in the input.
     """
-    text, path, seconds = pickle.load(sys.stdin.buffer)
-    with open(os.devnull, "w") as empty_folder:
+    text, filename, seconds = pickle.load(sys.stdin.buffer)
+    with open(os.devnull, "w") as nowhere:
         # A signal or a thread of Python would wait for the operation on solids; this timer does not.
-        faulthandler.dump_traceback_later(seconds, exit=True, file=empty_folder)
-        _, _, document = analyse(text, str(path or "<string>"))
-        found = evaluate(document, path and path.parent) if document is not None else []
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        found = evaluate(text, filename)
         faulthandler.cancel_dump_traceback_later()
     pickle.dump(found, sys.stdout.buffer)

@@ -4,8 +4,9 @@ import asyncio
 import gc
 import re
 from bisect import bisect_right
+from functools import cached_property
 from importlib.metadata import version
-from pathlib import Path
+from itertools import accumulate
 
 import click
 
@@ -16,6 +17,7 @@ try:
     from pygls.exceptions import JsonRpcException
     from pygls.lsp.server import LanguageServer
     from pygls.uris import to_fs_path
+    from pygls.workspace import TextDocument
 except ModuleNotFoundError:
     raise click.ClickException(extras.needs("the language server", "editors")) from None
 
@@ -28,74 +30,38 @@ from .symbols import Completion, Occurrence, Symbols
 LARGEST = 1000
 #: Seconds after a keystroke until the text is read again.
 DELAY = 0.03
-#: The largest length of a list of completions.
-WORDS = 500
-KINDS = {
-    "statement": lsp.CompletionItemKind.Keyword,
-    "keyword": lsp.CompletionItemKind.Property,
-    "value": lsp.CompletionItemKind.Color,
-    "solid": lsp.CompletionItemKind.Class,
-    "index": lsp.CompletionItemKind.Value,
-    "name": lsp.CompletionItemKind.Variable,
-    "function": lsp.CompletionItemKind.Function,
-}
-#: The line ends of the protocol; Python's ``splitlines`` has more, such as the form feed.
-NEWLINE = re.compile(r"\r\n?|\n")
-ENCODINGS = {"utf-8": ("utf-8", 1), "utf-16": ("utf-16-le", 2), "utf-32": ("utf-32-le", 4)}
+#: Between lines of the protocol; Python's ``splitlines`` has more line ends, such as the form feed.
+LINE = re.compile(r"(?<=\n)|(?<=\r)(?!\n)")
 
 
 class OpenDocument:
-    """A document that is open in an editor. Lines and columns are from 0; columns are in units of ``encoding``."""
+    """A version of a document that is open in an editor, and the ``pending`` work for it."""
 
-    def __init__(self, uri: str, text: str, encoding: str = "utf-16", version: int | None = None) -> None:
-        path = to_fs_path(uri)
-        self.uri, self.version, self.encoding = uri, version, encoding
-        self.path = Path(path) if path else None
-        self.pending: asyncio.Task[None] | asyncio.TimerHandle | None = None
-        self.change(text, version)
-
-    def change(self, text: str, version: int | None) -> None:
-        """Sets the text, and cancels pending work for the previous one."""
-        self.cancel()
-        self.text, self.version = text, version
-        self.lines = [0, *(newline.end() for newline in NEWLINE.finditer(text))]
+    def __init__(self, document: TextDocument) -> None:
+        self.uri, self.version, self.text = document.uri, document.version, document.source
+        self.filename = to_fs_path(document.uri) or document.uri
+        self.codec, self.lines = document.position_codec, LINE.split(self.text)
+        self.starts = [0, *accumulate(map(len, self.lines))][:-1]
+        self.lines[-1] += "\n"  # the codec clamps a position to the end of a line, which it expects
         # As from a file, with the same offsets: a lone CR becomes LF.
-        text = " " + text[1:] if text.startswith("\ufeff") else text
-        self.scene = re.sub(r"\r(?!\n)", "\n", text)
-        self._symbols: Symbols | None = None
+        self.scene = re.sub(r"\r(?!\n)", "\n", re.sub("^\ufeff", " ", self.text))
+        self.pending: asyncio.Task[None] | asyncio.TimerHandle | None = None
 
-    def cancel(self) -> None:
-        """Cancels pending work."""
-        if self.pending is not None:
-            self.pending.cancel()
-
-    @property
+    @cached_property
     def symbols(self) -> Symbols:
         """The text, read."""
-        self._symbols = self._symbols or Symbols(self.scene, self.path or self.uri)
-        return self._symbols
+        return Symbols(self.scene, self.filename)
 
     def offset(self, position: lsp.Position) -> int:
         """The offset of a position, clamped to the end of its line and of the text."""
-        if position.line >= len(self.lines):
-            return len(self.text)
-        start = self.lines[position.line]
-        found = NEWLINE.search(self.text, start)
-        inside = self.text[start : found.start() if found else len(self.text)]
-        if inside.isascii():
-            return start + min(position.character, len(inside))
-        return start + bisect_right(
-            range(1, len(inside) + 1), position.character, key=lambda n: self._units(inside[:n])
-        )
-
-    def position(self, offset: int) -> lsp.Position:
-        """The position of an offset."""
-        line = bisect_right(self.lines, offset) - 1
-        return lsp.Position(line, self._units(self.text[self.lines[line] : offset]))
+        place = self.codec.position_from_client_units(self.lines, position)
+        return min(self.starts[place.line] + place.character, len(self.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
         """The protocol's range of two offsets."""
-        return lsp.Range(self.position(start), self.position(end))
+        lines = [bisect_right(self.starts, offset) - 1 for offset in (start, end)]
+        places = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
+        return lsp.Range(*(self.codec.position_to_client_units(self.lines, place) for place in places))
 
     def locations(self, found: list[Occurrence]) -> list[lsp.Location]:
         """The protocol's locations of occurrences."""
@@ -108,11 +74,6 @@ class OpenDocument:
         place = self.range(start, max(end, start + 1))
         return lsp.Diagnostic(place, one.reason, severity=severity, code=one.code or None, source="prosim")
 
-    def _units(self, text: str) -> int:
-        """The number of units in a text."""
-        codec, size = ENCODINGS[self.encoding]
-        return len(text) if text.isascii() else len(text.encode(codec, "surrogatepass")) // size
-
 
 class SceneServer(LanguageServer):
     """A server, and the documents that are open."""
@@ -122,18 +83,23 @@ class SceneServer(LanguageServer):
         super().__init__("prosim", version("mitsuba-prosim"), text_document_sync_kind=lsp.TextDocumentSyncKind.Full)
         self.documents: dict[str, OpenDocument] = {}
 
-    def diagnose(self, document: OpenDocument, whole: bool) -> None:
-        """Publishes the diagnostics of a document; ``whole``: also those of its evaluated tree, later."""
-        document.cancel()
-        symbols = document.symbols
-        self.publish(document, symbols.diagnostics)
-        if whole and symbols.document is not None and len(symbols.document.scene.csg) <= LARGEST:
-            document.pending = asyncio.get_running_loop().create_task(self.evaluate(document, symbols.diagnostics))
+    def update(self, uri: str) -> OpenDocument:
+        """Replaces a document by its present version."""
+        self.close(uri)
+        self.documents[uri] = OpenDocument(self.workspace.get_text_document(uri))
+        return self.documents[uri]
 
-    async def evaluate(self, document: OpenDocument, found: list[SceneError | SceneWarning]) -> None:
-        """Publishes ``found`` and the diagnostics of the tree; a change of the document cancels it."""
-        if more := await evaluate_in_process(document.scene, document.path):
-            self.publish(document, [*found, *more])
+    def close(self, uri: str) -> None:
+        """Removes a document, and cancels pending work for it."""
+        document = self.documents.pop(uri, None)
+        if document and document.pending:
+            document.pending.cancel()
+
+    async def evaluate(self, document: OpenDocument) -> None:
+        """Publishes the diagnostics of a document and of its evaluated tree."""
+        found = await evaluate_in_process(document.scene, document.filename)
+        if found is not None:
+            self.publish(document, found)
 
     def publish(self, document: OpenDocument, found: list[SceneError | SceneWarning]) -> None:
         """Publishes diagnostics."""
@@ -146,9 +112,9 @@ class SceneServer(LanguageServer):
         self, params: lsp.DefinitionParams | lsp.ReferenceParams | lsp.RenameParams
     ) -> tuple[OpenDocument, Occurrence] | None:
         """The document and the symbol at a position."""
-        document = self.documents.get(params.text_document.uri)
-        here = document.symbols.at(document.offset(params.position)) if document else None
-        return (document, here) if document and here else None
+        document = self.documents[params.text_document.uri]
+        here = document.symbols.at(document.offset(params.position))
+        return (document, here) if here else None
 
 
 server = SceneServer()
@@ -165,63 +131,47 @@ def language_server() -> None:
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
-def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams) -> None:
-    """Adds a document, and publishes all diagnostics, also those of its tree."""
-    one = params.text_document
-    encoding = lsp.PositionEncodingKind(ls.workspace.position_encoding or "utf-16").value
-    ls.documents[one.uri] = OpenDocument(one.uri, one.text, encoding, one.version)
-    ls.diagnose(ls.documents[one.uri], whole=True)
+@server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
+def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveTextDocumentParams) -> None:
+    """Publishes all diagnostics; those of the tree follow."""
+    document = ls.update(params.text_document.uri)
+    ls.publish(document, document.symbols.diagnostics)
+    if document.symbols.document is not None and len(document.symbols.document.scene.csg) <= LARGEST:
+        document.pending = asyncio.get_running_loop().create_task(ls.evaluate(document))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
 def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
-    """Changes a document, and publishes the diagnostics after a delay without a keystroke."""
-    document = ls.documents[params.text_document.uri]
-    for change in params.content_changes:
-        text = change.text
-        if isinstance(change, lsp.TextDocumentContentChangePartial):  # from a client that ignores the kind of sync
-            start = document.offset(change.range.start)
-            end = max(start, document.offset(change.range.end))
-            text = document.text[:start] + text + document.text[end:]
-        document.change(text, params.text_document.version)
-    document.pending = asyncio.get_running_loop().call_later(DELAY, ls.diagnose, document, False)
-
-
-@server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
-def saved(ls: SceneServer, params: lsp.DidSaveTextDocumentParams) -> None:
-    """Publishes all diagnostics, also those of the tree."""
-    if document := ls.documents.get(params.text_document.uri):
-        ls.diagnose(document, whole=True)
+    """Publishes the diagnostics of the text after a delay without a keystroke."""
+    document = ls.update(params.text_document.uri)
+    document.pending = asyncio.get_running_loop().call_later(
+        DELAY, lambda: ls.publish(document, document.symbols.diagnostics)
+    )
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
 def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
     """Removes a document and its diagnostics."""
-    ls.documents.pop(params.text_document.uri).cancel()
+    ls.close(params.text_document.uri)
     ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(params.text_document.uri, []))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
-def complete(ls: SceneServer, params: lsp.CompletionParams) -> lsp.CompletionList:
-    """The words that fit. A long list has only words with the typed part, and is marked incomplete."""
+def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
+    """The words that fit."""
     document = ls.documents[params.text_document.uri]
     offset = document.offset(params.position)
-    found = document.symbols.completions(offset)
-    incomplete = len(found) > WORDS
-    if incomplete:
-        typed = document.scene[found[0].start : offset].casefold()
-        found = [one for one in found if typed in one.label.casefold()][:WORDS]
-    return lsp.CompletionList(incomplete, [_completion(one, document.range(one.start, offset)) for one in found])
+    return [_completion(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
 
 
 def _completion(one: Completion, place: lsp.Range) -> lsp.CompletionItem:
     """The protocol's item of a completion. Indices are sorted as numbers."""
     return lsp.CompletionItem(
         label=one.label,
-        kind=KINDS[one.kind],
+        kind=lsp.CompletionItemKind[one.kind],
         detail=one.detail or None,
         documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, one.documentation) if one.documentation else None,
-        sort_text=f"{one.rank}{one.label.zfill(9) if one.kind == 'index' else one.label}",
+        sort_text=f"{one.rank}{one.label.zfill(9) if one.kind == 'Value' else one.label}",
         text_edit=lsp.TextEdit(place, one.label),
     )
 
@@ -272,9 +222,9 @@ def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[ls
     document = ls.documents[params.text_document.uri]
     lines = document.scene.replace("\r\n", "\n")
     try:
-        formatted = format(lines, document.path or document.uri)
+        formatted = format(lines, document.filename)
     except SceneError:
         return None
-    newline = NEWLINE.search(document.text)
+    newline = re.search(r"\r\n?|\n", document.text)
     new = formatted.replace("\n", newline[0] if newline else "\n")
     return [lsp.TextEdit(document.range(0, len(document.text)), new)] if formatted != lines else []

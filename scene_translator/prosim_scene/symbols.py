@@ -7,19 +7,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from . import descriptions
 from .language import words
 from .language.analysis import analyse
 from .language.diagnostics import USE
 from .language.expressions import CONSTANTS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
 from .language.tokens import Token
-from .language.words import NAMED, NOTHING, ROLES, STATEMENTS, Flags, row
+from .language.words import NAMED, NOTHING, ROLES, STATEMENTS, Flags, Word, row
 
 #: The keywords that an index follows.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
 #: The word before the cursor, and the arithmetic around the cursor.
 WORD = re.compile(r'[^\s()#":=]*\Z')
+OPERATORS = {
+    "PLUS": "`+` A B: the union of two solids.",
+    "MINUS": "`-` A B: the difference of two solids.",
+    "TIMES": "`*` A B: the intersection of two solids.",
+}
 BRACES = re.compile(r"\{[^{}\n]*?([$\w]*)\Z")
 
 
@@ -44,7 +48,7 @@ class Completion(NamedTuple):
     """A word that fits at ``start``; ``detail``: its parameters. The lowest ``rank`` is first."""
 
     label: str
-    kind: str  # "statement", "keyword", "value", "solid", "index", "name" or "function"
+    kind: str  # of LSP's CompletionItemKind
     start: int
     detail: str = ""
     documentation: str = ""
@@ -116,11 +120,11 @@ class Symbols:
         if i < 0 or offset >= self.tokens[i].end:
             return None
         token, before = self.tokens[i], self.tokens[i - 1].role
-        text = descriptions.OPERATORS.get(token.role, "")
+        text = OPERATORS.get(token.role, "")
         if token.role in ROLES:
-            text = descriptions.of_word(row(token.role, token.text))
+            text = description(row(token.role, token.text))
         elif token.role == "WORD" and before in NAMED:
-            text = descriptions.of_name(*NAMED[before], words.normalise(token.text))
+            text = _of_name(*NAMED[before], words.normalise(token.text))
         return (token.start, token.end, text) if text else None
 
     @property
@@ -154,7 +158,7 @@ class Symbols:
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):
             start = offset - len(braces[1])
-            functions = [Completion(name, "function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
+            functions = [Completion(name, "Function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._variables(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
         before = Reader(self.text[:start])
@@ -170,15 +174,15 @@ class Symbols:
             return self._variables(start)
         result = [one for role in words.ORDER if role in ROLES and role in expected for one in _words(role, start)]
         values = NAMED[last.role][1] if last.role in NAMED else self._textures if "TEXTURE_NAME" in expected else {}
-        result += [Completion(name, "value", start, value) for name, value in values.items()]
+        result += [Completion(name, "Color", start, value) for name, value in values.items()]
         if "USE" in expected:
-            result += [Completion(name, "solid", start) for name in before.fields["solids"]]
+            result += [Completion(name, "Class", start) for name in before.fields["solids"]]
         if {"NUMBER", "WORD"} & expected:
             result += self._variables(start)
         return result
 
     def _variables(self, start: int) -> list[Completion]:
-        return [Completion(f"${name}", "name", start, value, rank=1) for name, value in self._names.items()]
+        return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self._names.items()]
 
     def _indices(self, role: str, start: int) -> list[Completion]:
         """Indices without this statement; after a primitive, indices with a statement."""
@@ -189,13 +193,37 @@ class Symbols:
         used, defined = given["PRIMITIVE"] | given["USE"], given["SURFACE"] | given["TRANSFORM"]
         fitting = defined if role in ("PRIMITIVE", "USE") else (used | defined) - given[role]
         fitting = fitting or {max(set().union(*given.values()), default=-1) + 1}
-        return [Completion(str(i), "index", start) for i in sorted(fitting)]
+        return [Completion(str(i), "Value", start) for i in sorted(fitting)]
 
 
 def _words(role: str, start: int) -> Iterator[Completion]:
     """The keywords of a role: those of the statement before statements, canonical spellings before others."""
-    kind, rank = ("statement", 2) if role in STATEMENTS else ("keyword", 0)
+    kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.of_role(role):
         for i, spelling in enumerate(word.spellings):
-            detail, text = descriptions.takes(word), descriptions.of_word(word)
-            yield Completion(spelling, kind, start, detail, text, rank + (i > 0))
+            yield Completion(spelling, kind, start, _takes(word), description(word), rank + (i > 0))
+
+
+def _takes(word: Word) -> str:
+    """The values after a word: ``x y z``, or nothing."""
+    return " ".join(["TRUE"] * word.takes.count) if isinstance(word.takes, Flags) else word.takes.what
+
+
+def description(word: Word) -> str:
+    """A word's meaning, its values with their units and range, and its other spellings, as Markdown."""
+    lines = [f"**{word.canonical}** {_takes(word)}".rstrip(), word.meaning]
+    if word.takes.count and not isinstance(word.takes, Flags):
+        each = "each " if word.takes.count > 1 else ""
+        lines.append(f"{word.takes.what}: {each}{word.takes.bounds()}")
+    lines += ["Of: " + ", ".join(word.of)] if word.of else []
+    lines += ["Also: " + ", ".join(word.spellings[1:])] if word.spellings[1:] else []
+    return "\n\n".join(lines)
+
+
+def _of_name(what: str, names: dict[str, str], name: str) -> str:
+    """The table or the material behind the name of a metal or a glass, and its other names, as Markdown."""
+    if name not in names:
+        return f"no {what} has this name"
+    index = f": n-refr = {words.INDICES[names[name]]} at 587.6 nm" if what == "glass" else ""
+    others = ", ".join(other for other in names if names[other] == names[name])
+    return f"The {what} **{names[name]}**{index}\n\nNames: {others}"

@@ -9,16 +9,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from . import output
-from .files import read
+from . import writer
 from .language import document_of
 from .language.diagnostics import SceneError
 from .language.document import Document
 from .mitsuba.assemble import assemble, view_sensor
 from .model import Scene
 from .nodes import Comment, Node
-from .options import Options
-from .output import Kept
+from .text_files import read
+from .translation_options import Options
+from .writer import TranslationCache
 
 AnyPath = str | os.PathLike[str]
 
@@ -46,7 +46,7 @@ def translate(
     out_dir: AnyPath | None = None,
     *,
     define: Mapping[str, object] | None = None,
-    kept: Kept | None = None,
+    cache: TranslationCache | None = None,
     **options: Any,
 ) -> Path:
     """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
@@ -55,8 +55,8 @@ def translate(
         Folder of the result, made if it does not exist; by default the scene's folder.
     ``define``
         Values of the ``$names`` in the scene, numbers or words.
-    ``kept``
-        A translation cache, :class:`Kept`: the meshes of equal solids are reused.
+    ``cache``
+        A translation cache, :class:`TranslationCache`: the meshes of equal solids are reused.
 
     The other options are those of :func:`load` and :func:`check`, too:
 
@@ -77,7 +77,7 @@ def translate(
     """
     checked = Options(**options)
     opened, source_path = _opened(source, define)
-    if not output.is_valid_in_xml(source_path.stem):
+    if not writer.is_valid_in_xml(source_path.stem):
         raise SceneError(
             f"{str(source_path)!r}: the translation's files have this name, and it is not valid in XML; "
             "expected a name without control characters, in UTF-8",
@@ -99,17 +99,17 @@ def translate(
             relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
         except ValueError:  # on another drive of Windows
             relative = path.resolve().as_posix()
-        if not output.is_valid_in_xml(relative):
+        if not writer.is_valid_in_xml(relative):
             raise ValueError(f"the path {relative!r} is not valid in XML; expected printable characters, in UTF-8")
         return relative
 
     def store(name: str, content: bytes) -> str:
-        meshes[file := output.mesh_name(name, content)] = content
-        return f"{output.meshes_folder(stem)}/{file}"
+        meshes[file := writer.mesh_name(name, content)] = content
+        return f"{writer.meshes_folder(stem)}/{file}"
 
-    tree = {"mark": Comment(output.MARK), **assemble(opened, source_path.parent, checked, store, image_path, kept)}
+    tree = {"mark": Comment(writer.MARK), **assemble(opened, source_path.parent, checked, store, image_path, cache)}
     try:
-        return output.write(folder, stem, output.xml(tree), meshes)
+        return writer.write(folder, stem, writer.xml(tree), meshes)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
 
@@ -119,7 +119,7 @@ def load(
     *,
     transform: Callable[[Any], Any] | None = None,
     define: Mapping[str, object] | None = None,
-    kept: Kept | None = None,
+    cache: TranslationCache | None = None,
     **options: Any,
 ) -> Node:
     """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
@@ -132,7 +132,7 @@ def load(
     opened, path = _opened(source, define)
     try:
         folder = _Temporary()
-        tree = assemble(opened, path.parent, checked, folder.store, str, kept)
+        tree = assemble(opened, path.parent, checked, folder.store, str, cache)
     except OSError as error:
         raise SceneError(f"{error.filename or tempfile.gettempdir()}: {error.strerror or error}", str(path)) from None
     return _plain(tree, transform)
@@ -163,21 +163,25 @@ class _FileName(str):
 
 
 def sensor(
-    source: Document, kept: Kept | None = None, *, transform: Callable[[Any], Any] | None = None, **options: Any
+    source: Document,
+    cache: TranslationCache | None = None,
+    *,
+    transform: Callable[[Any], Any] | None = None,
+    **options: Any,
 ) -> Node:
     """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``: a new view of translated solids.
 
-    The options are those of :func:`load`. No solid is evaluated or refined. ``kept`` is the cache of that translation:
+    The options are those of :func:`load`. No solid is evaluated or refined. ``cache`` is the cache of that translation:
     the clipping planes enclose its faces. Raises :class:`SceneError` for a degenerate view.
     """
-    return _plain(view_sensor(source, Options(**options), kept), transform)
+    return _plain(view_sensor(source, Options(**options), cache), transform)
 
 
 def _plain(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f
-    return output.plain(tree, transform or (lambda matrix: matrix))
+    return writer.plain(tree, transform or (lambda matrix: matrix))
 
 
 def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:

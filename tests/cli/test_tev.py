@@ -44,7 +44,7 @@ class Tev:
 
 
 def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
-    monkeypatch.setattr(throttle, "EVERY", 0.0)
+    monkeypatch.setattr(throttle, "INTERVAL", 0.0)
     monkeypatch.setattr(throttle, "SHARE", 1e9)
     viewer = Tev()
     done = prosim("render", palito, "--resolution", "24x16", "--samples", 2, "--view", viewer.place)

@@ -58,7 +58,7 @@ def watching(scene, *options):
 
 @contextmanager
 def running(path, opened=lambda: None, **options):
-    """A viewer in a thread, whose publisher has a reader and lists what it published as ``said``.
+    """A viewer in a thread, whose publisher lists what it published as ``said``.
 
     ``opened`` is called when the scene has been read, before the viewer has it.
     """
@@ -71,7 +71,7 @@ def running(path, opened=lambda: None, **options):
 
     viewer = Viewer(path, opener, **options)
     publisher, publish = viewer.publisher, viewer.publisher.publish
-    publisher.readers, publisher.said = 1, []
+    publisher.said = []
 
     def published(pictures=None, **changes):
         publish(pictures, **changes)

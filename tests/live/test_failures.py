@@ -1,10 +1,9 @@
 """What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
 
-import numpy as np
 import pytest
-from little import LITTLE, running, save, until
-from mitsuba_prosim.compare.scenes import lit
-from mitsuba_prosim.live.image import ProgressiveImage
+from little import running, save, until
+from mitsuba_prosim.compare.contestants import lit
+from mitsuba_prosim.live.progressive_image import ProgressiveImage
 
 pytestmark = pytest.mark.slow
 
@@ -14,7 +13,7 @@ XML = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><film type=
 
 
 def is_(viewer, doing, saves=0):
-    until(lambda: viewer.publisher.state.doing == doing and viewer.publisher.state.saves == saves)
+    until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.saves == saves)
 
 
 def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
@@ -27,11 +26,11 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
     def asked(words):
         assert words in viewer.publisher.state.error
         viewer.requests.change(compared=True)
-        viewer.requests.change(stopped=True)
-        viewer.requests.change(stopped=False)
+        viewer.requests.change(paused=True)
+        viewer.requests.change(paused=False)
         assert viewer.requests.call(lambda subject: subject.surface_at(4, 3)).result(20).startswith("Sphere")
         viewer.requests.change(compared=False)
-        assert viewer.publisher.state.doing == "failed" and words in viewer.publisher.state.error
+        assert viewer.publisher.state.status == "failed" and words in viewer.publisher.state.error
 
     with running(path) as viewer:
         is_(viewer, "failed")
@@ -46,35 +45,13 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
         assert viewer.publisher.state.integrator == "path" and viewer.publisher.state.error is None
 
 
-def test_a_camera_that_is_moved_and_back_before_it_is_looked_at(variant_rgb, tmp_path, monkeypatch):
-    path, step, viewers = tmp_path / "little.scn", ProgressiveImage.step, []
-    path.write_text(LITTLE)
-
-    def there_and_back(image):
-        if viewers:
-            viewers[0].requests.move(lambda camera: camera.orbited(10, 0))
-            viewers.pop().requests.change(camera=None, stopped=False)
-        return step(image)
-
-    monkeypatch.setattr(ProgressiveImage, "step", there_and_back)
-    with running(path) as viewer:
-        is_(viewer, "done")
-        before = viewer.publisher.pictures["own"]
-        viewers.append(viewer)
-        save(viewer, path, LITTLE)
-        is_(viewer, "done", 1)
-        assert not viewers and viewer.publisher.state.view is None
-        image = viewer.publisher.pictures["own"]
-        assert image is not before and np.array_equal(image.layers["final"], before.layers["final"])
-
-
 def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
     path = tmp_path / "scene.xml"
     squares = '<integrator type="prosim"><texture type="checkerboard" name="background"/></integrator>'
     path.write_text(XML.replace("INTEGRATOR", squares))
     with running(path) as viewer:
         is_(viewer, "done")
-        assert "no bitmap" in viewer.publisher.state.alone
+        assert "no bitmap" in viewer.publisher.state.not_compared
         viewer.requests.change(compared=True)
         is_(viewer, "done")
         assert set(viewer.publisher.pictures) == {"own"} and viewer.publisher.state.error is None
@@ -91,7 +68,7 @@ def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path):
     path.write_text(XML.replace("INTEGRATOR", maps).replace("</film>", window))
     with running(path) as viewer:
         viewer.requests.change(compared=True)
-        until(lambda: viewer.publisher.state.doing == "done" and viewer.publisher.state.compared)
+        until(lambda: viewer.publisher.state.status == "done" and viewer.publisher.state.compared)
         before, count = dict(viewer.publisher.state.pictures), len(viewer.publisher.said)
         save(viewer, path, path.read_text().replace('z="5"', 'z="6"'))
         is_(viewer, "done", 1)

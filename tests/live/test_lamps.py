@@ -19,7 +19,7 @@ def lamps(tmp_path_factory):
     path = tmp_path_factory.mktemp("lamps") / "little.scn"
     path.write_text(LITTLE)
     with watching(path, "--layers", "lights") as (_, address):
-        until(lambda: state(address)["doing"] == "done")
+        until(lambda: state(address)["status"] == "done")
         yield address
 
 
@@ -36,7 +36,7 @@ def state(address):
 def image(address, layer, query=""):
     content, facts = get(address, f"layer/own/{layer}{query}")
     shape = int(facts["X-Height"]), int(facts["X-Width"]), 3
-    return np.frombuffer(content, "<f2").reshape(shape) * np.float32(facts["X-Unit"])
+    return np.frombuffer(content, "<f4").reshape(shape)
 
 
 def channels(path):

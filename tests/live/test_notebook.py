@@ -6,7 +6,6 @@ import re
 import signal
 from types import SimpleNamespace
 
-import ipywidgets
 import mitsuba as mi
 import mitsuba_prosim
 import nbformat
@@ -14,10 +13,8 @@ import numpy as np
 import prosim_scene
 import pytest
 from little import LITTLE
-from mitsuba_prosim.engine.work import Local
 from mitsuba_prosim.live import notebook
-from mitsuba_prosim.live.image import ProgressiveImage
-from mitsuba_prosim.live.picture import coloured, palest
+from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from nbclient import NotebookClient
 
 
@@ -68,15 +65,6 @@ def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
     notebook.stop_earlier(View())
 
 
-def test_the_scale_of_a_map_says_what_its_colours_mean():
-    values = np.linspace(0, 0.8, 10001, dtype=np.float32).reshape(73, 137) ** 2
-    said = notebook.scale("Error", values)
-    assert said.startswith("Error: 0 ") and said.endswith(" 0.63 or more; in the middle 0.16")
-    hues = [tuple(map(int, hue)) for hue in re.findall(r"rgb\((\d+) (\d+) (\d+)\)", said)]
-    colours = 255 * coloured(np.array([[0, *[palest(values)] * 99]], dtype=np.float32))
-    assert colours[0, [0, -1]] == pytest.approx(np.array([hues[0], hues[-1]]), abs=0.01)
-
-
 @pytest.mark.slow
 def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch):
     scene = mi.load_dict(prosim_scene.load(path))
@@ -117,21 +105,6 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch
 
     monkeypatch.setattr(ProgressiveImage, "step", step)
     assert repr(asyncio.run(wrong())) == "<not rendered: too much>"
-
-
-@pytest.mark.slow
-def test_the_part_that_is_done_never_falls(path, monkeypatch, estimates_that_fall):
-    parts = []
-
-    class Bar(ipywidgets.FloatProgress):
-        def __init__(self, **options):
-            super().__init__(**options)
-            self.observe(lambda change: parts.append(change.new), "value")
-
-    monkeypatch.setattr(ipywidgets, "FloatProgress", Bar)
-    monkeypatch.setattr(Local, "limit", lambda *_: 1500)
-    mitsuba_prosim.show(path)
-    assert parts == sorted(parts) and len(parts) > 4
 
 
 @pytest.mark.notebook

@@ -28,7 +28,7 @@ def ask(address, path="", method="GET", **headers):
 
 def wait_for(address, doing):
     end = time.monotonic() + 100
-    while (state := json.loads(ask(address, "events")[1].removeprefix(b"data: ")))["doing"] != doing:
+    while (state := json.loads(ask(address, "events")[1].removeprefix(b"data: ")))["status"] != doing:
         assert time.monotonic() < end, state
         time.sleep(0.05)
     return state
@@ -59,9 +59,9 @@ def test_only_this_machine_and_who_knows_the_token(address):
         assert ask(bare, path)[0].status == 403, path
     assert ask(bare, f"?token={token}")[0].status == 403
     own = f"http://{url.netloc}"
-    assert ask(address, "do/stop", "POST", Origin="http://evil.example")[0].status == 403
-    assert ask(address, "do/stop", "POST", Origin="null")[0].status == 403
-    assert ask(address, "do/go", "POST", Origin=own)[0].status == 204
+    assert ask(address, "do/pause", "POST", Origin="http://evil.example")[0].status == 403
+    assert ask(address, "do/pause", "POST", Origin="null")[0].status == 403
+    assert ask(address, "do/resume", "POST", Origin=own)[0].status == 204
     # Nobody else can reach it: it listens at this machine's own address alone.
     others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
     for other in others - {"127.0.0.1", "127.0.1.1"}:
@@ -84,7 +84,7 @@ def test_nothing_but_what_is_its_own(address, scene):
         "layer/own/secret",
         "layer/other/final",
         "pixel/-1/0",
-        "do/stop",
+        "do/pause",
         "move/orbit",
     ):
         answer, content = ask(address, path)

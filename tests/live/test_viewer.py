@@ -1,21 +1,17 @@
 """What the viewer shows after which request."""
 
 import itertools
-import threading
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from little import LITTLE, running, save, until
 from mitsuba_prosim import denoising
-from mitsuba_prosim.engine.work import Local
-from mitsuba_prosim.live import image as images
-from mitsuba_prosim.live import throttle
-from mitsuba_prosim.live.files import Files
-from mitsuba_prosim.live.image import ProgressiveImage
-from mitsuba_prosim.live.requests import Requests
+from mitsuba_prosim.engine.work import Executor
+from mitsuba_prosim.live import progressive_image, throttle
+from mitsuba_prosim.live.progressive_image import ProgressiveImage
+from mitsuba_prosim.live.view_requests import ViewRequests
 from mitsuba_prosim.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.slow
@@ -41,36 +37,25 @@ def path(tmp_path):
 
 
 def is_done(viewer):
-    return lambda: viewer.publisher.state.doing == "done"
+    return lambda: viewer.publisher.state.status == "done"
 
 
 @pytest.fixture
 def all_portions_seen(monkeypatch):
     """However small and quick they are."""
-    monkeypatch.setattr(throttle, "EVERY", 0)
+    monkeypatch.setattr(throttle, "INTERVAL", 0)
     monkeypatch.setattr(throttle, "SHARE", 1e9)
-    return lambda samples: monkeypatch.setattr(Local, "limit", lambda *_: samples)
+    return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 
 def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
-    """Within a wave each pixel is that of its end, or that of before; nothing is compiled for it."""
+    """Within a pass each pixel is that of its end, or that of before."""
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path) as viewer:
-        viewer.publisher.readers = 0  # nothing is drawn within a pass
         until(is_done(viewer))
-        assert [len(layers) for layers in seen(viewer).values()] == [1, 3, 3]
-        viewer.publisher.readers = 1
-        before = viewer.publisher.pictures["own"]
-        viewer.requests.call(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
-        save(viewer, path, path.read_text())
-        until(is_done(viewer))
-        kernels = viewer.requests.call(lambda _: dr.kernel_history()).result(20)
-        viewer.requests.call(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, False)).result(20)
-        assert len(kernels) > 20 and all(kernel.get("cache_hit", True) for kernel in kernels)
         image = final(viewer)
-        pictures = seen(viewer)
-    coarse, *shown = [layers for number, layers in pictures.items() if number > before.number]
+        coarse, *shown = seen(viewer).values()
     first = [layers["final"] for layers in shown if set(layers) == {"final"}]
     begun, *later, last = shown[len(first) :]
     assert set(coarse) == {"final"} and len(first) > 2 and later
@@ -99,23 +84,12 @@ def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb,
 
 
 def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
-    """And never two renders at once."""
-    free, step = threading.Lock(), ProgressiveImage.step
-
-    def alone(image):
-        assert free.acquire(blocking=False), "another image is being rendered"
-        try:
-            return step(image)
-        finally:
-            free.release()
-
-    monkeypatch.setattr(ProgressiveImage, "step", alone)
     with running(path) as viewer:
         until(is_done(viewer))
         red = final(viewer)
         assert red[20, 30, 0] > red[20, 30, 2]
         save(viewer, path, RED.replace("kd", "kkd", 1))
-        until(lambda: viewer.publisher.state.doing == "failed")
+        until(lambda: viewer.publisher.state.status == "failed")
         error = viewer.publisher.state.error
         assert "little.scn:14:25: " in error and error.splitlines()[2].strip().startswith("^")
         assert final(viewer) is red
@@ -124,7 +98,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         until(lambda: "'../secret.png' is outside the scene's folder" in (viewer.publisher.state.error or ""))
         path.unlink()
         viewer.requests.save()
-        until(lambda: viewer.publisher.state.doing == "missing")
+        until(lambda: viewer.publisher.state.status == "missing")
         assert viewer.publisher.state.error is None and final(viewer) is red
         dark = RED.replace("600000 600000 600000", "0 0 0").replace("20000 20000 20000", "0 0 0")
         save(viewer, path, dark.replace("5000 6000 10000", "0 0 0"))
@@ -132,7 +106,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         assert "the lights shine elsewhere, or are dark" in viewer.publisher.state.black
         # In the midst of a wave, and many at once: what was saved last is what is seen.
         save(viewer, path, LONG)
-        until(lambda: viewer.publisher.state.doing == "rendering" and viewer.publisher.state.layers != ("final",))
+        until(lambda: viewer.publisher.state.status == "rendering" and viewer.publisher.state.layers != ("final",))
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
             viewer.requests.save()
@@ -146,42 +120,14 @@ def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypa
     path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
     wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
     mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
-    with running(path) as viewer, viewer.files.watched(viewer.requests.save):
+    with running(path) as viewer, viewer.watcher.watching(viewer.requests.save):
         until(lambda: "'pictures/wood.png' does not exist" in (viewer.publisher.state.error or ""))
         wood.parent.mkdir()
         wood.write_bytes(stream.raw_buffer()[:40])
-        until(lambda: viewer.publisher.state.saves > 0 and viewer.publisher.state.doing == "failed")
+        until(lambda: viewer.publisher.state.saves > 0 and viewer.publisher.state.status == "failed")
         wood.write_bytes(stream.raw_buffer())
         until(is_done(viewer))
-        assert {path, wood} <= viewer.files.known
-
-
-def test_files_that_an_error_speaks_of(variant_rgb, tmp_path):
-    scene, other = tmp_path / "scene.xml", tmp_path / "other.xml"
-    texture = '<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="{}"/>'
-    for name, text in {
-        "inc/sphere.xml": '<include filename="{}"/>',
-        "wood.png": f'<shape type="sphere">{texture}</texture></bsdf></shape>',
-        "gold.spd": '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>',
-        "bunny.ply": '<shape type="ply"><string name="filename" value="{}"/></shape>',
-        "$it.obj": '<default name="it" value="bunny"/><shape type="obj"><string name="filename" value="{}"/></shape>',
-    }.items():
-        other.write_text(f'<scene version="3.0.0">{text.format(name)}</scene>')
-        scene.write_text('<scene version="3.0.0"><include filename="other.xml"/></scene>')
-        files = Files(scene)
-        with pytest.raises(RuntimeError) as error:
-            SceneFile(scene, tmp_path).load()
-        files.failed(str(error.value))
-        assert tmp_path / name.replace("$it", "bunny") in files.known
-        assert other in files.known  # that it is included is known by the error alone
-
-
-def test_words_that_name_what_can_be_no_file(tmp_path):
-    """A scene may have any: what follows the files goes on."""
-    (loop := tmp_path / "loop.png").symlink_to("loop.png")
-    files = Files(tmp_path / "scene.xml")
-    files.failed('"loop.png" is no image; At "wo\0od.xml" (line 1, col 2)')
-    assert loop in files.known and all("\0" not in str(path) for path in files.known)
+        assert {path, wood} <= viewer.watcher.files
 
 
 def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
@@ -214,14 +160,14 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
     path.write_text(LONG)
     with running(path) as viewer:
         until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))
-        viewer.requests.change(stopped=True)
-        until(lambda: viewer.publisher.state.doing == "stopped")
+        viewer.requests.change(paused=True)
+        until(lambda: viewer.publisher.state.status == "paused")
         number = viewer.publisher.pictures["own"].number
         words = viewer.requests.call(lambda scene: (scene.surface_at(30, 20), scene.surface_at(1, 1))).result(20)
         assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
-        assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.doing == "stopped"
-        viewer.requests.change(stopped=False)
-        until(lambda: viewer.publisher.state.doing == "rendering")
+        assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.status == "paused"
+        viewer.requests.change(paused=False)
+        until(lambda: viewer.publisher.state.status == "rendering")
         save(viewer, path, RED)
         until(is_done(viewer))
         home = final(viewer)
@@ -248,41 +194,29 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
 
 
-def test_compared_within_a_wave(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
-    """And no more: the other image waits where it is, and both come to the bytes that they have alone."""
+def test_compared_within_a_pass(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+    """Either image keeps its samples while the other one is begun or dropped, and has its own bytes at the end."""
     all_portions_seen(6000)
     path.write_text(RED.replace("NSAMPLES: 2", "NSAMPLES: 4"))
-    step, asked, order = ProgressiveImage.step, [], []
+    step = ProgressiveImage.step
+    changes = [("prosim", True), ("prosim", False), ("prosim", True), ("path", False), ("prosim", True)]
 
     def stepped(image):
-        complete, name = step(image), images.name(image.integrator)
-        order.append(name)
-        if asked and name == asked[0][0] and not image.done:
-            viewer.requests.change(compared=asked.pop(0)[1])
+        complete = step(image)
+        if changes and progressive_image.name(image.integrator) == changes[0][0] and not image.done:
+            viewer.requests.change(compared=changes.pop(0)[1])
         return complete
 
     monkeypatch.setattr(ProgressiveImage, "step", stepped)
-    asked += [("prosim", True)]
     with running(path) as viewer:
-        until(is_done(viewer))
-        first, path_first = final(viewer), final(viewer, "path")
-        begun = next(k for k, (_, pictures) in enumerate(viewer.publisher.said) if "path" in pictures)
-        seconds = [state.seconds for state, _ in viewer.publisher.said if state.doing == "rendering"]
-        assert viewer.publisher.said[begun][0].layers == ("final",) and order[:2] == ["prosim", "path"]
-        assert seconds == sorted(seconds)
-        # Dropped, taken again and dropped where either is within a wave.
-        asked += [("prosim", False), ("prosim", True), ("path", False), ("prosim", True)]
-        save(viewer, path, path.read_text())
-        until(lambda: not asked and is_done(viewer)())
-        assert np.array_equal(final(viewer), first) and np.array_equal(final(viewer, "path"), path_first)
-        asked += [("path", False)]
-        save(viewer, path, path.read_text())
-        until(lambda: not asked and is_done(viewer)())
-        assert np.array_equal(final(viewer), first) and set(viewer.publisher.pictures) == {"own"}
+        until(lambda: not changes and is_done(viewer)())
+        shown = final(viewer), final(viewer, "path")
+        viewer.requests.change(compared=False)
+        until(lambda: set(viewer.publisher.pictures) == {"own"})
     monkeypatch.undo()
-    fresh = SceneFile(path, tmp_path / "again").load()
-    own = ProgressiveImage(fresh.integrator(), fresh, fresh.sensors()[0], 0, 0)
-    for image, expected in ((own, first), (images.by_path(own), path_first)):
+    scene = SceneFile(path, tmp_path / "again").load()
+    own = ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 0)
+    for image, expected in zip((own, progressive_image.by_path(own)), shown):
         while not image.done:
             image.step()
         assert np.array_equal(image.layers()["final"], expected)
@@ -290,28 +224,11 @@ def test_compared_within_a_wave(variant_rgb, path, tmp_path, monkeypatch, all_po
 
 def test_calls_that_nobody_waits_for_any_more():
     """As of a page that has asked for a pixel while a large scene was opened; they are no end of the viewer."""
-    requests, done = Requests(), []
+    requests, done = ViewRequests(), []
     assert requests.call(done.append).cancel()
     failed, last = requests.call(lambda _: 1 / 0), requests.call(lambda scene: scene)
     requests.run_calls(None)
     assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
-
-
-@pytest.mark.parametrize("compared", [False, True])
-def test_the_part_that_is_done_never_falls(
-    path, tmp_path, monkeypatch, estimates_that_fall, all_portions_seen, compared
-):
-    """Nor does that of two images which grow side by side."""
-    all_portions_seen(1500)
-    monkeypatch.setattr("mitsuba_prosim.live.viewer.REPORT", 0)
-    requested = threading.Event()
-    with running(path, requested.wait) as viewer:
-        viewer.requests.change(compared=compared)
-        requested.set()
-        until(is_done(viewer))
-        parts = [state.part for state, _ in viewer.publisher.said]
-        assert parts == sorted(parts) and len(set(parts)) > 4 and parts[-1] == 1
-        assert set(viewer.publisher.pictures) == ({"own", "path"} if compared else {"own"})
 
 
 def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
@@ -333,8 +250,8 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
         with running(path) as viewer:
             until(is_done(viewer))
             state = viewer.publisher.state
-            assert state.alone and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
-            assert {path, wood} <= viewer.files.known
+            assert state.not_compared and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
+            assert {path, wood} <= viewer.watcher.files
             before = final(viewer)
             assert viewer.requests.call(lambda scene: scene.surface_at(7, 5)).result(20).startswith("Sphere ball, ")
             viewer.requests.move(lambda camera: camera.panned(0.3, 0))

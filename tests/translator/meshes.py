@@ -1,10 +1,10 @@
 """Scenes as text, their meshes, and what is measured on them."""
 
 import numpy as np
-from prosim_scene.camera import camera_of
 from prosim_scene.geometry import tessellate
 from prosim_scene.language import document_of
 from prosim_scene.mitsuba import assemble
+from prosim_scene.view import camera_of
 
 VIEW = "VIEW OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5 RESOLUTION 500 500 LIGHTS POINT position 0 9 9"
 

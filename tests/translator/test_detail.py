@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from meshes import scene, solids, volume
 from prosim_scene import SceneError, SceneWarning
-from prosim_scene.camera import camera_of
 from prosim_scene.geometry import detail
 from prosim_scene.geometry.leaves import Leaves
 from prosim_scene.language import document_of
+from prosim_scene.view import camera_of
 
 BALLS = [f"SCALE (.4 .4 .4) TRANSLATE ({i % 5 - 2} {i // 5 - 2} 0)" for i in range(20)]
 UNION = "+ " * 19 + " ".join(f"SPHERE {i}" for i in range(20))

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene import descriptions
 from prosim_scene.evaluation import evaluate
 from prosim_scene.language.analysis import analyse
 from prosim_scene.language.diagnostics import MAX_ERRORS
 from prosim_scene.language.words import WORDS
-from prosim_scene.symbols import Symbol, Symbols
+from prosim_scene.symbols import Symbol, Symbols, description
 
 SCENE = """(a scene)
 DEFAULT $turn = 30
@@ -71,9 +70,8 @@ def test_the_evaluation_finds_solids_that_vanish():
     hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace(
         "SCALE 2 2 2", "SCALE .1 .1 .1 TRANSLATE .5 .5 .5"
     )
-    _, found, document = analyse(hidden)
-    (one,) = evaluate(document, None)
-    assert not found and (one.code, one.line) == ("csg", 5)
+    (one,) = evaluate(hidden, "s.scn")
+    assert (one.code, one.line) == ("csg", 5)
     again = pickle.loads(pickle.dumps(one))  # as from the process that evaluates
     assert (str(again), again.span, again.reason) == (str(one), one.span, one.reason)
 
@@ -116,8 +114,7 @@ def test_hovering_shows_meanings():
 
 def test_every_word_has_a_meaning():
     for word in WORDS:
-        assert descriptions.of_word(word).startswith(f"**{word.canonical}**")
-    assert set(descriptions.MEANINGS) == {(word.role, word.name) for word in WORDS}
+        assert word.meaning and description(word).startswith(f"**{word.canonical}**")
 
 
 def test_symbols_are_found_and_renamed():

@@ -10,8 +10,8 @@ import numpy as np
 import prosim_scene
 import pytest
 from prosim_scene import SceneWarning
-from prosim_scene.camera import camera_of
 from prosim_scene.language import document_of
+from prosim_scene.view import camera_of
 
 EDGE = 2  # pixels that may be wrong: slivers at the ends of edges, and what single precision does to them
 

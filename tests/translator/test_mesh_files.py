@@ -9,7 +9,6 @@ from meshes import VIEW
 from prosim_scene import SceneError
 from prosim_scene.geometry.mesh_files import MeshFile
 from prosim_scene.geometry.primitives import PRIMITIVES
-from prosim_scene.symbols import Symbols
 from test_language_reference import EXAMPLES
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
@@ -209,7 +208,7 @@ def test_a_file_outside_if_that_is_allowed_and_in_a_named_solid(tmp_path):
 
 
 def test_a_mesh_that_has_changed_is_read_again(tmp_path):
-    kept, path = prosim_scene.Kept(), tmp_path / "s.scn"
+    cache, path = prosim_scene.TranslationCache(), tmp_path / "s.scn"
     path.write_text(scene("MESH 0 $file", "").replace("VIEW", "DEFAULT $file = a.obj VIEW", 1))
     for content, define, made in (
         (obj(), {}, 1),
@@ -219,8 +218,8 @@ def test_a_mesh_that_has_changed_is_read_again(tmp_path):
     ):
         for name in ("a.obj", "b.obj"):
             (tmp_path / name).write_bytes(content)
-        prosim_scene.translate(path, kept=kept, define=define)
-        assert kept.evaluations == made
+        prosim_scene.translate(path, cache=cache, define=define)
+        assert cache.evaluations == made
 
 
 def test_the_manuals_example_and_its_layout(tmp_path):
@@ -234,12 +233,3 @@ def test_the_manuals_example_and_its_layout(tmp_path):
     assert "MESH 1 b.obj t-fractal\n" in prosim_scene.format(
         "CSG-TREE malha 1 b.obj t-fractal SURFACE 1 TRANSFORM 1 END"
     )
-
-
-def test_an_editor_knows_the_word():
-    text = "CSG-TREE MESH 3 vaso.obj SURFACE 3 TRANSFORM 3 END"
-    symbols = Symbols(text)
-    assert {"MESH", "MALHA"} <= {one.label for one in symbols.completions(9)}
-    assert "closed mesh" in symbols.hover(9)[2]
-    assert {one.label for one in symbols.completions(14)} >= {"3"}
-    assert len(symbols.occurrences(symbols.at(14).symbol)) == 3

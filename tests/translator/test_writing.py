@@ -12,7 +12,7 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from prosim_scene import SceneError, output
+from prosim_scene import SceneError, writer
 
 SCENE = """LIGHTS POINT position 0 5 5
 VIEW OBS 0 0 9 VRP 0 0 0
@@ -214,7 +214,7 @@ def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch
 
     xml = prosim_scene.translate(scene, tolerance=1)
     before = everything(scene.parent)
-    monkeypatch.setattr(output, "WAIT", 0.1)
+    monkeypatch.setattr(writer, "WAIT", 0.1)
     lock = os.open(scene.parent / "s-meshes", os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX)

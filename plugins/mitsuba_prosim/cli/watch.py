@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import webbrowser
 from pathlib import Path
 from typing import Any
 
 import click
-from prosim_scene import Kept
+from prosim_scene import TranslationCache
 
 from .. import atomic
 from ..scene import images, scene_file, session
-from .image import metadata
 from .input_files import SCENE_FILE
 from .interrupts import interruptible
-from .job import OPTIONS, Command, Job, refuse_scalar, takes
+from .job import FILM, OPTIONS, Command, Job, refuse_scalar, takes
 from .log import log
-from .options import Integer, need, option
+from .option_types import Integer, need, option
+from .report import metadata
 
-#: Options of files, films and other processes, which it does not have.
-LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "overwrite", "workers", "cluster", "part")
+#: Options of files and other processes, which it does not have, besides those of films.
+LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "workers", "cluster", "part", *FILM)
 
 
 @click.command(cls=Command)
@@ -37,22 +38,22 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """
     need("watch", "prosim watch")
     from ..live import server, viewer
-    from .mix import said
+    from .mix import described
 
     refuse_scalar(["prosim watch"], job.variant)
     if job.denoise:
         need("denoise", "--denoise")
     try:
-        sock = server.bound(port)
+        sock = socket.create_server(("127.0.0.1", port))
     except OSError as error:
         raise click.ClickException(
             f"port {port}: {error.strerror}. Give another by --port, or leave it out for any free one."
         ) from None
     with atomic.scratch() as folder:
-        kept, confined = Kept(), not job.language.get("allow_outside")
+        cache, confined = TranslationCache(), not job.language.get("allow_outside")
 
         def opened() -> tuple[scene_file.SceneFile, Any, Any]:
-            file = job.file(folder, kept=kept, confined=confined)
+            file = job.file(folder, cache=cache, confined=confined)
             scene = file.load()
             return file, scene, scene_file.pick_sensor(scene, job.sensor)
 
@@ -60,9 +61,9 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
             state, bitmap, integrator, reached = shown.result(factors)
-            facts = metadata(job, integrator, reached, state.doing != "done", state.seconds)
+            facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
-                facts["prosim.mix"] = said([(name.partition(".")[2], factor) for name, factor in factors])
+                facts["prosim.mix"] = described([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)
 
         with server.served(shown, encode, sock) as address:
@@ -72,7 +73,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             with (
                 log(job.verbose),
                 session.threads(job.threads),
-                shown.files.watched(shown.requests.save),
+                shown.watcher.watching(shown.requests.save),
                 interruptible(shown.requests.close),
             ):
                 shown.run()

@@ -127,8 +127,7 @@ class DenoisedRender:
         self.render: Render | None = None
         self._images: list[np.ndarray] = []
         if rendering.keeps(integrator):
-            how |= half(integrator, spp)
-            self.render = integrator.progressive(scene, sensor, seed, denoiser=self, **how)
+            self.render = integrator.progressive(scene, sensor, seed, spp, denoiser=self, **how)
         self._blocks = self._blocking(((spp or sensor.sampler().sample_count()) + 1) // 2)
 
     def __iter__(self) -> Any:
@@ -272,20 +271,3 @@ def check(film: mi.Film) -> None:
     """Raises ValueError for a film that stores no colours."""
     if mi.has_flag(film.flags(), mi.FilmFlags.Special):
         raise ValueError(f"{film.class_name()}: the denoiser needs colours; use an hdrfilm")
-
-
-def half(integrator: Any, spp: int) -> dict[str, Any]:
-    """Arguments of the integrator's ``progressive()`` for half of the samples: those of ``spp``, or of the integrator
-    if that is 0: patterns of about N²/2 samples, whose threshold is that of half the variance.
-    """
-    if spp:
-        return {"spp": size_of_half(spp**0.5) ** 2}
-    sampling = integrator.sampling
-    samples, most = size_of_half(sampling.samples), (sampling.max_samples + 1) // 2
-    threshold = sampling.threshold * 2**0.5
-    return {"sampling": dataclasses.replace(sampling, samples=samples, max_samples=most, threshold=threshold)}
-
-
-def size_of_half(n: float) -> int:
-    """N of an N-rook pattern of about ``n``² / 2 samples."""
-    return max(1, round(n / 2**0.5))

@@ -11,11 +11,11 @@ import numpy as np
 
 from .error import standard_error
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, widened
+from .policies import policy_of
 from .tiles import Part, Tiles
 
 if TYPE_CHECKING:
     from .estimator import Estimator
-    from .policies import Policy
 
 #: A sample counts as no brighter than this in the estimated error: the squares of N² samples stay finite.
 BRIGHTEST = 1e16
@@ -72,12 +72,12 @@ class FilmState:
     """The accumulators of all pixels of an image, and the adaptive state: a checkpoint when saved.
 
     The first samples of a pixel are the same in any order of work, so that the image depends on the counts alone.
-    ``policy``: its decisions look at pixels beyond the image; ``part``: the part whose samples are taken, None for all.
+    ``part``: the part whose samples are taken, None for all.
     """
 
-    def __init__(self, plan: Plan, estimator: Estimator, policy: Policy, part: Part | None = None) -> None:
-        self.plan, self.estimator, self.policy, self.part = plan, estimator, policy, part
-        margin = policy.rounds * policy.reach
+    def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
+        self.plan, self.estimator, self.policy, self.part = plan, estimator, policy_of(plan), part
+        margin = self.policy.rounds * self.policy.reach  # its decisions look at pixels beyond the image
         #: The pixels of the arrays, row by row.
         self.outer = widened(plan.region, margin, plan.domain)
         self.tiles = None if part is None else Tiles.of(plan.region, part.of, margin)

@@ -10,7 +10,7 @@ import json
 import time
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -19,19 +19,20 @@ import numpy as np
 
 from .. import atomic
 from ..compat import dr_array
-from . import origin
 from .accumulators import Accumulators, FilmState
-from .tiles import Part, Tiles
+from .origin import CLOSE, EXACT, differences, here
+from .plan import index_within
+from .tiles import Part
 
-#: The version of the format; and how files of older ones began, which were OpenEXR images with such an attribute.
-FORMAT, OLDER, ATTRIBUTE = 7, b"\x76\x2f\x31\x01", b"prosim.state"
+#: The version of the format, and the first bytes of a file.
+FORMAT, MAGIC = 8, b"PK\x03\x04"
 
 #: Parameters of sampling that do not change the samples; those that end a render; and those that decide who gets
 #: samples. A checkpoint may continue with others than its own of the last two.
 FREE, ENDS, DECIDING = ("band",), ("noise", "noise_99", "noise_999", "time"), ("adaptive", "threshold", "max_samples")
 
 #: Facts that parts of one image may differ in.
-ANY = ("scene", "exposure", *origin.CLOSE)
+ANY = ("scene", "exposure", *CLOSE)
 
 #: The adaptive state of each pixel.
 ADAPTIVE = ("requested", "wanted")
@@ -49,25 +50,26 @@ class NotACheckpointError(CheckpointError):
 class Checkpoint:
     """A :class:`.FilmState` between two steps, as NumPy arrays, to the bit.
 
-    ``facts``: names and numbers, as JSON; ``pixels``: name -> values of all pixels of the state, shape (pixels,);
-    ``second``: the same of the second image. ``about``: further facts of the caller, as JSON.
+    ``facts``: names and numbers, as JSON; ``pixels``: name -> values of the pixels that have samples, shape (pixels,),
+    with ``index``, their indices in the plan's domain; ``second``: the same of the second image. ``about``: further
+    facts of the caller, as JSON; ``origin``: where the samples were taken, see :func:`.origin.here`.
     """
 
     facts: Mapping[str, Any]
     pixels: Mapping[str, np.ndarray]
     second: Mapping[str, np.ndarray]
     about: Mapping[str, Any] = field(default_factory=dict)
+    origin: Mapping[str, str] = field(default_factory=here)
 
     @classmethod
     def of(cls, state: FilmState, seconds: float, finished: bool) -> Checkpoint:
-        """The checkpoint of ``state`` after ``seconds``; ``finished``: the image has all requested samples."""
+        """The checkpoint of ``state`` after ``seconds``; ``finished``: the image has all requested samples. A finished
+        part has its own pixels alone, as decisions need no others any more.
+        """
         facts = {
             "samples": identity(state),
             "sampling": {name: value for name, value in asdict(state.plan.sampling).items() if name not in FREE},
             "part": None if state.part is None else (state.part.number, state.part.of),
-            "tiles": None if state.tiles is None else (state.tiles.columns, state.tiles.rows),
-            "region": state.plan.region,
-            "outer": state.outer,
             "endless": state.plan.endless,
             "noise": state.noise,
             "slope": state.slope,
@@ -77,9 +79,12 @@ class Checkpoint:
             "seconds": seconds,
             "finished": finished,
         }
-        adaptive = {name: values for name in ADAPTIVE if (values := getattr(state, name)) is not None}
-        second = {} if state.second is None else arrays(state.second)
-        return cls(json.loads(json.dumps(facts)), arrays(state.accumulators) | adaptive, second)
+        pixels = arrays(state.accumulators) | {"index": index(state)}
+        pixels |= {name: values for name in ADAPTIVE if (values := getattr(state, name)) is not None}
+        there = (pixels["count"] > 0) & (state.share(np.ones_like(pixels["count"]), 0) > 0 if finished else True)
+        if not there.all():
+            pixels = {name: values[there] for name, values in pixels.items()}
+        return cls(json.loads(json.dumps(facts)), pixels, {} if state.second is None else arrays(state.second))
 
     @property
     def finished(self) -> bool:
@@ -98,11 +103,10 @@ class Checkpoint:
         Raises ValueError if these are the samples of another image.
         """
         mine, theirs = self.facts["samples"], json.loads(json.dumps(identity(state)))
-        for name, value in theirs.items():
-            if mine.get(name) != value:
-                raise ValueError(
-                    f"these are the samples of another image ({name}: {mine.get(name)} there, {value} here)"
-                )
+        if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
+            raise ValueError(
+                f"these are the samples of another image ({name}: {mine.get(name)} there, {theirs[name]} here)"
+            )
         decided = self._agrees(state, DECIDING)
         if not decided and state.plan.sampling.adaptive == "neighbours":
             raise ValueError(
@@ -114,7 +118,11 @@ class Checkpoint:
         rms, most, nearly_all = self.facts["noise"]
         state.noise, state.slope = (rms, most, nearly_all), self.facts["slope"]
         state.estimates = [tuple(estimate) for estimate in self.facts["estimates"]]
-        pixels = {name: self._placed(values, state) for name, values in self.pixels.items()}
+        # The policies look at different numbers of pixels around a crop window.
+        _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
+        pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
+        for name, values in pixels.items():
+            values[theirs] = self.pixels[name][mine]
         state.accumulators = accumulators(pixels)
         state.second = accumulators(self.second) if self.second else None
         if decided:
@@ -126,28 +134,12 @@ class Checkpoint:
         theirs = asdict(state.plan.sampling)
         return all(self.facts["sampling"][name] == theirs[name] for name in parameters)
 
-    def _placed(self, values: np.ndarray, state: FilmState) -> np.ndarray:
-        """An array, laid out over the pixels of ``state``: there are more if its policy looks farther."""
-        mine, theirs = tuple(self.facts["outer"]), state.outer
-        if mine == theirs:
-            return values
-        plane = values.reshape(mine[3] - mine[1], mine[2] - mine[0])
-        both = max(mine[0], theirs[0]), max(mine[1], theirs[1]), min(mine[2], theirs[2]), min(mine[3], theirs[3])
-        result = np.zeros((theirs[3] - theirs[1]) * (theirs[2] - theirs[0]), values.dtype)
-        part = plane[both[1] - mine[1] : both[3] - mine[1], both[0] - mine[0] : both[2] - mine[0]]
-        state.crop(result, both)[:] = part
-        return result
-
     def write(self, path: Path) -> None:
-        """Writes the archive over ``path``. Pixels without samples, such as those of other parts, are left out.
-
-        Raises OSError.
-        """
-        index = np.flatnonzero(self.pixels["count"])
-        facts = {"format": FORMAT, "origin": origin.here(), "about": dict(self.about), "facts": dict(self.facts)}
-        contents: dict[str, Any] = {"facts": np.array(json.dumps(facts)), "index": index}
-        contents |= {f"pixels.{name}": values[index] for name, values in self.pixels.items()}
-        contents |= {f"second.{name}": values for name, values in self.second.items()}
+        """Writes the archive over ``path``. Raises OSError."""
+        groups = {"pixels": self.pixels, "second": self.second}
+        facts = {"format": FORMAT, "origin": self.origin, "about": self.about, "facts": self.facts}
+        contents: dict[str, Any] = {"facts": np.array(json.dumps(facts))}
+        contents |= {f"{group}.{name}": values for group in groups for name, values in groups[group].items()}
         with open(path, "wb") as file:
             np.savez(file, **contents)
 
@@ -168,6 +160,11 @@ def identity(state: FilmState) -> dict[str, Any]:
     }
 
 
+def index(state: FilmState) -> np.ndarray:
+    """The indices of the pixels of ``state`` in the plan's domain."""
+    return np.array(index_within(state.plan.domain, state.x, state.y))
+
+
 def arrays(sums: Accumulators) -> dict[str, np.ndarray]:
     """The arrays of accumulators by name."""
     named = {f.name: getattr(sums, f.name) for f in fields(sums) if f.name != "sums"}
@@ -177,9 +174,8 @@ def arrays(sums: Accumulators) -> dict[str, np.ndarray]:
 
 def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
     """The accumulators of which these are the :func:`arrays`."""
-    values = {name: dr_array(values) for name, values in named.items() if name not in ADAPTIVE}
-    sums = [values.pop(f"sum{k}") for k in range(sum(name.startswith("sum") for name in values))]
-    return Accumulators(sums, **values)
+    sums = [dr_array(named[f"sum{k}"]) for k in range(sum(name.startswith("sum") for name in named))]
+    return Accumulators(sums, *(dr_array(named[f.name]) for f in fields(Accumulators)[1:]))
 
 
 # ---------------------------------------------------------------- files
@@ -190,25 +186,24 @@ def save(checkpoint: Checkpoint, path: str | Path) -> None:
     atomic.write({Path(path): checkpoint.write})
 
 
-def read(path: str | Path, arrays: bool = True) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The facts of a checkpoint (``about``, ``origin`` and ``facts``), and its arrays, if wanted.
+def read(path: str | Path, arrays: bool = True) -> Checkpoint:
+    """Reads a checkpoint, wherever it was made; without its ``arrays`` that is quick.
 
-    Raises NotACheckpointError for a file of another kind; CheckpointError for one of another version of this program,
+    Raises NotACheckpointError for a file of another kind; CheckpointError for one of another version of the format,
     or a damaged or incomplete one; OSError.
     """
     with open(path, "rb") as file:
-        begin = file.read(1 << 16)
-        if begin.startswith(OLDER) and ATTRIBUTE in begin:
-            raise CheckpointError(
-                f"{path} was written by an older version of mitsuba-prosim; finish it with that one, or render again"
-            )
-        if not begin.startswith(b"PK") or b"facts.npy" not in begin:
-            raise NotACheckpointError(f"{path} is no checkpoint; --keep and --part write some")
+        begin = file.read(1 << 10)
+        if not begin.startswith(MAGIC) or b"facts.npy" not in begin:
+            raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some")
+        file.seek(0)
+        groups: dict[str, dict[str, np.ndarray]] = {"facts": {}, "pixels": {}, "second": {}}
         try:
-            file.seek(0)
             with np.load(file) as archive:
-                text: dict[str, Any] = json.loads(str(archive["facts"]))
-                contents = {name: archive[name] for name in archive.files if name != "facts"} if arrays else {}
+                for name in archive.files if arrays else ["facts"]:
+                    group, _, own = name.partition(".")
+                    groups[group][own] = archive[name]
+            text = json.loads(str(groups["facts"][""]))
         except (zipfile.BadZipFile, ValueError, KeyError, EOFError, NotImplementedError):
             raise CheckpointError(f"{path} is damaged or not complete; render again") from None
     if text["format"] != FORMAT:
@@ -216,41 +211,31 @@ def read(path: str | Path, arrays: bool = True) -> tuple[dict[str, Any], dict[st
             f"{path} has format {text['format']}, and this version reads format {FORMAT}; finish it with the version "
             "that wrote it, or render again"
         )
-    return text, contents
+    return Checkpoint(text["facts"], groups["pixels"], groups["second"], text["about"], text["origin"])
 
 
-def about(path: str | Path) -> dict[str, Any]:
-    """The facts of a checkpoint: ``about``, ``origin`` and ``facts``. Raises as :func:`read`."""
-    return read(path, arrays=False)[0]
-
-
-def load(path: str | Path, warn: bool = True) -> Checkpoint:
-    """Reads a checkpoint, and warns if it comes from another kind of processor, if ``warn``.
+def load(path: str | Path) -> Checkpoint:
+    """Reads a checkpoint to continue it here. Warns if it comes from another kind of processor.
 
     Raises as :func:`read`, and CheckpointError if it was made by other versions or in another variant.
     """
-    text, contents = read(path)
-    ours, index = origin.here(), contents.pop("index", None)
-    if different := origin.differences(text["origin"], ours, origin.EXACT):
-        raise CheckpointError(
-            f"{path} was made elsewhere ({different}), where samples differ; continue it there, or render again"
-        )
-    if warn and (different := origin.differences(text["origin"], ours, origin.CLOSE)):
+    checkpoint = read(path)
+    refuse_other_versions(checkpoint, path)
+    if different := differences(checkpoint.origin, here(), CLOSE):
         warnings.warn(
             f"{path} was made elsewhere ({different}): further samples are as good, but may differ in their last bits "
             "from those that would have been added there",
             stacklevel=2,
         )
-    left, top, right, bottom = text["facts"]["outer"]
-    groups: dict[str, dict[str, np.ndarray]] = {"pixels": {}, "second": {}}
-    for name, values in contents.items():
-        group, _, name = name.partition(".")
-        if group == "pixels":
-            whole = np.zeros((right - left) * (bottom - top), values.dtype)
-            whole[index] = values
-            values = whole
-        groups[group][name] = values
-    return Checkpoint(text["facts"], groups["pixels"], groups["second"], text["about"])
+    return checkpoint
+
+
+def refuse_other_versions(checkpoint: Checkpoint, path: str | Path) -> None:
+    """Raises CheckpointError if a checkpoint was made by other versions or in another variant."""
+    if different := differences(checkpoint.origin, here(), EXACT):
+        raise CheckpointError(
+            f"{path} was made elsewhere ({different}), where samples differ; continue it there, or render again"
+        )
 
 
 class CheckpointWriter:
@@ -292,79 +277,63 @@ class CheckpointWriter:
 
 
 def merge(paths: Sequence[str | Path]) -> Checkpoint:
-    """The checkpoint of the image whose parts are in the files ``paths``, in any order. One part is read at a time.
-    Warns, once, if some come from other kinds of processors.
+    """The checkpoint of the image whose parts are in the files ``paths``, in any order. Warns, once, if some come from
+    other kinds of processors.
 
     Raises CheckpointError if a part is missing, there twice, not finished, or of another image; and as :func:`load`.
     """
-    check_parts({Path(path): about(path) for path in paths})
-    ours = origin.here()
-    elsewhere = [where for path in paths if (where := origin.differences(about(path)["origin"], ours, origin.CLOSE))]
-    if elsewhere:
+    parts = {Path(path): read(path) for path in paths}
+    check_parts(parts)
+    for path, part in parts.items():
+        refuse_other_versions(part, path)
+    if elsewhere := [text for part in parts.values() if (text := differences(part.origin, here(), CLOSE))]:
         warnings.warn(
             f"{len(elsewhere)} of {len(paths)} parts were made elsewhere ({'; '.join(dict.fromkeys(elsewhere))}): "
             "their samples are as good, but may differ in their last bits from those that are made here",
             stacklevel=2,
         )
-    return put_together(load(path, warn=False) for path in paths)
+    return put_together([*parts.values()])
 
 
-def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
-    """The checkpoint of the image of which these are all parts, in any order; they are looked at one by one."""
-    result: Checkpoint | None = None
-    for checkpoint in parts:
-        facts, part = checkpoint.facts, checkpoint.part
-        assert part is not None
-        (columns, rows), region = facts["tiles"], facts["region"]
-        tiles = Tiles((region[0], region[1], region[2], region[3]), columns, rows, part.of)
-        left, top, right, bottom = facts["outer"]
-        y, x = np.ogrid[top:bottom, left:right]
-        mine = tiles.owned(part, x, y).ravel()
-        if result is None:
-            empty = {name: np.zeros_like(values) for name, values in checkpoint.pixels.items()}
-            result = replace(checkpoint, facts={**facts, "part": None, "tiles": None, "seconds": 0.0}, pixels=empty)
-        for name, values in result.pixels.items():
-            np.copyto(values, checkpoint.pixels[name], where=mine)
-        seconds = result.facts["seconds"] + facts["seconds"]
-        result = replace(result, facts={**result.facts, "seconds": seconds})
-    assert result is not None
-    return result
+def put_together(parts: Sequence[Checkpoint]) -> Checkpoint:
+    """The checkpoint of the image of which these are all parts, finished, in any order."""
+    pixels = {name: np.concatenate([part.pixels[name] for part in parts]) for name in parts[0].pixels}
+    seconds = sum(part.facts["seconds"] for part in parts)
+    return replace(parts[0], facts={**parts[0].facts, "part": None, "seconds": seconds}, pixels=pixels)
 
 
-def check_parts(texts: Mapping[Path, Mapping[str, Any]]) -> None:
-    """Raises CheckpointError unless these are the facts of all parts of one image, each once."""
-    found: dict[Part, Path] = {}
-    for path, text in texts.items():
-        facts = text["facts"]
-        if not facts["part"]:
+def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
+    """Raises CheckpointError unless these are all parts of one image, each once."""
+    found: dict[int, Path] = {}
+    first_path, first = next(iter(parts.items()))
+    for path, checkpoint in parts.items():
+        if checkpoint.part is None:
             raise CheckpointError(
                 f"{path} is the state of a whole image, not a part of one; continue it by prosim resume"
             )
-        other, first = next(iter(texts.items()))
-        mine, theirs = common_facts(text), common_facts(first)
+        mine, theirs = common_facts(checkpoint), common_facts(first)
         if different := ", ".join(
-            f"{k}: {v} here, {theirs.get(k)} there" for k, v in mine.items() if v != theirs.get(k)
+            f"{name}: {value} here, {theirs.get(name)} there"
+            for name, value in mine.items()
+            if value != theirs.get(name)
         ):
-            raise CheckpointError(f"{path} is not of the image that {other} is a part of ({different})")
-        if (part := Part(*facts["part"])) in found:
-            raise CheckpointError(f"{path} is part {part}, as {found[part]} is already; name each part once")
-        if not facts["finished"]:
+            raise CheckpointError(f"{path} is not of the image that {first_path} is a part of ({different})")
+        if other := found.get(checkpoint.part.number):
+            raise CheckpointError(f"{path} is part {checkpoint.part}, as {other} is already; name each part once")
+        if not checkpoint.finished:
             raise CheckpointError(f"{path} is not finished; continue it first: prosim resume {path}")
-        found[part] = path
-    if not found:
-        raise CheckpointError("no parts are named; name all parts of an image")
-    of = part.of
-    if missing := [str(number) for number in range(1, of + 1) if Part(number, of) not in found]:
-        names = f"part {missing[0]} is" if len(missing) == 1 else f"parts {', '.join(missing)} are"
-        raise CheckpointError(f"of {of} parts, {names} missing")
+        found[checkpoint.part.number] = path
+    _, of = first.facts["part"]
+    if missing := sorted({*range(1, of + 1)} - found.keys()):
+        raise CheckpointError(f"of {of} parts, these are missing: {', '.join(map(str, missing))}")
 
 
-def common_facts(text: Mapping[str, Any]) -> dict[str, Any]:
+def common_facts(checkpoint: Checkpoint) -> dict[str, Any]:
     """The facts that all parts of one image have in common."""
-    facts, of = text["facts"], text["about"]
-    everything = facts["samples"] | facts["sampling"] | text["origin"] | of.get("job", {})
+    facts, about = checkpoint.facts, checkpoint.about
+    everything = facts["samples"] | facts["sampling"] | checkpoint.origin | about.get("job", {})
     return {
         "number of parts": facts["part"] and facts["part"][1],
-        "content of the scene": of.get("digest", "unknown")[:12],
+        "content of the scene": about.get("digest", "unknown")[:12],
         **{name: value for name, value in everything.items() if name not in ANY},
     }

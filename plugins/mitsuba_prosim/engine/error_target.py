@@ -17,8 +17,8 @@ from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
 from .plan import UNLIMITED, Sampling, area
 
-#: Maximum seconds of a work item with a time limit; and the maximum as a fraction of the limit.
-STEP, SHARE = 0.5, 0.01
+#: Seconds of a work item with a time limit: this fraction of the limit, between these two.
+SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
 
 #: Maximum samples of a pass over those so far: few samples estimate the error badly.
 GROWTH = 4.0
@@ -72,7 +72,7 @@ class ErrorTarget:
     @property
     def item_seconds(self) -> float:
         """Seconds of a work item at most."""
-        return min(STEP, self.seconds * SHARE) if self.seconds else np.inf
+        return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
 class SecondImage:
@@ -89,8 +89,10 @@ class SecondImage:
     #: number of copies of each.
     FEW, MOST = 512, 64
 
+    policy = None  # its counts are those of the image
+
     def __init__(self, state: FilmState, complete: bool = False) -> None:
-        self.complete = complete
+        self.state, self.complete = state, complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
         every = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.LEAST))
         index = index[hash32(hash32(index.astype(np.uint64)) + 1) % every == 0]
@@ -105,8 +107,17 @@ class SecondImage:
         self.plan = replace(state.plan, seed=seed, own_photon_seed=int(seed[0]))
         self.estimator = copy.copy(state.estimator)
         if state.second is None or dr.width(state.second.count) != len(index):  # of other pixels
-            state.second = Accumulators.empty(self.estimator.values, len(index))
-        self.accumulators = state.second
+            self.accumulators = Accumulators.empty(self.estimator.values, len(index))
+
+    @property
+    def accumulators(self) -> Accumulators:
+        """Those of the state, which a checkpoint stores."""
+        assert self.state.second is not None
+        return self.state.second
+
+    @accumulators.setter
+    def accumulators(self, sums: Accumulators) -> None:
+        self.state.second = sums
 
     def noise(self, state: FilmState) -> tuple[float, float, float]:
         """The RMS error of the displayed image of ``state``, or of the mean of both (white = 1), and the bounds of 99

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import drjit as dr
@@ -95,21 +94,11 @@ class Estimator:
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
     def take(
-        self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, policy: Policy | None = None
-    ) -> Accumulators:
-        """Continues from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or have converged by
-        ``policy`` after a pass. All arrays are evaluated, so that one kernel serves every work item; so is the result.
-        """
-        for which, until in self.photon_sets(plan, start.count, end):
-            if which is not None:
-                self.transport.caustics.draw(*which)
-            start = self._take(plan, x, y, start, until, policy)
-            dr.eval(start)
-        return start
-
-    def _take(
         self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, policy: Policy | None
     ) -> Accumulators:
+        """Continues from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or have converged by
+        ``policy`` after a pass.
+        """
         n = plan.n
 
         # ``end`` is no variable of the loop: Dr.Jit traces a loop twice in which a variable stays as it is.
@@ -138,22 +127,3 @@ class Estimator:
         return dr.while_loop(
             (start, unfinished(start)), lambda sums, active: active, step, labels=("sums", "active"), max_iterations=-1
         )[0]
-
-    def photon_sets(
-        self, plan: Plan, count: mi.UInt32, end: mi.UInt32
-    ) -> Iterator[tuple[tuple[int, int, int] | None, mi.UInt32]]:
-        """The sets of photons by which pixels continue from ``count`` to ``end``: seed, number and samples of a pass of
-        each, and the counts that it leads to, as each serves as many samples of all pixels as it has maps. Without
-        caustics: None, and ``end``.
-        """
-        caustics = self.transport.caustics
-        if caustics is None:
-            yield None, end
-            return
-        maps = caustics.maps(plan.n)
-        lacking = count < end
-        least, most = dr.min(dr.select(lacking, count, end)), dr.max(end)
-        for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
-            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
-            if dr.any((count < dr.minimum(end, after)) & (end > first)):
-                yield (plan.photon_seed, number, plan.n), dr.maximum(count, dr.minimum(end, after))

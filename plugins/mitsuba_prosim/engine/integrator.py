@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -110,11 +109,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        for _ in self.progressive(scene, sensor, seed, spp):
-            pass
-        film = sensor.film()
+        render = self.progressive(scene, sensor, seed, spp).run()
         with alone():
-            image = film.develop() if develop else mi.TensorXf()
+            image = render.image() if develop else mi.TensorXf()  # another thread may have put its image into the film
             if evaluate:
                 dr.eval(image)
                 dr.sync_thread()
@@ -130,19 +127,21 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
         part: Part | None = None,
-        sampling: Sampling | None = None,
         denoiser: Denoiser | None = None,
     ) -> Render:
         """Renders step by step: returns an iterator that yields a :class:`.Step` after each work item,
         and whose methods show the image so far.
 
         ``executor``: takes the samples, in the place of this process; ``begin``: continues from a checkpoint;
-        ``part``: takes the samples of this part of the image alone (``begin`` knows its own); ``sampling``: in the
-        place of the integrator's parameters; ``denoiser``: as for :class:`.Render`.
+        ``part``: takes the samples of this part of the image alone (``begin`` knows its own); ``denoiser``: the samples
+        are divided into two images, see :class:`.Render`.
 
         Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError if ``begin`` belongs to another
         image, and for a part with noise or time, which go by the whole image.
         """
+        # Imported for the first image: NumPy and the engine would take longer to load than all plugins together.
+        from .render import Render
+
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(
                 f"{self.name()}: scalar variants cannot render progressively; use an llvm or cuda variant."
@@ -154,14 +153,18 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             )
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
-        sampling = sampling or self.sampling
-        part = part if begin is None else begin.part
-        if part is not None and sampling.has_target:
+        sampling, spp = self.sampling.halved(spp) if denoiser is not None else (self.sampling, spp)
+        if (part or (begin and begin.part)) and sampling.has_target:
             raise ValueError(
                 f"{self.name()}: a part of an image can't have the limits noise and time, those of the whole image; "
                 "render the parts without them, merge them, and continue the image with them."
             )
-        return self._begin(scene, sensor, seed, spp, sampling, self.own_aovs, part, executor, begin, denoiser)
+        with alone():
+            estimator = self.estimator(scene, sensor)
+            plan = Plan.of(sampling, sensor.film(), seed, spp)
+            render = Render(plan, estimator, self.own_aovs, executor, begin, part, denoiser)
+        self._renders.add(render)
+        return render
 
     @property
     def sampling(self) -> Sampling:
@@ -169,32 +172,15 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         return Sampling(**{name: getattr(self, name) for name in SAMPLING})
 
     @alone()
-    def _begin(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor,
-        seed: int | mi.UInt32,
-        spp: int,
-        sampling: Sampling,
-        own_aovs: Sequence[str] | None,
-        *how: Any,
-    ) -> Render:
-        # Imported for the first image: NumPy and the engine would take longer to load than all plugins together.
-        from .render import Render
-
-        estimator = self.estimator(scene, sensor)
-        sensor.film().prepare(self.aov_names())  # which may depend on the scene
-        render = Render(Plan.of(sampling, sensor.film(), seed, spp), estimator, own_aovs, *how)
-        self._renders.add(render)
-        return render
-
     def estimator(self, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
-        """The estimator of the image of ``scene`` by ``sensor``."""
+        """The estimator of the image of ``scene`` by ``sensor``, whose film is prepared."""
         from .estimator import Estimator
 
         transport = self.transport(scene, sensor)
         channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs)
-        return Estimator(scene, sensor, transport, channels)
+        result = Estimator(scene, sensor, transport, channels)
+        sensor.film().prepare(self.aov_names())  # which may depend on the scene
+        return result
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Mitsuba's own loop over pixels and samples."""
@@ -249,9 +235,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
                 f"{self.name()}: derivatives are those of an image's own samples, and how many fit into a time is "
                 "different each time; set samples, max_samples or noise in the place of time."
             )
-        if isinstance(sensor, int):
-            sensor = scene.sensors()[sensor]
         with dr.suspend_grad():
-            state = self._begin(scene, sensor, seed, spp, self.sampling, None).run().state
-        state.estimator.transport = self.transport(scene, sensor, attached=True)
+            state = self.progressive(scene, sensor, seed, spp).run().state
+        state.estimator.transport = self.transport(scene, state.estimator.sensor, attached=True)
         return Derivatives(state)

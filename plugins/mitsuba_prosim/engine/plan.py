@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -43,6 +43,20 @@ class Sampling:
     def has_target(self) -> bool:
         """Whether noise or time end the image."""
         return any(self.noises) or self.time > 0
+
+    def halved(self, spp: int) -> tuple[Sampling, int]:
+        """The parameters of one of two images that share the samples, of which there are ``spp``, if that is not 0:
+        patterns of about N²/2 samples, whose threshold is that of half the variance.
+        """
+        if spp:
+            return self, half_pattern(spp**0.5) ** 2
+        most, threshold = (self.max_samples + 1) // 2, self.threshold * 2**0.5
+        return replace(self, samples=half_pattern(self.samples), max_samples=most, threshold=threshold), 0
+
+
+def half_pattern(n: float) -> int:
+    """N of an N-rook pattern of about ``n``² / 2 samples."""
+    return max(1, round(n / 2**0.5))
 
 
 #: Names of these parameters.

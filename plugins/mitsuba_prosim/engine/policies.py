@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Policy:
     """Every pixel gets all samples: the policy ``none``, and the base class of the others.
 
-    ``threshold``: the integrator's parameter. A subclass overrides the differences.
+    A subclass overrides the differences. ``threshold`` is the integrator's parameter.
     """
 
     #: How many pixels around a pixel the policy looks at.
@@ -26,14 +26,14 @@ class Policy:
     #: pass with an error target.
     rounds = 1
 
-    def __init__(self, plan: Plan, threshold: float) -> None:
+    def __init__(self, plan: Plan) -> None:
         #: Samples of every pixel in the first pass; and those of a noisy pixel.
         self.first, self.full = plan.least, plan.full
         if type(self) is Policy and plan.full == plan.most:
             self.first = plan.most
         if self.first >= plan.most:
             self.reach = 0
-        self.threshold = dr.opaque(mi.Float, threshold)
+        self.threshold = dr.opaque(mi.Float, plan.sampling.threshold)
 
     def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
         """The samples that each pixel of a rectangle should have in the end, from its accumulators after a pass, row by
@@ -86,9 +86,9 @@ class Graded(Policy):
     reach = 3
     rounds = 2
 
-    def __init__(self, plan: Plan, threshold: float) -> None:
-        super().__init__(plan, threshold)
-        self.scale = dr.opaque(mi.Float, plan.n / max(threshold, 1e-9))
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan)
+        self.scale = dr.opaque(mi.Float, plan.n / max(plan.sampling.threshold, 1e-9))
 
     def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
         """In proportion to the standard deviation."""
@@ -146,3 +146,8 @@ def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32, reach: i
 
 #: The values of the integrator's parameter ``adaptive``, the default first.
 POLICIES: dict[str, type[Policy]] = {"neighbours": Neighbours, "thesis": Thesis, "none": Policy, "graded": Graded}
+
+
+def policy_of(plan: Plan) -> Policy:
+    """The policy of ``plan``."""
+    return POLICIES[plan.sampling.adaptive](plan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -20,9 +20,8 @@ from .error_target import ENOUGH, ErrorTarget, SecondImage, mean, next_counts, r
 from .estimator import Estimator
 from .film import film_values
 from .plan import Plan
-from .policies import POLICIES
 from .tiles import Part
-from .work import Executor, Local, Pixels, Step, photon_steps, work_items
+from .work import Executor, Pixels, Step, photon_steps, work_items
 
 #: Maximum ratio of the samples of a pixel after a pass and before it; the last pass may take more.
 GROWTH = 4
@@ -66,11 +65,6 @@ class Pass:
     #: Whether all samples have been taken.
     complete: bool = field(default=False, init=False)
 
-    @classmethod
-    def nothing(cls, pixels: Pixels, done: float | None) -> Pass:
-        """A pass without samples, after which the image is shown."""
-        return cls(pixels, np.array(pixels.accumulators.count), None if done is None else (done, done))
-
     @property
     def missing(self) -> int:
         """Number of the samples."""
@@ -83,9 +77,9 @@ class Render:
 
     Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To leave
     its loop is to cancel it: :meth:`close` then completes the first sample of every pixel, if the render has started.
-    ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics, None to leave the film alone;
-    ``executor``: of this process by default; ``begin``: continues from there. ``denoiser``: the samples are taken for a
-    complete second image as well, and this estimates the error of the denoised image.
+    ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics; ``executor``: of this process by
+    default; ``begin``: continues from there. ``denoiser``: the samples are taken for a complete second image as well,
+    and this estimates the error of the denoised image.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -94,21 +88,19 @@ class Render:
         self,
         plan: Plan,
         estimator: Estimator,
-        own_aovs: Sequence[str] | None,
-        part: Part | None = None,
+        own_aovs: Sequence[str],
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
+        part: Part | None = None,
         denoiser: Denoiser | None = None,
     ) -> None:
-        self.policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold)
-        self.state, self.executor = FilmState(plan, estimator, self.policy, part), executor or Local()
-        self.film, self.own_aovs, self._put = estimator.sensor.film(), own_aovs or [], own_aovs is not None
+        self.state = FilmState(plan, estimator, part if begin is None else begin.part)
+        self.film, self.own_aovs, self.executor = estimator.sensor.film(), own_aovs, executor or Executor()
         self.target = ErrorTarget.of(plan.sampling, 0.0 if begin is None else begin.facts["seconds"])
         #: Whether the render has ended; and whether the image has all requested samples.
         self.ended = self.finished = False
-        self._stopped, self._finished_before, self._done = False, False, 0.0
-        if begin is not None:
-            self._finished_before = begin.restore(self.state)
+        self._stopped, self._done = False, 0.0
+        self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
         self.second = SecondImage(self.state, denoiser is not None) if denoiser or any(self.target.limits) else None
         self._steps = self._run()
@@ -136,24 +128,24 @@ class Render:
         if not self.ended:
             self.stop()
             self.run()
-            self._end()
 
     def _end(self) -> None:
-        if not self.ended:
-            self.ended = True
-            if self._put:
-                self.put()
+        self.ended = True
+        self.put()
 
     def _run(self) -> Generator[Step, None, None]:
         """Gives the work items of all passes to the executor."""
-        complete = True
+        passes, complete = self._passes(), True
         try:
-            for work in _alone(self._passes()):
+            while True:
+                with alone():
+                    work = next(passes, None)
+                if work is None:
+                    break
                 taken, missing = 0, work.missing
                 begin, end = work.span or (self._done, self._done)
-                policy = self.policy if work.pixels is self.state else None
                 for wanted in photon_steps(work.pixels, work.wanted, self.executor.sets):
-                    items = work_items(work.pixels, wanted, policy, self._limit)
+                    items = work_items(work.pixels, wanted, self._limit)
                     with closing(self.executor(items)) as results:
                         for result in results if not self._over(work) else ():
                             if result is not None:
@@ -173,9 +165,7 @@ class Render:
             self.finished = not self._stopped and (complete or self.target.over)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
-        except GeneratorExit:  # nobody wants it any more
-            raise
-        except BaseException:
+        except (Exception, KeyboardInterrupt):
             self._end()
             raise
         self._end()
@@ -194,17 +184,15 @@ class Render:
 
     def _passes(self) -> Iterator[Pass]:
         """The passes over the image, decided one after the other, and over a complete second image."""
-        yield from self._image_passes()
+        if not self._finished_before:
+            yield from self._image_passes()
         if self.denoiser is not None and self.second is not None:
             yield Pass(self.second, np.minimum(self._second_counts(), 1), shown=False)
             yield Pass(self.second, self._second_counts(), timed=True)
 
     def _image_passes(self) -> Iterator[Pass]:
         """The passes over the image. A state with samples and decisions continues."""
-        state, plan, policy = self.state, self.state.plan, self.policy
-        if self._finished_before:
-            yield Pass.nothing(state, 1.0)
-            return
+        state, plan, policy = self.state, self.state.plan, self.state.policy
         begin = policy.first / plan.most  # as long as the number of the following passes is unknown
         if state.rounds == 0:
             first = np.full(dr.width(state.x), policy.first, np.uint32)
@@ -241,10 +229,11 @@ class Render:
         """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
         in proportion to those that the policy requests.
         """
-        state, second, started = self.state, self.second, time.perf_counter()
+        state, second, target, started = self.state, self.second, self.target, time.perf_counter()
         have = mean(state.counts)
-        speed = have / self.target.passed if state.effort else 0.0  # else the first pass had to compile
+        speed = have / target.passed if state.effort else 0.0  # else the first pass had to compile
         while True:
+            count = np.array(state.accumulators.count)
             if state.wanted is None:
                 if second is not None:
                     work = Pass(second, self._second_counts(), shown=False, timed=True)
@@ -254,11 +243,10 @@ class Render:
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
-                    yield Pass.nothing(state, None)
+                    yield Pass(state, count)  # shows the image
             target = self.target
             if target.over or target.excess(state.noise) <= ENOUGH:
                 return
-            count = np.array(state.accumulators.count)
             if state.wanted is None:
                 state.wanted = next_counts(state, target, speed)
                 if not np.any(state.wanted > count):  # each pixel has all that the plan allows
@@ -335,14 +323,3 @@ class Render:
     def checkpoint(self) -> Checkpoint:
         """The :class:`.Checkpoint` by which another process continues the render."""
         return Checkpoint.of(self.state, self.target.passed, self.finished)
-
-
-def _alone(passes: Iterable[Pass]) -> Iterator[Pass]:
-    """Yields ``passes``, each decided while this thread is :func:`.alone`."""
-    iterator = iter(passes)
-    while True:
-        with alone():
-            work = next(iterator, None)
-        if work is None:
-            return
-        yield work

@@ -45,6 +45,10 @@ class Pixels(Protocol):
     y: mi.Int32
     accumulators: Accumulators
 
+    @property
+    def policy(self) -> Policy | None:
+        """See :class:`WorkItem`."""
+
 
 @dataclass(frozen=True)
 class WorkItem:
@@ -64,43 +68,51 @@ class WorkItem:
     #: Stores the sums.
     put: Callable[[Accumulators], None] = lambda sums: None
 
-    def photon_sets(self) -> list[tuple[int, int, int]]:
-        """The photon sets that it needs, see :meth:`.Estimator.photon_sets`."""
-        sets = self.estimator.photon_sets(self.plan, self.start.count, self.end)
-        return [which for which, _ in sets if which is not None]
-
     def take(self) -> Accumulators:
-        """Takes the samples, in this process."""
-        sensor = self.estimator.sensor
+        """Takes the samples, in this process. All arrays are evaluated, so that one kernel serves every work item."""
+        sensor, sums = self.estimator.sensor, self.start
         with alone(), nullcontext() if has_own_rays(sensor) else uncropped(sensor):
-            return self.estimator.take(self.plan, self.x, self.y, self.start, self.end, self.policy)
+            for which, end in self.photon_sets():
+                if which is not None:
+                    self.estimator.transport.caustics.draw(*which)
+                sums = self.estimator.take(self.plan, self.x, self.y, sums, end, self.policy)
+                dr.eval(sums)
+        return sums
+
+    def photon_sets(self) -> Iterator[tuple[tuple[int, int, int] | None, mi.UInt32]]:
+        """The photon sets that the samples need (seed, number, samples of a pass), and the counts up to which each
+        serves, as each serves as many samples of all pixels as it has maps. Without caustics: None, and ``end``.
+        """
+        caustics, count = self.estimator.transport.caustics, self.start.count
+        if caustics is None:
+            yield None, self.end
+            return
+        maps = caustics.maps(self.plan.n)
+        least, most = dr.min(dr.select(count < self.end, count, self.end)), dr.max(self.end)
+        for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
+            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
+            if dr.any((count < dr.minimum(self.end, after)) & (self.end > first)):
+                until = dr.maximum(count, dr.minimum(self.end, after))
+                yield (self.plan.photon_seed, number, self.plan.n), until
 
 
 #: Work items with their sums; None while no result is ready: the caller may stop then.
 Results = Generator["tuple[WorkItem, Accumulators] | None", None, None]
 
 
-class Executor(Protocol):
-    """Takes the samples of work items. Samples are pure, so that it may do so anywhere and in any order."""
+class Executor:
+    """Takes the samples of work items, here one after the other in this process. Samples are pure, so that a subclass
+    may do so anywhere and in any order. A work item takes about ``seconds``, by the time of those before.
+    """
 
     #: Photon sets that the work items of a step may need; None: as many as a process keeps.
-    sets: int | None
-
-    def limit(self, left: int, seconds: float) -> int:
-        """Samples of the next work item at most, of those that are ``left``; ``seconds``: it should not take longer."""
-
-    def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Yields each of ``items`` with its sums."""
-
-
-class TimeSlicer:
-    """Sizes work items to take ``seconds``, about, by the time of those before."""
+    sets: int | None = 1
 
     #: Maximum growth of the speed from one work item to the next; and the remaining samples are one work item if they
     #: are fewer than this number of work items.
     GROWTH, LAST = 4, 1.25
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float = 1.0) -> None:
         self.seconds = seconds
         #: Samples in a second; at first, those of a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
@@ -121,32 +133,17 @@ class TimeSlicer:
             self.speed = speed
         self.first = False
 
-
-class Local:
-    """Takes the samples in this process, one work item after the other."""
-
-    sets = 1
-
-    def __init__(self, seconds: float = 1.0) -> None:
-        self.slicer = TimeSlicer(seconds)
-
-    def limit(self, left: int, seconds: float) -> int:
-        """Samples of the next work item, by the time of those before."""
-        return self.slicer.limit(left, seconds)
-
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each of ``items`` with its sums."""
         for item in items:
             started = time.perf_counter()
             sums = item.take()
             dr.sync_thread()
-            self.slicer.learn(item.work, time.perf_counter() - started)
+            self.learn(item.work, time.perf_counter() - started)
             yield item, sums
 
 
-def work_items(
-    pixels: Pixels, wanted: np.ndarray, policy: Policy | None, limit: Callable[[int], int]
-) -> Iterator[WorkItem]:
+def work_items(pixels: Pixels, wanted: np.ndarray, limit: Callable[[int], int]) -> Iterator[WorkItem]:
     """The samples that ``pixels`` lack to the counts ``wanted``, as work items of about ``limit(left)`` samples.
 
     Pixels that lack most come first: a render that stops has improved the noisiest. Pixels that lack about as many are
@@ -164,12 +161,12 @@ def work_items(
         end = min(end, begin + pixels.plan.sampling.band)
         work, before = int(ends[end - 1]) - before, int(ends[end - 1])
         with alone():
-            item = _work_item(pixels, order[begin:end], wanted, policy, work)
+            item = _work_item(pixels, order[begin:end], wanted, work)
         begin = end
         yield item
 
 
-def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, policy: Policy | None, work: int) -> WorkItem:
+def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, work: int) -> WorkItem:
     """The work item of the entries ``some``."""
     x, y, start, plan, end = pixels.x, pixels.y, pixels.accumulators, pixels.plan, dr_array(wanted[some])
     index = None
@@ -187,7 +184,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, policy: Pol
             pixels.accumulators.put(sums, index)
             dr.eval(pixels.accumulators)
 
-    return WorkItem(pixels.estimator, plan, x, y, start, end, policy, work, put)
+    return WorkItem(pixels.estimator, plan, x, y, start, end, pixels.policy, work, put)
 
 
 def photon_steps(pixels: Pixels, wanted: np.ndarray, sets: int | None) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ from prosim_scene import Leaf
 
 from .. import compat, registry
 from ..scene.scene_file import SceneFile
-from .camera import Camera, as_view, as_xml, nearest_axis
+from .orbit_camera import Camera, as_view, as_xml, nearest_axis
 
 #: Opens the scene: returns the file, its scene, and the sensor.
 Opener = Callable[[], tuple[SceneFile, Any, Any]]
@@ -34,7 +34,7 @@ class LoadedScene:
             self.files += [Path(str(path)) for path in self.file.state.files]
         else:
             made = self.file.xml.parent.resolve()
-            self.files = [path for path in self.files if made not in path.resolve().parents]
+            self.files = [path for path in map(Path.resolve, self.files) if made not in path.parents]
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
         #: Whether it has no crop window.
@@ -60,10 +60,7 @@ class LoadedScene:
         else:
             return None
         matrix = compat.world_matrix(sensor)
-        lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-        if not np.allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3) * lengths**2, atol=1e-3 * lengths.max() ** 2):
-            return None  # sheared
-        matrix[:3, :3] /= lengths
+        matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
         return Camera(matrix, self._distance(matrix), nearest_axis(matrix[:3, 1]), across)
 
     def _distance(self, matrix: np.ndarray) -> float:

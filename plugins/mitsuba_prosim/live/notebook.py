@@ -7,11 +7,11 @@ import base64
 import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from weakref import WeakSet
+from weakref import WeakKeyDictionary
 
 import mitsuba as mi
 import numpy as np
@@ -20,23 +20,18 @@ from prosim_scene import extras
 
 from ..scene import session
 from ..scene.images import compress, png
-from .image import ProgressiveImage, progressive
-from .picture import HUES, LAYERS, Picture, coloured, palest
+from .picture import LAYERS, finite
+from .progressive_image import ProgressiveImage, progressive
 from .throttle import Throttle
 
 #: Seconds that other tasks of the notebook get after each work item.
-BREATH = 0.005
+PAUSE = 0.005
 
 #: Effort of zlib for an image that is replaced soon.
-PASSING = 1
+FAST = 1
 
-#: Map -> its title next to the scale.
-MAPS = {"error": "Standard error of the luminance", "samples": "Samples of a pixel"}
-
-
-#: Cell of a notebook -> its last run, and the views of this run. Running the cell again removes them from the screen,
-#: so they are stopped then.
-_made: dict[str, tuple[str, WeakSet[View]]] = {}
+#: View -> the cell of the notebook and its run that made it. Running the cell again removes the view from the screen.
+_made: WeakKeyDictionary[View, tuple[str | None, str | None]] = WeakKeyDictionary()
 
 
 def show(
@@ -92,15 +87,10 @@ def stop_earlier(view: View) -> None:
 
     request: dict[str, Any] = getattr(get_ipython(), "get_parent", dict)()
     cell, run = request.get("metadata", {}).get("cellId"), request.get("header", {}).get("msg_id")
-    if cell is None or run is None:
-        return
-    last, views = _made.get(cell, (None, WeakSet[View]()))
-    if last != run:
-        for earlier in views:
+    for earlier, (its_cell, its_run) in _made.items():
+        if cell is not None and its_cell == cell and its_run != run:
             earlier.stop()
-        views = WeakSet()
-        _made[cell] = run, views
-    views.add(view)
+    _made[view] = cell, run
 
 
 class View:
@@ -116,138 +106,111 @@ class View:
         #: The task that renders in the background, in a notebook.
         self.task: asyncio.Task[None] | None = None
         self._image, self._factor = image, np.float32(2**exposure)
-        self._picture: Picture | None = None
-        self._stopped, self._throttle = False, Throttle()
-        self._final_text: str | None = None
-        self._error: str | None = None
-        self._begun = time.perf_counter()
+        self._layers: Mapping[str, np.ndarray] = {}
+        self._stopped, self._throttle, self._started = False, Throttle(), time.perf_counter()
         self._steps = self._render()
         self._shown = widgets.Image(format="png", layout=widgets.Layout(max_width="100%"))
         self._layer = widgets.ToggleButtons(options=[(name.capitalize(), name) for name in LAYERS], value="final")
         self._layer.observe(lambda _: self._draw(), names="value")
-        self._part = widgets.FloatProgress(min=0, max=1, layout=widgets.Layout(width="12em"))
+        self._progress = widgets.FloatProgress(min=0, max=1, layout=widgets.Layout(width="12em"))
         self._label = widgets.Label("compiling kernels")
         stop = widgets.Button(description="Stop", icon="stop")
         stop.on_click(lambda _: self.stop())
         # Above the picture, however high it is; a line that is too long for the cell becomes two.
-        controls = widgets.HBox([stop, self._part, self._label, self._layer], layout={"flex_flow": "row wrap"})
-        self._scale = widgets.HTML()
-        self._box = widgets.VBox([controls, self._scale, self._shown], layout={"align_items": "flex-start"})
+        controls = widgets.HBox([stop, self._progress, self._label, self._layer], layout={"flex_flow": "row wrap"})
+        self._box = widgets.VBox([controls, self._shown], layout={"align_items": "flex-start"})
         self._place = display(self._box, display_id=True)
 
     def __repr__(self) -> str:
-        return f"<{self._final_text or self._label.value}>"
+        return f"<{self._label.value}>"
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
-        """The image that was drawn last: ``final`` (height, width, 3), linear, and the maps ``error``, the standard
-        error of its luminance, and ``samples`` (height, width). Empty before the first pass is complete.
+        """The latest image: ``final`` (height, width, 3), linear, and the maps ``error``, the standard error of its
+        luminance, and ``samples`` (height, width). During the first pass it lacks the maps, and pixels without a sample
+        are black. Empty before that.
         """
-        return dict(self._picture.layers) if self._picture is not None else {}
+        return dict(self._layers)
 
     @property
     def image(self) -> np.ndarray:
-        """The linear image, shape (height, width, 3). Raises ValueError before the first pass is complete."""
-        if self._picture is None:
+        """The latest linear image, shape (height, width, 3). Raises ValueError before there is one."""
+        if not self._layers:
             raise ValueError("show: there is no image yet; wait for it with view.wait()")
-        return self._picture.layers["final"]
+        return self._layers["final"]
 
     def stop(self) -> None:
-        """Ends the render and keeps the image, if the first pass is complete."""
+        """Ends the render and keeps the image so far."""
         self._stopped = True
 
     def wait(self) -> View:
         """Renders to the end. Ctrl-C, or interrupting the kernel, stops the image."""
-        with self._ended():
-            for _ in self._steps:
-                pass
+        for _ in self._steps:
+            pass
         return self
 
     def __await__(self) -> Generator[Any, None, View]:
         """Waits for the end, while the notebook runs other tasks. Interrupting the kernel stops the image."""
         if self.task is not None:
             yield from self.task.__await__()
-            self._finish()  # again, from the cell that waits: some programs that run notebooks receive no other output
+            self._replace()  # again, from the cell that waits: some programs that run notebooks receive no other output
         return self
 
     async def converge(self) -> None:
         """Renders work item by work item; cancelling the task stops the image."""
-        with self._ended():
-            try:
-                for _ in self._steps:
-                    await asyncio.sleep(BREATH)
-            except (KeyboardInterrupt, asyncio.CancelledError):
-                self.stop()
-
-    @contextmanager
-    def _ended(self) -> Iterator[None]:
-        """Shows the final image at the end, or the error."""
         try:
-            yield
-        except Exception as error:
-            self._error = session.message(error)
-            raise
-        finally:
-            self._finish()
+            for _ in self._steps:
+                await asyncio.sleep(PAUSE)
+        except (KeyboardInterrupt, asyncio.CancelledError):
+            self.stop()
+            self.wait()
 
     def _render(self) -> Iterator[None]:
-        while not self._image.done and not self._stopped:
-            with interrupting(self.stop):
-                complete = self._image.step()
-                self._part.value = self._image.part
-                if self._stopped or (self._image.new and (complete or self._throttle)):
-                    self._look()
-            yield
-
-    def _look(self) -> None:
-        """Draws the image so far; during the first pass a preview, black where there are no samples."""
-        with self._throttle.drawing():
-            layers = self._image.layers() or {}
-            if set(LAYERS) <= set(layers):
-                self._picture = Picture(0, layers)
-                self._draw()
-            elif layers:
-                self._shown.value = self._png(layers["final"], PASSING)
-                self._label.value = f"the first pass, {time.perf_counter() - self._begun:.1f} s"
-
-    def _png(self, values: np.ndarray, effort: int = -1) -> bytes:
-        if values.ndim == 2:
-            # The tone curve of png.
-            return png(coloured(values).astype(np.float32) ** np.float32(2.2), effort=effort)
-        return png(compress(values * self._factor), effort=effort)
+        """Renders a work item in each iteration; at the end it replaces the widgets."""
+        try:
+            while not self._image.done and not self._stopped:
+                with interrupting(self.stop):
+                    complete = self._image.step()
+                    self._progress.value = self._image.progress
+                    if self._stopped or (self._image.new and (complete or self._throttle.due)):
+                        with self._throttle.drawing():
+                            self._layers = self._image.layers() or {}
+                            self._draw()
+                yield
+            self._label.value = ("stopped: " if self._stopped else "") + self._status()
+        except Exception as error:
+            self._layers, self._label.value = {}, f"not rendered: {session.message(error)}"
+            raise
+        finally:
+            self._box.close()
+            self._replace()
 
     def _draw(self) -> None:
-        if self._picture is None:
+        """Shows the chosen layer; a map in grey, by the square root of its value."""
+        values = self._layers.get(self._layer.value)
+        if values is None:
             return
-        layer = self._layer.value
-        values = self._picture.layers[layer]
-        self._shown.value = self._png(values, PASSING)
-        self._scale.value = scale(MAPS[layer], values) if layer in MAPS else ""
-        self._label.value = self._text()
+        self._label.value = self._status()
+        if values.ndim == 2:
+            white = finite(np.percentile(values, 99)) or 1.0
+            self._label.value += f"; white: {white:.2g} or more"
+            self._shown.value = png(np.repeat(values[..., None] / np.float32(white), 3, axis=2), effort=FAST)
+        else:
+            self._shown.value = png(compress(values * self._factor), effort=FAST)
 
-    def _text(self) -> str:
-        assert self._picture is not None
-        mean = float(self._picture.layers["samples"].mean())
-        return f"{mean:.1f} samples a pixel, {time.perf_counter() - self._begun:.1f} s"
+    def _status(self) -> str:
+        samples = self._layers.get("samples")
+        count = "the first pass" if samples is None else f"{samples.mean():.1f} samples a pixel"
+        return f"{count}, {time.perf_counter() - self._started:.1f} s"
 
-    def _end_text(self) -> str:
-        if self._error is not None:
-            return f"not rendered: {self._error}"
-        if self._picture is None:
-            return "stopped before the first pass"
-        return ("stopped: " if self._stopped else "") + self._text()
-
-    def _finish(self) -> None:
+    def _replace(self) -> None:
         """Replaces the widgets, which need the kernel, by a still image."""
-        if self._final_text is None:
-            self._final_text = self._end_text()
-            self._box.close()
         if self._place is None:  # there is no IPython that runs
             return
-        still = {"text/plain": self._final_text}
-        if self._picture is not None and self._error is None:
-            still["image/png"] = base64.b64encode(self._png(self._picture.layers["final"])).decode()
-        self._place.update(still, metadata={"image/png": {"alt": self._final_text}}, raw=True)
+        still = {"text/plain": self._label.value}
+        if self._layers:
+            still["image/png"] = base64.b64encode(png(compress(self.image * self._factor))).decode()
+        self._place.update(still, metadata={"image/png": {"alt": self._label.value}}, raw=True)
 
 
 @contextmanager
@@ -263,13 +226,3 @@ def interrupting(stop: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def scale(what: str, values: np.ndarray) -> str:
-    """The scale of a map as HTML. The middle is a quarter of the end, as colours follow the square root."""
-    hues = ", ".join("rgb({:.0f} {:.0f} {:.0f})".format(*255 * hue) for hue in HUES)
-    white = palest(values)
-    return (
-        f'{what}: 0 <span style="display: inline-block; width: 6em; height: 0.8em; background: '
-        f'linear-gradient(to right, {hues})"></span> {white:.2g} or more; in the middle {white / 4:.2g}'
-    )

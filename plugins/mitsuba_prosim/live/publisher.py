@@ -1,18 +1,16 @@
-"""The state of the live view, which one thread publishes and every page reads."""
+"""The state and the pictures of the live view. One thread publishes them, and every page reads them."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field, replace
-from time import perf_counter as clock
 from typing import Any
 
 from .picture import Picture
 
-#: Seconds between two looks at the state, and of silence after which a page gets an empty event: so each side notices
-#: that the other one has gone.
-LOOK, SILENCE = 0.02, 15.0
+#: Seconds between two checks for a new state.
+INTERVAL = 0.02
 
 
 @dataclass(frozen=True)
@@ -21,59 +19,52 @@ class State:
 
     #: The name of the scene's file.
     scene: str
-    #: ``opening``, ``rendering``, ``stopped``, ``done``, ``missing`` where there is no file, or ``failed`` with an
-    #: ``error``.
-    doing: str = "opening"
-    #: Number of saves before the file was opened last.
+    #: ``opening``, ``rendering``, ``paused``, ``done``, ``missing`` if the file does not exist, or ``failed``.
+    status: str = "opening"
+    #: Number of saves before the file was last opened.
     saves: int = 0
+    #: Why it failed.
     error: str | None = None
     warnings: tuple[str, ...] = ()
     #: Why the picture is black, if it is.
     black: str | None = None
     #: Final width and height of the picture.
     size: tuple[int, int] = (0, 0)
-    #: Numbers of the newest pictures, by the name of the image.
+    #: Numbers of the newest pictures, by the name of the image; the layers of that of the scene's integrator.
     pictures: Mapping[str, int] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
-    #: Progress of all images, 0 to 1; mean number of samples of a pixel, and noise, of the scene's own; seconds.
-    part: float = 0.0
+    #: Progress of all images, 0 to 1; samples per pixel and noise of that of the scene's integrator; seconds.
+    progress: float = 0.0
     samples: float | None = None
     noise: float | None = None
     seconds: float = 0.0
-    #: Name of the scene's integrator, and why it can't be compared with ``path``, if so.
+    #: Name of the scene's integrator; whether the image by ``path`` is beside it, and why it cannot be.
     integrator: str = ""
     compared: bool = False
-    alone: str | None = None
+    not_compared: str | None = None
     #: The text of the moved view; None for the scene's own.
     view: str | None = None
     movable: bool = False
 
 
 class Publisher:
-    """The newest state and pictures. One thread publishes them, any other reads them."""
+    """The latest state and pictures. One thread publishes them; any thread may read them."""
 
     def __init__(self, state: State) -> None:
-        self.state, self.pictures = state, dict[str, Picture]()
-        #: How many pages read it.
-        self.readers, self.closed = 0, False
+        self.state, self.pictures, self.closed = state, dict[str, Picture](), False
 
     def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
-        """Changes the state, and the pictures."""
-        if pictures is not None:
+        """Changes the state, and the pictures: ``own`` by the scene's integrator, and maybe ``path``."""
+        if pictures:
             self.pictures = dict(pictures)
             changes["pictures"] = {name: picture.number for name, picture in pictures.items()}
+            changes["layers"] = tuple(pictures["own"].layers)
         self.state = replace(self.state, **changes)
 
-    async def follow(self) -> AsyncIterator[State | None]:
-        """The state, and each newer one; of several at once the last. None after a silence."""
-        published, since = None, 0.0
-        self.readers += 1
-        try:
-            while not self.closed:
-                state = self.state
-                if state is not published or clock() - since > SILENCE:
-                    yield None if state is published else state
-                    published, since = state, clock()
-                await asyncio.sleep(LOOK)
-        finally:
-            self.readers -= 1
+    async def follow(self) -> AsyncIterator[State]:
+        """Yields the state, and the latest one after changes."""
+        last = None
+        while not self.closed:
+            if self.state is not last:
+                yield (last := self.state)
+            await asyncio.sleep(INTERVAL)

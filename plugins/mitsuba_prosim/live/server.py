@@ -1,4 +1,4 @@
-"""The page's server, which only this machine and only who knows the address can reach."""
+"""The server of the page; only this machine, and only who knows the secret address, can reach it."""
 
 from __future__ import annotations
 
@@ -8,41 +8,52 @@ import re
 import secrets
 import socket
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, MutableMapping
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from math import isfinite
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from .camera import Camera
+from .orbit_camera import Camera
 from .picture import Factors, Picture
 from .viewer import Viewer
 
-#: Seconds that a page waits for the thread that renders.
+#: Maximum number of seconds to wait for the thread that renders.
 PATIENCE = 60.0
 
-#: Exposure, factors of layers -> contents of the image's files by suffix; the thread that renders calls it.
+#: Makes the contents of the image's files, by suffix, from the exposure and the factors of layers. It runs in the
+#: thread that renders.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
 
-#: Gestures -> the camera after them; their arguments are two numbers.
+#: The changes of the view request, by name.
+ACTIONS: dict[str, dict[str, Any]] = {
+    "pause": {"paused": True},
+    "resume": {"paused": False},
+    "compare": {"compared": True},
+    "alone": {"compared": False},
+    "home": {"camera": None, "paused": False},
+}
+
+#: The motions of the camera, by name; their arguments are two numbers.
 GESTURES: dict[str, Callable[[Camera, float, float], Camera]] = {
     "orbit": lambda camera, x, y: camera.orbited(x, y),
     "pan": lambda camera, x, y: camera.panned(x, y),
     "dolly": lambda camera, x, _: camera.dollied(x),
 }
 
-#: Names of this machine in a browser here or at the other end of a tunnel. Other names are refused, as another site may
-#: have made its own name lead here.
+#: Names of this machine in a browser here or at the other end of a tunnel. Other names are refused, because another
+#: site can make its own name resolve to this machine.
 HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?")
 
 HEADERS = {
@@ -54,26 +65,13 @@ HEADERS = {
 }
 
 
-def bound(port: int) -> socket.socket:
-    """A socket at 127.0.0.1; port 0: any free one. Raises OSError."""
-    result = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    try:
-        result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        result.bind(("127.0.0.1", port))
-        result.listen()  # who opens the address at once waits until the server is there
-    except OSError:
-        result.close()
-        raise
-    return result
-
-
 @contextmanager
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
     """Serves the page in a thread; yields its address."""
     token = secrets.token_urlsafe(24)
-    routes = Pages(viewer, encode).routes()
+    routes = [Mount(f"/{token}", routes=Pages(viewer, encode).routes())]
     config = uvicorn.Config(
-        Guard(Starlette(routes=[Mount(f"/{token}", routes=routes)]), token),
+        Starlette(routes=routes, middleware=[Middleware(BaseHTTPMiddleware, dispatch=guard(token))]),
         log_config=None,
         log_level="critical",
         access_log=False,
@@ -94,125 +92,89 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
         sock.close()
 
 
-class Guard:
-    """Refuses requests without the token, by another host name, or from another site's page."""
+def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
+    """A middleware that refuses requests without the token, with another host name, or from another site's page."""
 
-    def __init__(self, app: Any, token: str) -> None:
-        self.app, self.token = app, token
-
-    async def __call__(
-        self,
-        scope: MutableMapping[str, Any],
-        receive: Callable[[], Awaitable[Any]],
-        send: Callable[[Any], Awaitable[None]],
-    ) -> None:
-        """An ASGI application."""
-        if scope["type"] != "http":
-            return
-
-        async def sealed(message: MutableMapping[str, Any]) -> None:
-            if message["type"] == "http.response.start":
-                more = ((name.lower().encode(), value.encode()) for name, value in HEADERS.items())
-                message["headers"] = [*message["headers"], *more]
-            await send(message)
-
-        request = Request(scope)
+    async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
-        given = scope["path"].lstrip("/").partition("/")[0]
-        if (
-            not HOSTS.fullmatch(host)
-            or (origin is not None and origin != f"http://{host}")
-            or not secrets.compare_digest(given.encode(), self.token.encode())
-        ):
-            refusal = PlainTextResponse("Refused: open the address that prosim watch printed.\n", 403)
-            await refusal(scope, receive, sealed)
-            return
-        await self.app(scope, receive, sealed)
+        first = request.scope["path"].lstrip("/").partition("/")[0]
+        known = secrets.compare_digest(first.encode(), token.encode())
+        if known and HOSTS.fullmatch(host) and origin in (None, f"http://{host}"):
+            response = await call_next(request)
+        else:
+            response = PlainTextResponse("Refused: open the address that prosim watch printed.\n", 403)
+        response.headers.update(HEADERS)
+        return response
+
+    return dispatch
 
 
 class Pages:
-    """The answers to the page; ``encode`` makes the files to save."""
+    """The responses to the page; ``encode`` makes the files to save."""
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
         self._requests, self._publisher, self._encode = viewer.requests, viewer.publisher, encode
-        self._actions: dict[str, Callable[[], None]] = {
-            "stop": lambda: self._requests.change(stopped=True),
-            "go": lambda: self._requests.change(stopped=False),
-            "compare": lambda: self._requests.change(compared=True),
-            "alone": lambda: self._requests.change(compared=False),
-            "home": lambda: self._requests.change(camera=None, stopped=False),
-        }
 
     def routes(self) -> list[BaseRoute]:
-        """The addresses."""
+        """The routes of the page's files and requests."""
         return [
             Route("/events", self.events),
-            Route("/layer/{take}/{layer}", self.layer),
+            Route("/layer/{image}/{layer}", self.layer),
             Route("/pixel/{x:int}/{y:int}", self.pixel),
             Route("/save/{suffix}", self.save),
-            Route("/do/{doing}", self.act, methods=["POST"]),
+            Route("/do/{action}", self.act, methods=["POST"]),
             Route("/move/{gesture}", self.move, methods=["POST"]),
             Mount("/", StaticFiles(packages=[(__package__, "page")], html=True)),
         ]
 
     async def events(self, _: Request) -> Response:
-        """The state, and each newer one, as events."""
+        """Streams the state and its changes."""
 
         async def stream() -> AsyncIterator[str]:
             async for state in self._publisher.follow():
-                yield f"data: {json.dumps(asdict(state))}\n\n" if state else "event: here\ndata:\n\n"
+                yield f"data: {json.dumps(asdict(state))}\n\n"
 
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
-        """A layer of a picture, mixed; see :meth:`.Picture.packed`."""
-        picture, name = self._publisher.pictures.get(request.path_params["take"]), request.path_params["layer"]
+        """A layer of a picture, after the factors are applied; see :meth:`.Picture.packed`."""
+        picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
-        picture = await asyncio.to_thread(mixed, picture, factors(request))
-        content, facts = await asyncio.to_thread(picture.packed, name)
+        mix = factors(request, picture)
+        content, facts = await asyncio.to_thread(lambda: picture.mixed(mix).packed(name))
         return Response(content, media_type="application/octet-stream", headers=facts)
 
     async def pixel(self, request: Request) -> Response:
-        """The values of a pixel, and its surface."""
+        """The values and the surface of a pixel."""
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
         if not (x < width and y < height):
-            return JSONResponse({})  # the page shows a larger image still
-        found: dict[str, Any] = {
-            name: picture.at(x, y, (width, height)) for name, picture in self._publisher.pictures.items()
-        }
+            return JSONResponse({})  # the page still shows a larger image
+        values = {name: picture.at(x, y, (width, height)) for name, picture in self._publisher.pictures.items()}
         surface = self._requests.call(lambda scene: scene.surface_at(x, y) if scene is not None else "")
-        found["surface"] = await asyncio.wait_for(asyncio.wrap_future(surface), PATIENCE)
-        return JSONResponse(found)
+        return JSONResponse({**values, "surface": await asyncio.wait_for(asyncio.wrap_future(surface), PATIENCE)})
 
     async def save(self, request: Request) -> Response:
-        """A file of the image, mixed, with an exposure."""
-        suffix = f".{request.path_params['suffix']}"
-        exposure, mix = number(request, "exposure", 64.0), factors(request)
-        if not self._publisher.pictures or suffix not in (".exr", ".png"):
+        """A file of the image, after factors and exposure are applied."""
+        picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
+        if picture is None or suffix not in (".exr", ".png"):
             raise HTTPException(404)
-        await asyncio.to_thread(mixed, self._publisher.pictures["own"], mix)
-        making = self._requests.call(lambda _: self._encode(exposure, mix))
-        made = await asyncio.wait_for(asyncio.wrap_future(making), PATIENCE)
-        name = (self._publisher.state.scene.rpartition(".")[0] or "picture") + suffix
-        plain, whole = re.sub(r"[^\w.-]", "_", name, flags=re.ASCII), quote(name, safe="", errors="replace")
-        return Response(
-            made[suffix],
-            media_type="application/octet-stream",
-            headers={"Content-Disposition": f"attachment; filename={plain}; filename*=UTF-8''{whole}"},
-        )
+        exposure, mix = number(request, "exposure", 64.0), factors(request, picture)
+        files = self._requests.call(lambda _: self._encode(exposure, mix))
+        content = (await asyncio.wait_for(asyncio.wrap_future(files), PATIENCE))[suffix]
+        return Response(content, media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:
-        """Pauses, continues, compares, or returns to the scene's view."""
-        doing = request.path_params["doing"]
-        if doing not in self._actions:
+        """Changes the view request; see :data:`ACTIONS`."""
+        changes = ACTIONS.get(request.path_params["action"])
+        if changes is None:
             raise HTTPException(404)
-        self._actions[doing]()
+        self._requests.change(**changes)
         return Response(status_code=204)
 
     async def move(self, request: Request) -> Response:
-        """Moves the camera."""
+        """Moves the camera; see :data:`GESTURES`."""
         gesture = GESTURES.get(request.path_params["gesture"])
         if gesture is None:
             raise HTTPException(404)
@@ -223,9 +185,9 @@ class Pages:
         return Response(status_code=204)
 
 
-def factors(request: Request) -> Factors:
-    """The parameters ``mix`` of a request, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``. Raises
-    HTTPException.
+def factors(request: Request, picture: Picture) -> Factors:
+    """The query parameters ``mix`` of a request: ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``. Raises
+    HTTPException for wrong ones, and for layers that the picture lacks.
     """
     found: dict[str, np.ndarray] = {}
     for text in request.query_params.getlist("mix"):
@@ -234,26 +196,19 @@ def factors(request: Request) -> Factors:
             factor = np.array(values.split(","), dtype=np.float32)
         except ValueError:
             raise HTTPException(400) from None
-        if name in found or len(factor) not in (1, 3) or not (np.isfinite(factor) & (factor >= 0)).all():
+        valid = len(factor) in (1, 3) and (np.isfinite(factor) & (factor >= 0)).all()
+        if not valid or name in found or "." not in name or name not in picture.layers:
             raise HTTPException(400)
         found[name] = factor
     return list(found.items())
 
 
-def mixed(picture: Picture, factors: Factors) -> Picture:
-    """The picture mixed. Raises HTTPException where it has no such layers."""
-    try:
-        return picture.mixed(factors)
-    except KeyError:
-        raise HTTPException(400) from None
-
-
-def number(request: Request, name: str, most: float) -> float:
-    """A parameter of a request, at most ``most`` from 0, which is the default. Raises HTTPException."""
+def number(request: Request, name: str, limit: float) -> float:
+    """A query parameter, clamped to [-limit, limit], or 0 if it is absent. Raises HTTPException."""
     try:
         value = float(request.query_params.get(name, "0"))
     except ValueError:
         raise HTTPException(400) from None
     if not isfinite(value):
         raise HTTPException(400)
-    return min(max(value, -most), most)
+    return min(max(value, -limit), limit)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter as clock
 
-#: Seconds between two pictures, at least, and the share of the time that they may take.
-EVERY, SHARE = 0.1, 0.03
+#: Minimum number of seconds between two pictures, and the maximum share of the time that they take.
+INTERVAL, SHARE = 0.1, 0.03
 
 
 class Throttle:
@@ -16,7 +16,9 @@ class Throttle:
     def __init__(self) -> None:
         self._next = 0.0
 
-    def __bool__(self) -> bool:
+    @property
+    def due(self) -> bool:
+        """Whether it is time for the next picture."""
         return clock() >= self._next
 
     @contextmanager
@@ -25,4 +27,4 @@ class Throttle:
         started = clock()
         yield
         now = clock()
-        self._next = now + max(EVERY, (now - started) / SHARE)
+        self._next = now + max(INTERVAL, (now - started) / SHARE)

@@ -5,31 +5,29 @@ from __future__ import annotations
 import gc
 import time
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 import prosim_scene
 
 from ..denoising import layers
 from ..scene import black, session
 from ..scene.errors import pointed, with_nearest
-from .camera import Camera
-from .files import Files
-from .image import DenoisedImage, ProgressiveImage, by_path, name, not_compared, progressive
 from .loaded_scene import LoadedScene, Opener
 from .picture import Factors, Picture
+from .progressive_image import DenoisedImage, ProgressiveImage, by_path, name, not_compared, progressive
 from .publisher import Publisher, State
-from .requests import Request, Requests
+from .scene_watcher import SceneWatcher
 from .throttle import Throttle
+from .view_requests import ViewRequest, ViewRequests
 
 #: How to make a black picture brighter on the page.
 ON_THE_PAGE = "Exposure {} makes it bright here"
-
-#: Seconds between two reports of progress.
-REPORT = 0.1
 
 
 class Viewer:
@@ -39,24 +37,22 @@ class Viewer:
     """
 
     def __init__(self, path: Path, opener: Opener, spp: int = 0, seed: int = 0, denoise: bool = False) -> None:
-        self.requests, self.publisher, self.files = Requests(), Publisher(State(path.name)), Files(path)
+        self.requests, self.publisher, self.watcher = ViewRequests(), Publisher(State(path.name)), SceneWatcher(path)
         self._path, self._opener = path, opener
         self._spp, self._seed, self._kind = spp, seed, DenoisedImage if denoise else ProgressiveImage
         self._scene: LoadedScene | None = None
-        self._home: Camera | None = None  # the view of the scene that was opened last
         #: The request that is shown or being rendered.
-        self._shown = Request(saves=-1)
-        #: By name: ``own``, that of the scene's integrator, and maybe ``path``; and their pictures so far.
+        self._shown = ViewRequest(saves=-1)
+        #: By name: ``own``, that of the scene's integrator, and maybe ``path``.
         self._images: dict[str, ProgressiveImage] = {}
-        self._pictures: dict[str, Picture] = {}
         self._integrator: Any = None
         self._reached: Any = None
         self._throttle = Throttle()
-        self._number, self._seconds, self._reported = 0, 0.0, 0.0
+        self._pictures, self._seconds = 0, 0.0
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
         """The state, the image of the scene's integrator as it is shown, mixed with ``factors``, that integrator, and
-        its samples, noise and time; for :meth:`.Requests.call`.
+        its samples, noise and time; for :meth:`.ViewRequests.call`.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         planes = {name: picture.layers["final"][..., k] for k, name in enumerate("RGB")}
@@ -66,7 +62,7 @@ class Viewer:
         return self.publisher.state, layers.of_channels(planes), self._integrator, self._reached
 
     def run(self) -> None:
-        """Renders until :meth:`.Requests.close`."""
+        """Renders until :meth:`.ViewRequests.close`."""
         gc.collect()
         gc.freeze()  # collections after each change of the scene then visit only younger objects
         try:
@@ -84,15 +80,15 @@ class Viewer:
             gc.unfreeze()
             self.publisher.closed = True
 
-    def _idle(self, request: Request) -> bool:
+    def _idle(self, request: ViewRequest) -> bool:
         if request != self._shown:
             return self._scene is None and request.saves == self._shown.saves
-        return request.stopped or self._done()
+        return request.paused or self._done()
 
     def _done(self) -> bool:
         return all(image.done for image in self._images.values())
 
-    def _serve(self, request: Request) -> None:
+    def _serve(self, request: ViewRequest) -> None:
         """Takes the next step towards a request."""
         if request.saves != self._shown.saves:
             self._open(request)
@@ -106,20 +102,20 @@ class Viewer:
 
     # ---------------------------------------------------------------- a new scene or view
 
-    def _open(self, request: Request) -> None:
+    def _open(self, request: ViewRequest) -> None:
         """Opens the scene again."""
-        # Kernels contain the materials of all loaded scenes, so the last scene has to go.
-        self._scene, self._images, self.requests.home = None, {}, None
+        # Kernels contain the materials of all loaded scenes, so the last scene must be deleted first.
+        self._scene, self._images = None, {}
         self._shown, self._seconds = replace(self._shown, saves=request.saves), 0.0
-        self.publisher.publish(doing="opening", saves=request.saves)
+        self.publisher.publish(status="opening", saves=request.saves)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
             scene = LoadedScene(self._opener)
         gc.collect()
         messages = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
-        self.files.opened(scene.files)
-        self._scene, home, self._home, self.requests.home = scene, self._home, scene.home, scene.home
-        if home is None or scene.home is None or (home.to_world != scene.home.to_world).any():
+        self.watcher.opened(scene.files)
+        before, self.requests.home, self._scene = self.requests.home, scene.home, scene
+        if before is None or scene.home is None or (before.to_world != scene.home.to_world).any():
             self.requests.change(camera=None)  # the text has another view
             request = replace(request, camera=None)
         elif request.camera is not None:
@@ -127,107 +123,99 @@ class Viewer:
         self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None)
         self._begin(request, scene)
 
-    def _begin(self, request: Request, scene: LoadedScene) -> None:
+    def _begin(self, request: ViewRequest, scene: LoadedScene) -> None:
         """Begins the image of the scene."""
-        self._images, self._pictures, self._seconds = {}, {}, 0.0
+        self._seconds = 0.0
         self._integrator, spp = progressive(scene.scene.integrator(), scene.sensor, self._spp)
         image = self._kind(self._integrator, scene.scene, scene.sensor, spp, self._seed)
-        alone = not_compared(self._integrator)
+        self._images = {"own": image}
+        reason = not_compared(self._integrator)
         self.publisher.publish(
-            doing="rendering",
+            status="rendering",
             error=None,
             black=None,
             view=scene.view(),
             integrator=name(self._integrator),
-            alone=alone,
-            compared=request.compared and alone is None,
-            part=0.0,
+            not_compared=reason,
+            compared=request.compared and reason is None,
+            progress=0.0,
             samples=None,
             noise=None,
         )
         if scene.whole:
-            with scene.coarse():
-                self._show_coarse(image)
-        self._images = {"own": image}
-        self._shown = replace(request, compared=False, stopped=False)
+            with scene.coarse(), self._throttle.drawing():
+                self._show(image, image.coarse())
+        self._shown = replace(request, compared=False, paused=False)
 
-    def _pause_or_compare(self, request: Request) -> None:
+    def _pause_or_compare(self, request: ViewRequest) -> None:
         if self._images and request.compared != self._shown.compared:
             own = self._images["own"]
             self._images = {"own": own}
-            self._pictures = {name: picture for name, picture in self._pictures.items() if name == "own"}
             if request.compared and not_compared(own.integrator) is None:
                 self._images = {"path": by_path(own), "own": own}
-            self.publisher.publish(self._pictures or None, compared="path" in self._images, part=self._part)
+            self._publish(compared="path" in self._images, progress=self._progress)
         if self._images and self._done():
-            self.publisher.publish(doing="done", part=1.0)
+            self.publisher.publish(status="done", progress=1.0)
         elif self._images:
-            if request.stopped:
-                for which in self._images:
-                    self._show(which)
-            self.publisher.publish(doing="stopped" if request.stopped else "rendering")
+            if request.paused:
+                for image in self._images.values():
+                    self._draw(image)
+            self.publisher.publish(status="paused" if request.paused else "rendering")
         self._shown = request
 
     # ---------------------------------------------------------------- work item after work item
 
     def _step(self) -> None:
         """Renders a work item of the image that has waited longest."""
-        if self._shown.stopped or self._done() or self._scene is None:
+        if self._shown.paused or self._done() or self._scene is None:
             return
         started = time.perf_counter()
-        which = next(name for name, image in self._images.items() if not image.done)
-        image = self._images[which]
+        which, image = next((name, image) for name, image in self._images.items() if not image.done)
         complete = image.step()
         self._images[which] = self._images.pop(which)  # the last from now on
-        if image.new and (complete or (self._throttle and self.publisher.readers)):
-            self._show(which)
-        if complete and which == "own":
-            final = self._pictures["own"].layers["final"]
-            why = black.why(self._scene.scene, self._scene.sensor, final, ON_THE_PAGE)
+        if image.new and (complete or self._throttle.due):
+            self._draw(image)
+        if complete and which == "own" and image.picture is not None:
+            why = black.why(self._scene.scene, self._scene.sensor, image.picture.layers["final"], ON_THE_PAGE)
             self.publisher.publish(black=why)
         self._seconds += time.perf_counter() - started
-        if self._done():
-            self.publisher.publish(doing="done", part=1.0, seconds=self._seconds)
-        elif started - self._reported > REPORT:
-            self._reported = started
-            self.publisher.publish(part=self._part, seconds=self._seconds)
+        status = "done" if self._done() else "rendering"
+        self.publisher.publish(status=status, progress=self._progress, seconds=self._seconds)
 
     @property
-    def _part(self) -> float:
-        return sum(image.part for image in self._images.values()) / len(self._images)
+    def _progress(self) -> float:
+        return sum(image.progress for image in self._images.values()) / len(self._images)
 
-    def _show(self, which: str) -> None:
-        """Publishes an image as it is now."""
+    def _draw(self, image: ProgressiveImage) -> None:
+        """Publishes the image so far."""
         with self._throttle.drawing():
-            image = self._images[which]
-            if image.render is None or (found := image.layers()) is None:
+            latest = image.layers()
+            if latest is None:
                 return
-            self._pictures[which] = self._picture(found)
-            measured: dict[str, Any] = {}
-            if which == "own":
-                self._reached = reached = image.reached()
-                measured = {"samples": reached.samples, "noise": None if isnan(reached.noise) else reached.noise}
-            if "own" in self._pictures:
-                shown = tuple(self._pictures["own"].layers)
-                self.publisher.publish(self._pictures, layers=shown, seconds=self._seconds, **measured)
+            changes: dict[str, Any] = {}
+            if image is self._images["own"]:
+                self._reached = reached = image.render.reached
+                changes = {"samples": reached.samples, "noise": None if isnan(reached.noise) else reached.noise}
+            self._show(image, latest, **changes)
 
-    def _show_coarse(self, image: ProgressiveImage) -> None:
-        """Publishes the coarse image, before the first pass."""
-        with self._throttle.drawing():
-            self._pictures = {"own": self._picture(coarse := image.coarse())}
-            self.publisher.publish(self._pictures, layers=tuple(coarse), seconds=self._seconds)
+    def _show(self, image: ProgressiveImage, layers: Mapping[str, np.ndarray], **changes: Any) -> None:
+        """Publishes ``layers`` as a new picture of ``image``, and changes of the state."""
+        self._pictures += 1
+        image.picture = Picture(self._pictures, layers)
+        self._publish(**changes)
 
-    def _picture(self, found: Any) -> Picture:
-        self._number += 1
-        return Picture(self._number, found)
+    def _publish(self, **changes: Any) -> None:
+        """Publishes the pictures, and changes of the state."""
+        pictures = {name: image.picture for name, image in self._images.items() if image.picture is not None}
+        self.publisher.publish(pictures if "own" in pictures else None, seconds=self._seconds, **changes)
 
-    def _fail(self, request: Request, error: BaseException) -> None:
+    def _fail(self, request: ViewRequest, error: BaseException) -> None:
         self._images, self._shown = {}, request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_nearest(session.message(error)) if expected else f"{type(error).__name__}: {error}"
         missing = not self._path.exists()
         if self._scene is None:
-            self.files.failed(words)
+            self.watcher.failed()
         self.publisher.publish(
-            doing="missing" if missing else "failed", error=None if missing else pointed(words, self._path)
+            status="missing" if missing else "failed", error=None if missing else pointed(words, self._path)
         )

@@ -14,11 +14,12 @@ import dask
 import distributed
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .. import atomic
 from ..alone import alone
 from ..engine import origin
-from ..engine.work import Results, TimeSlicer, WorkItem
+from ..engine.work import Executor, Results, WorkItem
 from ..photons.caustics import Which
 from ..scene import rendering, scene_file
 from . import worker
@@ -27,11 +28,8 @@ from .bundle import SceneBundle
 #: Seconds between two looks at the workers, and without workers until a warning.
 LOOK, PATIENCE = 0.5, 10.0
 
-#: Tasks for each worker: one runs and one waits.
-WINDOW = 2
-
-#: Number of times that Dask repeats a task that fails.
-RETRIES = 2
+#: Tasks for each worker: one runs and one waits. Number of times that Dask repeats a task that fails.
+WINDOW, RETRIES = 2, 2
 
 #: Seconds of a work item; the last ones are smaller, by this factor at most. Photon sets that stay in the cluster.
 SECONDS, FEWER, SETS = 2.0, 8, 4
@@ -41,29 +39,21 @@ class ClusterError(RuntimeError):
     """A cluster that cannot render the image."""
 
 
-@dataclass(frozen=True, eq=False)
-class ImageTask:
-    """A whole image by one worker: ``make(scene, sensor, *arguments)``. Messages use ``name``."""
+@dataclass(eq=False)
+class Task:
+    """A call of a worker, begun by ``submit``; ``read`` makes the result of its value. Messages use ``name``."""
 
     name: str
-    bundle: SceneBundle
-    make: Callable[..., Any]
-    arguments: tuple[Any, ...]
+    submit: Callable[[], distributed.Future]
+    read: Callable[[Any], Any]
+    #: The workers that may run it.
+    workers: frozenset[str] = frozenset()
+    future: Any = None
 
 
-class _Task:
-    """A task, and the function that reads its result. It may run on the ``workers`` that exist when it is submitted."""
-
-    def __init__(self, name: str, submit: Callable[[], distributed.Future], read: Callable[[Any], Any]) -> None:
-        self.name, self.submit, self.read = name, submit, read
-        self.workers: frozenset[str] = frozenset()
-        self.future: Any = None
-
-
-class DaskExecutor:
-    """Takes samples of the scene in ``bundle`` by the workers of ``client``: an :class:`.Executor`.
-
-    Workers may come and go. ``say`` receives warnings about them. Use it as a context manager.
+class DaskExecutor(Executor):
+    """Takes samples of the scene in ``bundle`` by the workers of ``client``, which may come and go. ``say`` receives
+    warnings about them.
     """
 
     sets = None
@@ -71,18 +61,17 @@ class DaskExecutor:
     def __init__(
         self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
     ) -> None:
+        super().__init__(SECONDS)
         self.client, self.bundle, self.say = client, bundle, say
-        self.slicer = TimeSlicer(SECONDS)
         #: Why the cluster has gone away.
         self.gone: str | None = None
         #: Seconds of all workers together.
-        self.seconds = 0.0
+        self.worker_seconds = 0.0
         self.address = getattr(client.scheduler, "address", "of the cluster")
-        self._workers: frozenset[str] = frozenset()
-        self._refused: dict[str, str] = {}
+        self._workers, self._refused = frozenset[str](), dict[str, str]()
         self._next_look, self._begun, self._said = 0.0, time.perf_counter(), set[str]()
-        self._photons: dict[Which, tuple[distributed.Future, frozenset[str]]] = {}
-        self._files: dict[bytes, distributed.Future] = {}
+        self._photons = dict[Which, distributed.Future]()
+        self._files = dict[bytes, distributed.Future]()
 
     def turn_to(self, bundle: SceneBundle) -> None:
         """Continues with another scene, between two images."""
@@ -90,68 +79,45 @@ class DaskExecutor:
         self._photons.clear()
         self._files = {content: self._files[content] for content in bundle.contents.values() if content in self._files}
 
-    def __enter__(self) -> DaskExecutor:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._photons.clear()
-        self._files.clear()
-
-    # ---------------------------------------------------------------- the interface of an executor
-
-    def limit(self, left: int, seconds: float) -> int:
+    def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item: some seconds of a worker, less towards the end."""
-        size = self.slicer.limit(left, seconds)
+        size = super().limit(left, seconds)
         return min(size, max(left // (WINDOW * max(len(self._workers), 1)), size // FEWER, 1))
 
-    def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Yields each work item with its sums, and None while there is nothing new.
-
-        Raises ClusterError if no worker can take part, or if a work item fails too often.
-        """
-        return self._results(map(self._samples, items))
-
-    def make(self, images: Iterable[ImageTask]) -> Generator[tuple[ImageTask, Any] | None, None, None]:
-        """Yields each image with its result, and None while there is nothing new. Raises ClusterError."""
-
-        def task(image: ImageTask) -> _Task:
-            arguments = worker.make, image.bundle, image.make, image.arguments
-            return _Task(image.name, lambda: self._submit(*arguments), lambda result: (image, result))
-
-        return self._results(map(task, images))
+    def __call__(self, items: Iterable[WorkItem]) -> Results:
+        """Yields each work item with its sums, and None while there is nothing new. Raises as :meth:`results`."""
+        return self.results(map(self._task, items))
 
     # ---------------------------------------------------------------- tasks
 
-    def _samples(self, item: WorkItem) -> _Task:
+    def _task(self, item: WorkItem) -> Task:
         """The task that takes the samples of ``item``."""
-        content, sets = worker.packed(item), item.photon_sets()
+        content, sets = worker.packed(item), [which for which, _ in item.photon_sets() if which is not None]
 
         def submit() -> distributed.Future:
             photons = [self._draw(which) for which in sets] if len(sets) <= SETS else []
-            return self._submit(worker.take, self.bundle, content, sets, photons)
+            return self.submit(worker.take, self.bundle, content, sets, photons)
 
-        def read(result: tuple[float, bytes]) -> tuple[WorkItem, Any]:
-            seconds, sums = result
-            self.seconds += seconds
-            self.slicer.learn(item.work, seconds)
+        def read(value: tuple[float, bytes]) -> tuple[WorkItem, Any]:
+            seconds, sums = value
+            self.worker_seconds += seconds
+            self.learn(item.work, seconds)
             with alone():
-                values = pickle.loads(sums)
-                dr.eval(values)
-            return item, values
+                result = pickle.loads(sums)
+                dr.eval(result)
+            return item, result
 
-        return _Task("samples", submit, read)
+        return Task("samples", submit, read)
 
     def _draw(self, which: Which) -> distributed.Future:
         """The photons of a set, which one worker draws for all."""
-        future, workers = self._photons.get(which, (None, frozenset()))
-        if future is None or workers.isdisjoint(self._workers):
-            future = self._submit(worker.draw, self.bundle, which)
-            self._photons[which] = future, self._workers
+        if which not in self._photons:
+            self._photons[which] = self.submit(worker.draw, self.bundle, which)
             while len(self._photons) > SETS:
                 del self._photons[next(iter(self._photons))]
-        return future
+        return self._photons[which]
 
-    def _submit(self, function: Callable[..., Any], bundle: SceneBundle, *arguments: Any) -> distributed.Future:
+    def submit(self, function: Callable[..., Any], bundle: SceneBundle, *arguments: Any) -> distributed.Future:
         """A future of ``function(bundle, files, *arguments)``. Workers pass the files on to each other."""
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
             for content in bundle.contents.values():
@@ -160,103 +126,97 @@ class DaskExecutor:
             call = function, replace(bundle, contents={}), files, *arguments
             return self.client.submit(*call, workers=list(self._workers), retries=RETRIES, pure=False)
 
-    def _results(self, tasks: Iterator[_Task]) -> Generator[Any, None, None]:
-        """Yields the result of each task, and None while there is nothing new."""
-        running: list[_Task] = []
+    def results(self, tasks: Iterator[Task]) -> Generator[Any, None, None]:
+        """Yields the result of each task, and None while there is nothing new, so that the caller can stop at once.
 
-        def submit(task: _Task) -> None:
+        Raises ClusterError if no worker can take part, or if a task fails too often.
+        """
+        running: list[Task] = []
+
+        def submit(task: Task) -> None:
             task.future, task.workers = task.submit(), self._workers
 
         try:
-            while True:
-                self._look()
-                if self.gone:
-                    return
-                if not self._workers:
-                    time.sleep(0.1)
-                    yield None
-                    continue
-                for task in running:
-                    if task.workers.isdisjoint(self._workers):  # all of them were lost
-                        submit(task)
+            while not self._look():
                 window = WINDOW * len(self._workers)
+                for task in running:
+                    if window and task.workers.isdisjoint(self._workers):  # all of them were lost
+                        submit(task)
                 busy = sum(not task.future.done() for task in running)
                 while busy < window and (new := next(tasks, None)) is not None:
                     submit(new)
                     running.append(new)
                     busy += 1
-                if not running:
+                if window and not running:
                     return
                 ready = next((task for task in running if task.future.done()), None)
                 if ready is None:
                     time.sleep(0.01)
                     yield None
-                elif (result := self._result(ready)) is None:
+                    continue
+                try:
+                    value = ready.future.result()
+                except (distributed.CancelledError, OSError):  # it was lost
                     submit(ready)
+                except Exception as error:
+                    raise ClusterError(
+                        f"{ready.name}: {RETRIES + 1} attempts failed, the last one with: {error}"
+                    ) from error
                 else:
                     running.remove(ready)
-                    yield result
+                    yield ready.read(value)
         finally:
             for task in running:
                 task.future.cancel()
 
-    def _result(self, task: _Task) -> Any:
-        """The result of a finished task; None where it was lost. Raises ClusterError."""
-        try:
-            return task.read(task.future.result())
-        except (distributed.CancelledError, OSError):
-            return None
-        except distributed.KilledWorker:
-            why = "too many workers died at this task; do they have enough memory?"
-            raise ClusterError(f"{task.name}: {why}") from None
-        except Exception as error:
-            raise ClusterError(f"{task.name}: {RETRIES + 1} attempts failed, the last one with: {error}") from error
-
     # ---------------------------------------------------------------- workers
 
-    def _look(self) -> None:
-        """Finds out which workers exist, and checks new ones. Raises ClusterError if all are refused."""
+    def _look(self) -> bool:
+        """Finds out which workers exist, and checks new ones; returns whether the cluster has gone away. Raises
+        ClusterError if all workers are refused.
+        """
         now = time.perf_counter()
-        if now < self._next_look:
-            return
+        if self.gone or now < self._next_look:
+            return bool(self.gone)
         self._next_look = now + LOOK
         try:
             if self.client.status != "running":
                 raise OSError
             present = frozenset(self.client.ncores())
-            new = present - self._workers - self._refused.keys()
+            new = [*present - self._workers - self._refused.keys()]
             variant = self.bundle.origin["variant"]
-            checks = self.client.run(worker.check, variant, workers=list(new), on_error="return") if new else {}
+            checks = self.client.run(worker.check, variant, workers=new, on_error="return") if new else {}
         except (OSError, ValueError, TypeError, AttributeError):  # a lost connection raises any of these
             self.gone = f"the scheduler {self.address} has gone away"
-            return
-        if self._workers - present:
-            left = len(self._workers & present) or "none"
+            return True
+        before, self._workers = self._workers, self._workers & present
+        if before - present:
+            left = len(self._workers) or "none"
             self._warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
-        self._workers &= present
         self._refused = {address: why for address, why in self._refused.items() if address in present}
         for address, found in checks.items():
             self._checked(address, found)
+        if self._workers != before:
+            self._photons.clear()  # workers that are lost can't draw them again
         if not self._workers and self._refused:
             raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._refused.values()))
         if not self._workers and now - self._begun > PATIENCE:
             self._warn("the cluster has no workers yet; the render begins when there are some")
+        return False
 
     def _checked(self, address: str, found: Mapping[str, str] | Exception) -> None:
         """Takes the result of :func:`.worker.check` into account."""
         if isinstance(found, OSError):
             return  # the worker has gone
-        if isinstance(found, (ImportError, AttributeError)):
-            why = f"it has no mitsuba-prosim of this version, or lacks a package ({found})"
-        elif isinstance(found, Exception):
-            why = str(found) or type(found).__name__
+        if isinstance(found, Exception):
+            why = f"it can't run this version of mitsuba-prosim ({str(found) or type(found).__name__})"
         elif not (why := origin.differences(found, self.bundle.origin, origin.EXACT)):
+            self._workers |= {address}
             if other := origin.differences(found, self.bundle.origin, origin.CLOSE):
                 self._warn(
                     f"the worker {address} is of another kind ({other}): its samples are as good, but may differ in "
                     "their last bits"
                 )
-            self._workers |= {address}
             return
         self._refused[address] = f"{address}: {why}"
         self._warn(f"a worker cannot take part, {self._refused[address]}")
@@ -288,7 +248,6 @@ def render(
         file = scene_file.SceneFile(scene, folder, **changes)
         loaded = file.load()
         bundle = SceneBundle.of(file, sensor)
-    chosen = scene_file.pick_sensor(loaded, sensor)
     integrator: Any = loaded.integrator()
     if not rendering.keeps(integrator):
         raise ValueError(
@@ -296,8 +255,9 @@ def render(
             f'integrator is {integrator.class_name()}. Add integrator={{"noise": 0.01}}, for example: prosim_adaptive '
             "then wraps it."
         )
-    with DaskExecutor(client or distributed.default_client(), bundle, warnings.warn) as executor:
-        progress = integrator.progressive(loaded, chosen, seed, spp, executor=executor).run()
-        if executor.gone:
-            raise ClusterError(executor.gone)
-        return progress.image()
+    executor = DaskExecutor(client or distributed.default_client(), bundle, warnings.warn)
+    chosen = scene_file.pick_sensor(loaded, sensor)
+    progress = integrator.progressive(loaded, chosen, seed, spp, executor=executor).run()
+    if executor.gone:
+        raise ClusterError(executor.gone)
+    return progress.image()

@@ -27,7 +27,7 @@ from ..alone import alone
 from ..compat import dr_array
 from ..engine import origin
 from ..engine.estimator import Estimator
-from ..engine.policies import POLICIES
+from ..engine.policies import policy_of
 from ..engine.work import WorkItem
 from ..photons.caustics import Which
 from ..scene import session
@@ -59,15 +59,12 @@ class Loaded:
     def __init__(self, bundle: SceneBundle, contents: Mapping[str, bytes]) -> None:
         self.key = bundle.key
         self.scene, self.sensor = bundle.load(contents)
-        self.integrator: Any = self.scene.integrator()
-        self.sensor.film().prepare(self.integrator.aov_names())
-        self._estimator: Estimator | None = None
 
+    @functools.cached_property
     def estimator(self) -> Estimator:
         """The estimator of the scene."""
-        if self._estimator is None:
-            self._estimator = self.integrator.estimator(self.scene, self.sensor)
-        return self._estimator
+        integrator: Any = self.scene.integrator()
+        return integrator.estimator(self.scene, self.sensor)
 
 
 #: The last scene of each client.
@@ -139,24 +136,19 @@ def take(
     bundle: SceneBundle, contents: Mapping[str, bytes], item: bytes, sets: Sequence[Which], photons: Sequence[bytes]
 ) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
-    scene = loaded(bundle, contents)
-
-    def estimator() -> Estimator:
-        result = scene.estimator()
-        for which, photon_pass in zip(sets, photons):
-            if not result.transport.caustics.has(which):
-                result.transport.caustics.put(which, pickle.loads(photon_pass))
-        return result
-
+    estimator = loaded(bundle, contents).estimator
+    for which, photon_pass in zip(sets, photons):
+        if not estimator.transport.caustics.has(which):
+            with alone():
+                estimator.transport.caustics.put(which, pickle.loads(photon_pass))
     return taken(estimator, item)
 
 
-def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes]:
+def taken(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
         plan, x, y, start, end, decides = pickle.loads(item)
-        policy = POLICIES[plan.sampling.adaptive](plan, plan.sampling.threshold) if decides else None
-        whole = WorkItem(estimator(), plan, x, y, start, end, policy)
+        whole = WorkItem(estimator, plan, x, y, start, end, policy_of(plan) if decides else None)
     started = time.perf_counter()
     sums = whole.take()
     dr.sync_thread()
@@ -166,13 +158,12 @@ def taken(estimator: Callable[[], Estimator], item: bytes) -> tuple[float, bytes
 @in_render_thread
 def draw(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> bytes:
     """The photons of a set, pickled for all workers."""
-    scene = loaded(bundle, contents)
     with alone():
-        return pickled(scene.estimator().transport.caustics.photons(which))
+        return pickled(loaded(bundle, contents).estimator.transport.caustics.photons(which))
 
 
 @in_render_thread
-def make(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], arguments: Sequence) -> Any:
-    """The result of ``function(scene, sensor, *arguments)``."""
+def make(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], *arguments: Any) -> Any:
+    """A whole image: the result of ``function(scene, sensor, *arguments)``."""
     scene = loaded(bundle, contents)
     return function(scene.scene, scene.sensor, *arguments)

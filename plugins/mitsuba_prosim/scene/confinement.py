@@ -1,20 +1,35 @@
-"""Keeps a scene to the files in its own folder: the viewer of its image need not be its author."""
+"""The files that the text of an XML scene names, and the check that they are in the scene's folder."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import mitsuba as mi
 
 from ..compat import LIBRARIES, MATERIAL_FILES
-from .references import references
+
+#: An element by which Mitsuba's parser opens a file or searches a folder, at any place, also within comments; and one
+#: of its attributes.
+ELEMENT = re.compile(r"""(?=<(include|spectrum|path)\b((?:[^<>"']|"[^"]*"|'[^']*')*))""")
+ATTRIBUTE = re.compile(r"""([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
+
+#: A declared encoding that is not UTF-8.
+ENCODED = re.compile(r"""\s*<\?xml[^>]*encoding\s*=\s*["'](?!utf-?8["'])""", re.IGNORECASE)
 
 
 class OutsideError(ValueError):
     """A scene names a file outside its folder."""
+
+
+def named(text: str) -> Iterator[tuple[str, str, int]]:
+    """``(element, name, position)`` of each file and folder that an XML text names, as it is written there."""
+    for found in ELEMENT.finditer(text):
+        for attribute, value in ATTRIBUTE.findall(found[2]):
+            if attribute == ("value" if found[1] == "path" else "filename"):
+                yield found[1], value[1:-1], found.start()
 
 
 class Confinement:
@@ -38,33 +53,39 @@ class Confinement:
             resolver.append(folder)
         return resolver
 
-    def check_text(self, path: Path, resolver: mi.FileResolver) -> set[str]:
-        """Checks the files that the parser opens; returns the XML files. Raises also what :func:`.references` does."""
-        files = {str(path)}
-        for tag, text, found, place in references(path, {}, resolver):
-            wrong = self._wrong(f"<{tag}>", text, str(found))
-            if "$" in text:
-                wrong = f"<{tag}> names {text!r} by a parameter; write the name, or use --allow-outside"
-            if wrong:
-                raise OutsideError(f"At {place}: {wrong}")
-            if tag == "include":
-                files.add(str(found))
-        return files
+    def check_text(self, path: Path) -> None:
+        """Checks all files that the parser may open. Raises OSError too."""
+        folders, texts = [self._installed[0], *self._folders], [path]
+        for file in texts:  # grows below
+            folders.append(str(file.parent))
+            try:
+                text = file.read_text(encoding="utf-8")
+            except UnicodeDecodeError:
+                text = "\0"
+            if "\0" in text or ENCODED.match(text):
+                raise OutsideError(f"{file} is not in UTF-8, so its names can't be checked; save it in UTF-8")
+            for tag, name, position in named(text):
+                found = [place for folder in folders if os.path.exists(place := os.path.join(folder, name))]
+                wrong = self._wrong(f"<{tag}>", name, *(found or [name]))
+                if re.search(r"[$&]|[^\S ]", name):
+                    wrong = f"<{tag}> names {name!r} by a parameter or a code; write the name, or use --allow-outside"
+                if wrong:
+                    line, column = text.count("\n", 0, position) + 1, position - text.rfind("\n", 0, position)
+                    raise OutsideError(f"At {file} (line {line}, col {column + 1}): {wrong}")
+                folders += found if tag == "path" else []
+                texts += [place for place in map(Path, found) if tag == "include" and place not in texts]
 
-    def check_state(self, state: mi.parser.ParserState, files: set[str], resolver: mi.FileResolver) -> None:
-        """Checks the files that plugins would open. ``files``: those of :meth:`check_text`; ``resolver``: the search
-        path after parsing.
+    def check_state(self, state: mi.parser.ParserState, resolver: mi.FileResolver) -> None:
+        """Checks the files that the parser has read and those that plugins would open. ``resolver``: the search path
+        after parsing.
         """
-        if others := {str(file) for file in state.files} - files:
-            raise OutsideError(f"{others.pop()} changed while it was read; save it again")
-        checked: set[tuple[str, str, str]] = set()
+        for file in map(str, state.files):
+            if wrong := self._wrong("an <include>", file, file):
+                raise OutsideError(f"{file} changed while it was read: {wrong}")
         for node in state.nodes:
             props, plugin = node.props, node.props.plugin_name()
             strings = [(name, props[name]) for name in props if props.type(name) == mi.Properties.Type.String]
-            for name, value in {("type", plugin), *strings}:
-                if (plugin, name, value) in checked:
-                    continue
-                checked.add((plugin, name, value))
+            for name, value in [("type", plugin), *strings]:
                 if wrong := self._wrong_value(plugin, name, value, resolver):
                     raise OutsideError(f"At {mi.parser.file_location(state, node)}: {wrong}")
 
@@ -79,27 +100,21 @@ class Confinement:
         errors = (self._wrong(f"the {name} of this {plugin}", n, str(resolver.resolve(n))) for n in names)
         return next(filter(None, errors), None)
 
-    def _wrong(self, what: str, name: str, path: str) -> str | None:
-        """The error of a file that ``what`` calls ``name`` and Mitsuba finds at ``path``, or None."""
-        is_word = re.fullmatch(r"\w+", name) and os.path.isdir(path)  # such as "rgb"
-        if not os.path.isabs(name) and (is_word or not os.path.exists(path)):
-            path = os.path.join(self._folders[0], name)
-        real = os.path.realpath(path)
-        if self._own(path) or any(_is_below(real, folder) for folder in self._folders):
-            return None
-        return (
-            f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, or use "
-            "--allow-outside"
-        )
+    def _wrong(self, what: str, name: str, *places: str) -> str | None:
+        """The error of a file that ``what`` calls ``name``, and that Mitsuba may find at ``places``, or None."""
+        for path in places:
+            is_word = re.fullmatch(r"\w+", name) and os.path.isdir(path)  # such as "rgb"
+            if not os.path.isabs(path) and (is_word or not os.path.exists(path)):
+                path = os.path.join(self._folders[0], name)
+            real = Path(os.path.realpath(path))
+            if not self._own(path) and not any(map(real.is_relative_to, self._folders)):
+                return (
+                    f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, "
+                    "or use --allow-outside"
+                )
+        return None
 
     def _own(self, path: str) -> bool:
         """Whether a file belongs to Mitsuba's installation, where links may lead anywhere."""
-        return ".." not in re.split(r"[/\\]", path) and any(
-            _is_below(os.path.abspath(path), folder) for folder in self._installed
-        )
-
-
-def _is_below(path: str, folder: str) -> bool:
-    """Whether a path without links is ``folder`` or below it."""
-    path, folder = os.path.normcase(path), os.path.normcase(folder)
-    return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)
+        inside = map(Path(os.path.abspath(path)).is_relative_to, self._installed)
+        return ".." not in re.split(r"[/\\]", path) and any(inside)

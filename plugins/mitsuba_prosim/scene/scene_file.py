@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
+import html
+import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,66 +18,80 @@ from prosim_scene import Document, located, meshes
 
 from .. import compat, registry
 from . import overrides, session
-from .confinement import Confinement
+from .confinement import Confinement, named
 from .errors import check_images
-from .references import UnreadableError, references
 
 
 class SceneFile:
     """A scene file, read once. :meth:`load` makes scenes of it."""
 
     def __init__(
-        self, path: str | Path, folder: Path, kept: prosim_scene.Kept | None = None, confined: bool = False, **how: Any
+        self,
+        path: str | Path,
+        folder: Path,
+        definitions: Mapping[str, str] | None = None,
+        resolution: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
+        samples: int | None = None,
+        integrator: Mapping[str, Any] | None = None,
+        confined: bool = False,
+        **language: Any,
     ) -> None:
         """Reads the scene at ``path``: XML if that is its suffix, else the thesis's language.
 
         ``folder``
             Folder of the translation; it has to exist as long as scenes are loaded.
-        ``kept``
-            The cache of translations.
+        ``definitions``
+            Values of the scene's ``$names``.
+        ``resolution``, ``crop``
+            (width, height), and (x, y, width, height), both in pixels.
+        ``samples``
+            N of the N-rook sampling.
+        ``integrator``
+            Parameters of the integrator, see :func:`.overrides.apply`.
         ``confined``
             Whether the scene may name only files in its folder, see :class:`.confinement.Confinement`.
-        ``how``
-            The :class:`.overrides.Changes`, and options of :func:`prosim_scene.translate`.
+        ``language``
+            Further arguments of :func:`prosim_scene.translate`.
 
         Raises :class:`prosim_scene.SceneError`, ValueError where the changes do not fit the scene, and what the
         confinement and Mitsuba's parser raise. Warns if another resolution distorts the image.
         """
-        given = {field.name: how.pop(field.name, None) for field in fields(overrides.Changes)}
-        changes = overrides.Changes(**{name: value for name, value in given.items() if value is not None})
         self.path = self.xml = Path(path)
-        self.definitions = changes.definitions
         #: The parsed text; None for XML.
         self.document: Document | None = None
-        resolution = changes.resolution
         if self.path.suffix.lower() != ".xml":
-            self.document = prosim_scene.document(self.path, self.definitions)
-            self._language = how | {"resolution": resolution, "samples": changes.samples}
-            self.xml = prosim_scene.translate(self.document, Path(folder), kept=kept, **self._language)
-            changes = replace(changes, definitions={}, resolution=None, samples=None)  # the translation has these
+            self.document = prosim_scene.document(self.path, dict(definitions or {}))
+            language |= {"resolution": resolution, "samples": samples}
+            self.xml = prosim_scene.translate(self.document, Path(folder), **language)
+            left, bottom, right, top = self.document.scene.view.window
+            if resolution and (wrong := prosim_scene.misfit(*resolution, (right - left) / (top - bottom))):
+                warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
+            definitions = resolution = samples = None  # the translation has these
+        parameters = dict(integrator or {}) | ({"samples": samples} if samples else {})
         #: The arguments with which the XML file makes the same scene.
-        self.changes = asdict(changes)
+        self.changes: dict[str, Any] = {
+            "definitions": dict(definitions or {}),
+            "resolution": resolution,
+            "crop": crop,
+            "integrator": parameters,
+        }
         folders = [self.xml.parent, self.path.parent]
         confinement = Confinement(reversed(folders)) if confined else None
-        #: The search path before parsing; ``<path>`` elements extend it.
-        self._begin = confinement.search_path() if confinement else session.resolver(folders)
-        with session.resolving(mi.FileResolver(self._begin)):
-            is_translation = self.xml is not self.path
-            files = {str(self.xml)}
-            if confinement and not is_translation:
-                files = confinement.check_text(self.xml, self._begin)
-            self.state = parse(self.xml, changes.definitions)
+        # <path> elements extend the search path.
+        with session.resolving(confinement.search_path() if confinement else session.resolver(folders)):
+            if confinement and self.xml is self.path:
+                confinement.check_text(self.xml)
+            self.state = parse(self.xml, definitions or {})
             self._resolver = mi.file_resolver()
             if confinement:
-                confinement.check_state(self.state, files, self._resolver)
+                confinement.check_state(self.state, self._resolver)
             self._digest = mi.parser.ParserState(self.state)
         try:
             #: Name of the integrator that was put inside ``prosim_adaptive``, or None.
-            self.wrapped = overrides.apply(self.state, changes)
+            self.wrapped = overrides.apply(self.state, resolution, crop, parameters)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
-        if resolution and (wrong := overrides.distortion(self.state, *resolution)):
-            warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
 
     def digest(self) -> str:
         """SHA-256 of the content of the scene and of the files that it names, without :attr:`changes`.
@@ -90,12 +105,19 @@ class SceneFile:
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """``(name, path)`` of each file that the scene names, without XML files."""
+        """``(name, path)`` of each file that the scene names, without XML files.
+
+        The parser replaces a spectrum by its content, so these files are those of that name, with any
+        parameters, in all folders of the scene.
+        """
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
-        with suppress(UnreadableError):
-            for tag, text, path, _ in references(self.xml, self.changes["definitions"], self._begin):
-                if tag == "spectrum" and path.is_file():  # the parser has replaced it by its content
-                    files.append((text, path))
+        texts = [Path(str(path)) for path in self.state.files]
+        folders = {*map(str, self._resolver), *(str(path.parent) for path in texts)}
+        text = "\n".join(path.read_text(encoding="utf-8", errors="replace") for path in texts)
+        for name in sorted({name for tag, name, _ in named(text) if tag == "spectrum"}):
+            pattern = re.sub(r"\$\w+", "*", glob.escape(html.unescape(name)))  # whatever the parameters are
+            places = sorted(os.path.join(glob.escape(folder), pattern) for folder in folders)
+            files += [(name, Path(found)) for place in places for found in glob.glob(place)]
         return files
 
     def sources(self) -> list[Path]:
@@ -114,8 +136,7 @@ class SceneFile:
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene; ``sampler``: the plugin that takes the place of its sampler, with as many samples.
 
-        Raises Mitsuba's errors, ValueError where ``prosim_adaptive`` can't hold the integrator, and
-        :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
+        Raises Mitsuba's errors, and :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
         """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:
@@ -126,36 +147,38 @@ class SceneFile:
         try:
             with session.resolving(self._resolver), session.enough_threads():
                 return instantiate(state)
-        except RuntimeError as error:
+        except RuntimeError:
             if self.document is not None:
                 check_images(self.document)
-            if self.wrapped and "prosim_adaptive" in str(error):
-                raise ValueError(
-                    f"{self.path}: {', '.join(overrides.ENOUGH)} need prosim_adaptive, which can't hold the integrator "
-                    f"{self.wrapped}: {session.message(error)}"
-                ) from None
             raise
 
 
-def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
-    """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state."""
+def parse(
+    path: str | Path, parameters: Mapping[str, str], unused: mi.LogLevel = mi.LogLevel.Error
+) -> mi.parser.ParserState:
+    """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state.
+
+    ``unused``: the level at which parameters are logged that the scene does not have.
+    """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
-    return mi.parser.parse_file(_config(), str(path), **parameters)
+    config = mi.parser.ParserConfig(mi.variant() or "")
+    config.unused_parameters = unused
+    return mi.parser.parse_file(config, str(path), **parameters)
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:
     """Makes the scene of a parser state, which is used up."""
-    return compat.instantiate(_config(), state, registry.PLUGINS)
+    return compat.instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, registry.PLUGINS)
 
 
 def uses(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
     """Those of ``names`` that occur as ``$name`` in a scene file or in the files that it includes."""
-    files = [Path(path)]
-    if files[0].suffix.lower() == ".xml":
-        search = session.resolver([files[0].parent])
-        files += [found for tag, _, found, _ in references(path, definitions, search) if tag == "include"]
-    text = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
+    files = [path]
+    if Path(path).suffix.lower() == ".xml":
+        with session.resolving(session.resolver([Path(path).parent])):
+            files = [str(file) for file in parse(path, definitions, mi.LogLevel.Debug).files]
+    text = "".join(Path(file).read_text(encoding="utf-8", errors="replace") for file in files)
     return {name for name in names if re.search(rf"\${name}\b", text)}
 
 
@@ -167,10 +190,5 @@ def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
     if not sensors:
         raise ValueError(f"No sensor specified for scene: {scene}")
     if not 0 <= index < len(sensors):
-        there = f"sensors 0 to {len(sensors) - 1}" if len(sensors) > 1 else "one sensor, number 0"
-        raise ValueError(f"Specified sensor index is out of bounds! The scene has {there}.")
+        raise ValueError(f"Specified sensor index is out of bounds! The scene has sensors 0 to {len(sensors) - 1}.")
     return sensors[index]
-
-
-def _config() -> mi.parser.ParserConfig:
-    return mi.parser.ParserConfig(mi.variant() or "")

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera import Camera
 from ..language.document import Document
 from ..model import Leaf, Operator
+from ..view import Camera
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
 from .solids import IDENTITY, Solid, corners
@@ -74,13 +74,6 @@ def active_zones(nodes: Sequence[Operator | Leaf], solids: Sequence[Solid], of_l
             bounds[a] = intersection_ball(bounds[i], balls[b]) if node.symbol == "*" else bounds[i]
             bounds[b] = bounds[i] if node.symbol == "+" else intersection_ball(bounds[i], balls[a])
     return result
-
-
-def clamped(corners: np.ndarray, balls: Sequence[Ball]) -> np.ndarray:
-    """The corners (n, 8, 3) of boxes, clamped to the boxes around balls."""
-    center = np.array([ball.center for ball in balls])[:, None]
-    radius = np.array([ball.radius for ball in balls])[:, None, None]
-    return np.asarray(np.clip(corners, center - radius, center + radius))
 
 
 def bounding_balls(solids: Sequence[Solid]) -> list[Ball]:
@@ -302,14 +295,10 @@ def choose_segments(
         )
 
 
-def warn_of_rounding(document: Document, camera: Camera, boxes: np.ndarray) -> None:
-    """Warns if the rounding of the renderer's single precision is large against a pixel.
-
-    ``boxes`` (n, 8, 3) are the corners of the boxes around the solids.
-    """
-    low, high = boxes.min(axis=1), boxes.max(axis=1)
-    nearest = np.linalg.norm(np.clip(camera.eye, low, high) - camera.eye, axis=1).min()
-    pixel = float(camera.footprint(nearest))
+def warn_of_rounding(document: Document, camera: Camera, vertices: np.ndarray) -> None:
+    """Warns if the rounding of the renderer's single precision is large against a pixel at the nearest vertex."""
+    distances = np.linalg.norm(vertices - camera.eye, axis=1)
+    pixel = float(camera.footprint(distances.min(initial=math.inf)))
     grain = float(np.spacing(np.float32(np.abs(camera.eye).max())))
     if grain > 0.1 * pixel:
         document.warn(

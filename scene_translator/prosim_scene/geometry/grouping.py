@@ -45,10 +45,9 @@ def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.nd
         begin = end
 
 
-def touching(low: np.ndarray, high: np.ndarray, box: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """The numbers of the boxes that touch ``box``, in ascending order."""
-    found = np.flatnonzero((low[:, 0] <= box[1][0]) & (high[:, 0] >= box[0][0]))
-    return found[((low[found, 1:] <= box[1][1:]) & (high[found, 1:] >= box[0][1:])).all(axis=1)]
+def touching(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """The numbers of the boxes (n, 2, 3) that touch a ``box`` (2, 3), in ascending order."""
+    return np.flatnonzero(((boxes[:, 0] <= box[1]) & (boxes[:, 1] >= box[0])).all(axis=1))
 
 
 def components(low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from manifold3d import Manifold
 
-from ..camera import Camera
+from ..view import Camera
 
 MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # around a circle
 #: The tolerance of a solid outside the window is larger by this factor, and it has at most this number of segments; a

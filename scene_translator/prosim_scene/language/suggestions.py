@@ -5,59 +5,23 @@ import re
 from collections.abc import Collection, Iterable
 
 from .diagnostics import MAX_QUOTE, listing, quote
-from .words import ALIASES, BUILT_IN, NAMED, canonical, normalise, spellings
+from .words import ALIASES, NAMED, SUGGESTIONS, TABLE, canonical, normalise, spellings
 
 #: Each digit matches in one way only, so that the time is linear in the length.
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
-BRACES = "braces hold arithmetic, as in {360 * $frame / 48}; vectors and blocks have none"
 #: Marks of other languages: a pattern of the text, and the equivalent in this language.
-MARKS = [
-    (re.compile(pattern, re.IGNORECASE | re.MULTILINE), text)
-    for pattern, text in (
-        (r"<[?!/]|<[\w]*[^\W\d]", "this is XML; expected a scene in this language, or a file name that ends in .xml"),
-        (r"--|[%!]|[^\s()]*(?://|/\*)", "expected a comment to begin with #, or to be in parentheses"),
-        (r"[^\s;]*;[^\S\n]*(?:$|#|//)", "a statement has no mark at its end"),
-        (r"[<\[]", "expected numbers with nothing but spaces between them, and no brackets, as in 1 2 3"),
-        (r"[{}]", BRACES),
-        (
-            r"[-+.e\d]*[,;]",
-            "expected numbers with nothing but spaces between them, as in 1 2 3, and a point, as in 0.5",
-        ),
-        (r"[-+.\d]+[x×][-+.\d]+", "expected numbers with nothing but spaces between them, as in 320 240"),
-    )
-]
+MARKS = [(re.compile(pattern, re.IGNORECASE | re.MULTILINE), text) for _, pattern, *_, text in TABLE["marks"]]
+BRACES = next(text for what, *_, text in TABLE["marks"] if what == "braces")
 #: An operator, except for the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
-#: Equivalents of words of other languages.
-HINTS_OF = (
-    ("glass is material dieletrico n-refr = 1.5, or material dieletrico bk7", "glass vidro agua crystal cristal"),
-    ("a metal is material condutor and its name: ouro, prata, ...", "metal mirror espelho steel aco iron ferro chrome"),
-    ("a matt surface is material lambertiano kd = r g b", "wood madeira stone pedra marble matte matt diffuse plaster"),
-    ("a varnished surface is material composto kd = r g b n-refr = 1.5", "plastic plastico paint tinta varnish glossy"),
-    ("colours are numbers: r g b, such as 1 0 0", "color colour cor rgb red green blue white black grey vermelho azul"),
-    ("the camera is VIEW, with OBS, VRP and WINDOW", "camera lookat look-at look_at sensor fov zoom location target"),
-    ("a box or a plane is a CUBE with a SCALE", "box block caixa bloco plane plano floor chao wall parede ground"),
-    ("the solids are CUBE, SPHERE, CYLINDER, CONE and MESH", "ball bola torus toro prism prisma pyramid blob lathe"),
-    ("SURFACE and the index of a primitive give its optics, as in SURFACE 0 kd = 1 0 0", "pigment finish interior"),
-    ("the operators are +, - and *, before their operands", "union uniao difference diferenca intersection intersecao"),
-    ("the steps are SCALE, ROTATE-X, ROTATE-Y, ROTATE-Z and TRANSLATE", "rotate rotacao rotation move translation"),
-    (
-        "a light is AREA or POINT and its position, in LIGHTS",
-        "light luz lamp lampada sun sol emitter light_source spot",
-    ),
-    ("write TRUE", "on ligado ligada enable enabled"),
-    ("write FALSE", "off desligado desligada disable disabled"),
-    ("the index of refraction is n-refr, as in n-refr = 1.5", "ior eta index indice int_ior refraction refracao"),
-)
-HINTS = {word: text for text, words in HINTS_OF for word in words.split()}
 #: The textures that exist without a statement, by all their names.
-TEXTURES = [*BUILT_IN, *ALIASES]
+TEXTURES = list(ALIASES)
 
 
 def hint(word: str) -> str:
     """``; `` and the equivalent of a word of another language, or an empty string."""
-    text = HINTS.get(normalise(word))
+    text = SUGGESTIONS.get(normalise(word))
     return f"; {text}" if text else ""
 
 

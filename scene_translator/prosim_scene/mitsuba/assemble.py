@@ -2,20 +2,19 @@
 
 from collections.abc import Callable, Hashable
 from pathlib import Path
+from types import ModuleType
 
-import numpy as np
-
-from ..camera import Camera, camera_of, warn_of_distortion
 from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
 from ..language.document import Document
 from ..model import Leaf, Scene
 from ..nodes import Comment, Default, Node
-from ..options import Options
-from ..output import Kept
-from . import TARGETS, Target, lights, materials
-from .context import LARGEST, Context, check, check_transforms, meshes
+from ..translation_options import Options
+from ..view import Camera, camera_of, warn_of_distortion
+from ..writer import TranslationCache, ply
+from . import TARGETS, lights, materials
 from .materials import MediumInterface
 from .sensor import clipping, sensor
+from .translation_context import Context, check, meshes
 
 
 def medium(scene: Scene, leaf: Leaf) -> Hashable:
@@ -44,22 +43,21 @@ def assemble(
     options: Options,
     store: Callable[[str, bytes], str],
     image_path: Callable[[Path], str],
-    kept: Kept | None = None,
+    cache: TranslationCache | None = None,
 ) -> Node:
     """A scene's dictionary.
 
     ``folder`` is the scene's folder; ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` maps
-    the path of an image, and both return the file name in the dictionary. ``kept``: the translation cache.
+    the path of an image, and both return the file name in the dictionary. ``cache``: the translation cache.
     """
     scene, target = document.scene, TARGETS[options.target]
-    kept = kept or Kept()
+    cache = cache or TranslationCache()
     context = Context(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
     camera = camera_of(document, options.resolution)
     if options.resolution is None and options.target == "prosim":  # stock warns of the pixels itself
         warn_of_distortion(document)
-    check_transforms(document)
     triangles = tessellate(
         document,
         camera,
@@ -67,7 +65,7 @@ def assemble(
         lambda leaf: medium(scene, leaf),
         lambda leaf: appearance(scene, leaf),
         lambda leaf: fresnel(scene, leaf),
-        kept.faces,
+        cache.faces,
         {name: context.mesh(name, *place) for name, place in meshes(document).items()},
     )
 
@@ -78,24 +76,20 @@ def assemble(
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment"] = _comment(document, light.kind.upper(), "lights", i)
         result[f"light_{i}"] = check(document, target.light(context, i, light), "lights", i)
-    return result | _shapes(context, target, triangles, kept, store)
+    return result | _shapes(context, target, triangles, store)
 
 
-def view_sensor(document: Document, options: Options, kept: Kept | None) -> Node:
-    """The sensor of a document's VIEW; its clipping planes enclose the faces in the cache ``kept``."""
+def view_sensor(document: Document, options: Options, cache: TranslationCache | None) -> Node:
+    """The sensor of a document's VIEW; its clipping planes enclose the faces in ``cache``."""
     context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
-    faces = kept.surface if kept else None
+    faces = cache.surface if cache else None
     bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
     camera = camera_of(document, options.resolution)
     return check(document, _sensor(context, TARGETS[options.target], camera, bodies), "view")
 
 
 def _shapes(
-    context: Context,
-    target: Target,
-    triangles: dict[MeshKey, Triangles],
-    kept: Kept,
-    store: Callable[[str, bytes], str],
+    context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
     """The shapes, in the order of the tree: one for each :class:`MeshKey`."""
     document, scene = context.document, context.scene
@@ -114,13 +108,7 @@ def _shapes(
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            if not np.abs(triangles[key].vertices).max() <= LARGEST:
-                raise document.error(
-                    "this transform is beyond Mitsuba's single precision; expected less extreme steps",
-                    "transforms",
-                    leaf.index,
-                )
-            content = kept.file(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+            content = ply(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
             if content is None:
                 document.warn(
                     f"nothing is visible of {leaf_names}: it is too small for Mitsuba's single precision; enlarge it",
@@ -156,7 +144,7 @@ def _by_appearance(scene: Scene) -> list[list[tuple[int, Leaf]]]:
     return list(groups.values())
 
 
-def _sensor(context: Context, target: Target, camera: Camera, bodies: list[Triangles]) -> Node:
+def _sensor(context: Context, target: ModuleType, camera: Camera, bodies: list[Triangles]) -> Node:
     camera = target.camera(context, camera)
     width, height = camera.resolution
     film = {

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..camera import Camera
 from ..geometry import Triangles
 from ..model import Light
 from ..nodes import Node
+from ..view import Camera
 
 #: By default, in units of the view plane's distance.
 NEAR, FAR = 1e-3, 1e5

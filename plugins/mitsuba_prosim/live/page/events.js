@@ -1,44 +1,30 @@
-// What the server says, for as long as it is there.
+// The state of the server, received as server-sent events.
 
-// Milliseconds: the time without an event after which the server counts as gone (it sends events more often); and the
-// interval between two requests of a hidden page.
-const SILENCE = 40000, SELDOM = 3000;
+// Milliseconds between two requests of a hidden page.
+const INTERVAL_HIDDEN = 3000;
 
-/** Calls `receive(state)` with the state and each newer one, and `lost(refused)` when nothing is heard: for good where it is
- * refused. A hidden page asks at intervals only: a browser has few connections for all its pages here. */
+/** Calls `receive(state)` with the state and each newer one, and `lost(refused)` if the connection is lost, `refused` if for
+ * good. A hidden page only asks at intervals, because a browser limits the number of connections to one server. */
 export function follow(receive, lost) {
-    let events = null, silence = 0, again = 0;
+    let events = null, timer = 0;
 
-    function listen() {
-        stop();
+    function connect() {
+        disconnect();
         events = new EventSource("events");
-        events.addEventListener("here", heard);
         events.onmessage = (e) => {
-            heard();
             receive(JSON.parse(e.data));
             if (!document.hidden) return;
-            stop();
-            again = setTimeout(listen, SELDOM);
+            disconnect();
+            timer = setTimeout(connect, INTERVAL_HIDDEN);
         };
-        events.onerror = () => {
-            const refused = events.readyState === EventSource.CLOSED;
-            if (refused) stop(); // it is not asked again
-            lost(refused);
-        };
-        heard();
+        events.onerror = () => lost(events.readyState === EventSource.CLOSED);
     }
 
-    function heard() {
-        clearTimeout(silence);
-        silence = setTimeout(() => { lost(false); listen(); }, SILENCE);
-    }
-
-    function stop() {
-        clearTimeout(silence);
-        clearTimeout(again);
+    function disconnect() {
+        clearTimeout(timer);
         events?.close();
     }
 
-    document.addEventListener("visibilitychange", listen);
-    listen();
+    document.addEventListener("visibilitychange", connect);
+    connect();
 }

@@ -1,14 +1,14 @@
-// Messages of the translator: sentences, which go on in the next line, and quoted lines with their carets, which do not.
+// Messages of the translator: sentences, which wrap, and quoted lines with their carets, which do not.
 
-/** Writes messages into a box, unless they are there. */
-export function tell(box, text) {
+/** Writes messages into an element, unless it has them. */
+export function showMessages(box, text) {
     if (box.dataset.text === text) return;
     box.dataset.text = text;
     box.replaceChildren();
     for (const line of text.split("\n").filter((line) => line.trim())) {
-        const kind = /^\s/.test(line) ? "PRE" : "P";
-        if (kind === "PRE" && box.lastChild?.tagName === kind) box.lastChild.textContent += `\n${line}`;
-        else box.appendChild(document.createElement(kind)).textContent = line;
+        const tag = /^\s/.test(line) ? "PRE" : "P";
+        if (tag === "PRE" && box.lastChild?.tagName === tag) box.lastChild.textContent += `\n${line}`;
+        else box.appendChild(document.createElement(tag)).textContent = line;
     }
     showCarets(box);
 }
@@ -19,7 +19,7 @@ export function showCarets(box) {
         const lines = quoted.textContent.split("\n"), caret = Math.max(...lines.map((line) => line.search(/\^~*\s*$/)));
         const width = quoted.scrollWidth / Math.max(...lines.map((line) => line.length));
         quoted.scrollLeft = width * caret - quoted.clientWidth / 2;
-        if (quoted.scrollWidth > quoted.clientWidth) quoted.tabIndex = 0; // keys move it, too
+        if (quoted.scrollWidth > quoted.clientWidth) quoted.tabIndex = 0; // so that keys scroll it
         else quoted.removeAttribute("tabindex");
     }
 }

@@ -1,98 +1,97 @@
-// The page of prosim watch: it receives the state as events, fetches the layers that it shows, and sends requests.
+// The page of prosim watch: receives the state as events, fetches the layers that it shows, and sends requests.
 
 import {follow} from "./events.js";
-import {colours, HALVES, map, most} from "./tone.js";
-import {showCarets, tell} from "./messages.js";
-import {Place} from "./place.js";
+import {drawColours, drawMap, mapLimit} from "./tone.js";
+import {showCarets, showMessages} from "./messages.js";
+import {PanZoom} from "./pan_zoom.js";
 
 const find = (id) => document.getElementById(id);
-/** Writes text if it differs: a selection stays, and a screen reader reads nothing twice. */
+/** Writes text only if it differs, so that a selection stays and a screen reader does not repeat it. */
 const write = (element, text) => { if (element.textContent !== text) element.textContent = text; };
-const TAKES = ["own", "path"], FIXED = document.querySelectorAll("input[name=layer]").length;
+const IMAGES = ["own", "path"], COMMON_LAYERS = document.querySelectorAll("input[name=layer]").length;
 const layers = () => document.querySelectorAll("input[name=layer]");
 const shown = {own: null, path: null};
-let state = null, pointed = null, wanted = false, comparing = null;
+// `refreshing`: false, "once", or "again" if something changed meanwhile.
+let state = null, pointed = null, refreshing = false, comparing = null;
 
 // ---- the shown layers
 
 const layer = () => document.querySelector("input[name=layer]:checked").value;
-/** The factors of the lamps that are not as the scene has them, for the server. */
+/** The query with the factors of the lamps that were changed. */
 const mix = () => [...find("lamps").querySelectorAll("input[type=range]")].flatMap((range) => {
     const colour = range.nextElementSibling.value;
     if (Number(range.value) === 1 && colour === "#ffffff") return [];
     const factors = [1, 3, 5].map((k) => range.value * linear(parseInt(colour.slice(k, k + 2), 16) / 255));
     return [`mix=${encodeURIComponent(`${range.name}=${factors}`)}`];
 }).join("&");
-/** A value of the screen, which is in sRGB, as a factor. */
+/** The linear value of an sRGB value. */
 const linear = (c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
 const stops = () => Number(find("exposure").value);
 
-/** Both takes as bright as each other: a value has one colour. */
-function draw(take) {
-    const canvas = find(take), image = shown[take], white = (shown.own ?? image)?.white;
+/** Draws an image; both images have the same white. */
+function draw(which) {
+    const canvas = find(which), image = shown[which], white = (shown.own ?? image)?.white;
     if (!image) return;
     if (canvas.width !== image.width || canvas.height !== image.height) [canvas.width, canvas.height] = [image.width, image.height];
     const context = canvas.getContext("2d", {willReadFrequently: true}), pixels = context.createImageData(image.width, image.height);
-    (image.channels === 3 ? colours : map)(image, white, stops(), pixels.data);
+    (image.channels === 3 ? drawColours : drawMap)(image, white, stops(), pixels.data);
     context.putImageData(pixels, 0, 0);
     canvas.dataset.number = image.number;
     canvas.dataset.layer = image.layer;
-    if (take === "own") tellScale(image);
+    if (which === "own") showScale(image);
 }
 
 const MAPS = {error: "Standard error of the luminance", samples: "Samples of a pixel"};
 
-/** What the colours of a map mean. */
-function tellScale(image) {
+/** Shows the meaning of the colours of a map. */
+function showScale(image) {
     const scale = find("scale"), canvas = scale.querySelector("canvas"), marks = scale.querySelectorAll("span");
     scale.hidden = image.channels !== 1;
     if (scale.hidden) return;
     const {width} = canvas, context = canvas.getContext("2d"), pixels = context.createImageData(width, 1);
-    map({values: Float32Array.from({length: width}, (_, i) => (i / (width - 1)) ** 2), width, height: 1}, 1, 0, pixels.data);
+    drawMap({values: Float32Array.from({length: width}, (_, i) => (i / (width - 1)) ** 2), width, height: 1}, 1, 0, pixels.data);
     context.putImageData(pixels, 0, 0);
-    const white = most(image.white, stops());
+    const white = mapLimit(image.white, stops());
     write(scale.querySelector("p"), MAPS[image.layer]);
-    write(marks[1], digits(white / 4, 2)); // by the square root
+    write(marks[1], digits(white / 4, 2)); // colours follow the square root
     write(marks[2], `${digits(white, 2)} or more`);
     scale.ariaLabel = `${MAPS[image.layer]}, dark: 0, pale yellow: ${marks[2].textContent}`;
 }
 
-/** Fetches the missing layers one after the other; then those that have changed meanwhile. */
+/** Fetches the missing layers one after the other, then those that changed meanwhile. */
 async function refresh() {
-    if (document.hidden) return; // nobody sees it
-    if (wanted) { wanted = "again"; return; }
-    wanted = "now";
-    while (wanted) {
-        wanted = "now";
-        for (const take of TAKES) await fetchLayer(take);
-        wanted = wanted === "again" ? "again" : false;
-    }
+    if (document.hidden) return;
+    if (refreshing) { refreshing = "again"; return; }
+    do {
+        refreshing = "once";
+        for (const which of IMAGES) await fetchLayer(which);
+    } while (refreshing === "again");
+    refreshing = false;
 }
 
-async function fetchLayer(take) {
-    const number = state.pictures[take], name = layer(), before = shown[take], mixed = take === "own" ? mix() : "";
+async function fetchLayer(which) {
+    const number = state.pictures[which], name = layer(), before = shown[which], mixed = which === "own" ? mix() : "";
     if (number === undefined || (before && before.number === number && before.layer === name && before.mixed === mixed)) return;
-    // A coarse picture has no maps: that of before stays until there is another.
+    // A coarse picture has no maps; the last map stays until there is a newer one.
     if (!state.layers.includes(name) && name !== "final") return;
-    const held = take === "own" || ["final", "error", "samples"].includes(name);
+    const exists = which === "own" || ["final", "error", "samples"].includes(name);
     let answer, buffer;
     try {
-        answer = await fetch(`layer/${take}/${held ? encodeURIComponent(name) : "final"}?${mixed}`);
+        answer = await fetch(`layer/${which}/${exists ? encodeURIComponent(name) : "final"}?${mixed}`);
         buffer = await answer.arrayBuffer();
-    } catch { return; } // the server has gone, in the midst of it perhaps
+    } catch { return; } // the server has ended
     if (!answer.ok) return;
-    const fact = (what) => Number(answer.headers.get(`X-${what}`));
+    const fact = (header) => Number(answer.headers.get(`X-${header}`));
     const [width, height] = [fact("Width"), fact("Height")];
-    const channels = buffer.byteLength === 6 * width * height ? 3 : 1;
-    const values = channels === 3 ? new Uint16Array(buffer) : new Float32Array(buffer);
-    shown[take] = {number: fact("Picture"), layer: name, mixed, width, height, channels, values, white: fact("White"), unit: fact("Unit")};
-    if (fact("Picture") < state.pictures[take]) wanted = "again";
-    if (take === "own") place.size(...state.size); // not before: the picture of before has its own
-    TAKES.slice(TAKES.indexOf(take)).forEach(draw); // the other's white is that of the scene's own
+    const values = new Float32Array(buffer), channels = values.length / (width * height);
+    shown[which] = {number: fact("Picture"), layer: name, mixed, width, height, channels, values, white: fact("White")};
+    if (fact("Picture") < state.pictures[which]) refreshing = "again";
+    if (which === "own") view.resize(...state.size); // not earlier: the last picture may have another size
+    IMAGES.slice(IMAGES.indexOf(which)).forEach(draw); // the white of "path" is that of "own"
     if (pointed) ask(pointed);
 }
 
-function splitting() {
+function split() {
     const on = state?.compared && shown.path !== null, part = find("split").value;
     find("path").hidden = find("border").hidden = !on;
     find("path").style.clipPath = `inset(0 0 0 ${part}%)`;
@@ -101,75 +100,75 @@ function splitting() {
 
 // ---- the state
 
-const WORDS = {opening: "opening the scene", rendering: "rendering", stopped: "stopped", done: "done", missing: "the file has gone; its last picture is shown until it is there again", failed: "not rendered; the next save is awaited"};
+const WORDS = {opening: "opening the scene", rendering: "rendering", paused: "paused", done: "done", missing: "the file does not exist; its last picture is shown", failed: "not rendered; waiting for the next save"};
 
-function receive(news) {
-    state = news;
-    const parts = [WORDS[state.doing]], whose = state.compared ? `${state.integrator}: ` : "", percent = `${Math.round(100 * state.part)} %`;
+function receive(latest) {
+    state = latest;
+    const parts = [WORDS[state.status]], prefix = state.compared ? `${state.integrator}: ` : "", percent = `${Math.round(100 * state.progress)} %`;
     write(find("scene"), state.scene);
-    document.title = ({rendering: `${percent} `, failed: "wrong: ", missing: "gone: "}[state.doing] ?? "") + state.scene;
-    if (state.doing === "rendering" && state.part > 0.01) parts.push(state.compared ? `${percent} of both` : percent);
-    if (!["failed", "missing"].includes(state.doing)) {
-        if (state.samples) parts.push(`${whose}${state.samples.toFixed(1)} samples a pixel`);
+    document.title = ({rendering: `${percent} `, failed: "error: ", missing: "missing: "}[state.status] ?? "") + state.scene;
+    if (state.status === "rendering" && state.progress > 0.01) parts.push(state.compared ? `${percent} of both` : percent);
+    if (!["failed", "missing"].includes(state.status)) {
+        if (state.samples) parts.push(`${prefix}${state.samples.toFixed(1)} samples a pixel`);
         if (state.noise !== null) parts.push(`noise ${state.noise.toPrecision(2)}`);
         if (state.seconds) parts.push(duration(state.seconds));
     }
     write(find("state"), parts.join(" · "));
-    // What changes ten times a second is not read out.
-    write(find("announcement"), state.doing === "done" ? find("state").textContent : WORDS[state.doing]);
-    document.body.dataset.doing = state.doing;
+    // A screen reader does not read text that changes ten times a second.
+    write(find("announcement"), state.status === "done" ? find("state").textContent : WORDS[state.status]);
+    document.body.dataset.status = state.status;
     document.body.dataset.newest = state.pictures.own ?? "";
-    find("part").value = state.part;
+    find("progress").value = state.progress;
     find("error").hidden = !state.error;
-    tell(find("error"), state.error ?? "");
-    const black = state.error || state.doing === "missing" ? "" : state.black ?? "";
+    showMessages(find("error"), state.error ?? "");
+    const black = state.error || state.status === "missing" ? "" : state.black ?? "";
     write(find("black"), black);
     find("black").hidden = !black;
     find("warnings").hidden = !state.warnings.length || Boolean(state.error);
     write(find("warnings").querySelector("summary"), state.warnings.length === 1 ? "A warning" : `${state.warnings.length} warnings`);
-    tell(find("warnings").querySelector("div"), state.warnings.join("\n"));
-    find("stop").disabled = !["rendering", "stopped"].includes(state.doing);
-    write(find("stop"), state.doing === "stopped" ? "Go on" : "Stop");
-    partsOf(state.layers.filter((name) => name.includes(".")));
+    showMessages(find("warnings").querySelector("div"), state.warnings.join("\n"));
+    find("pause").disabled = !["rendering", "paused"].includes(state.status);
+    write(find("pause"), state.status === "paused" ? "Resume" : "Pause");
+    showIntegratorLayers(state.layers.filter((name) => name.includes(".")));
     for (const input of layers()) {
         input.disabled = !state.layers.includes(input.value) && input.value !== "final";
         if (["raw", "denoised"].includes(input.value)) input.parentElement.hidden = input.disabled;
     }
     find("camera").disabled = !state.movable;
-    find("compare").disabled = state.alone !== null || !state.integrator;
-    find("compare").parentElement.title = state.alone ?? "";
-    // It is heard between two portions, with a crop window after the wave.
-    if (comparing === state.compared || !["rendering", "stopped"].includes(state.doing)) comparing = null;
+    find("compare").disabled = state.not_compared !== null || !state.integrator;
+    find("compare").parentElement.title = state.not_compared ?? "";
+    // The server reads the request between two work items.
+    if (comparing === state.compared || !["rendering", "paused"].includes(state.status)) comparing = null;
     find("compare").checked = comparing ?? state.compared;
-    find("splitting").hidden = !state.compared;
-    write(find("rivals"), `${state.integrator} | path`);
+    find("split-group").hidden = !state.compared;
+    write(find("split-label"), `${state.integrator} | path`);
     find("view").hidden = state.view === null;
     find("home").disabled = false;
     savable(state.pictures.own !== undefined);
     write(find("text"), state.view ?? "");
     if (state.pictures.path === undefined) shown.path = null;
-    splitting();
-    refresh().then(splitting);
+    split();
+    refresh().then(split);
 }
 
-/** The layers of the integrator as choices; and its lamps, with the factors that they have here. */
-function partsOf(names) {
-    const box = find("layers"), lamps = find("lamps"), told = names.join();
-    if (box.dataset.told === told) return;
-    box.dataset.told = told;
+/** Shows the layers of the integrator as choices, and a slider and a colour for each lamp. */
+function showIntegratorLayers(names) {
+    const box = find("layers"), lamps = find("lamps"), key = names.join();
+    if (box.dataset.key === key) return;
+    box.dataset.key = key;
     const chosen = layer(), before = new Map([...lamps.querySelectorAll("input")].map((input) => [input.id, input.value]));
-    [...box.children].slice(FIXED).forEach((label) => label.remove());
+    [...box.children].slice(COMMON_LAYERS).forEach((label) => label.remove());
     lamps.replaceChildren();
     for (const name of names) {
         const label = box.appendChild(document.createElement("label")), input = document.createElement("input");
-        const word = name.slice(name.indexOf(".") + 1), text = document.createElement("span");
+        const title = name.slice(name.indexOf(".") + 1), text = document.createElement("span");
         Object.assign(input, {type: "radio", name: "layer", value: name, checked: name === chosen});
-        text.textContent = word;
+        text.textContent = title;
         label.append(input, text);
         if (!name.startsWith("lights.")) continue;
         const range = document.createElement("input"), colour = document.createElement("input");
-        Object.assign(range, {type: "range", name, id: `factor ${name}`, min: 0, max: 2, step: 0.05, ariaLabel: `Factor of ${word}`});
-        Object.assign(colour, {type: "color", id: `colour ${name}`, ariaLabel: `Colour of ${word}`});
+        Object.assign(range, {type: "range", name, id: `factor ${name}`, min: 0, max: 2, step: 0.05, ariaLabel: `Factor of ${title}`});
+        Object.assign(colour, {type: "color", id: `colour ${name}`, ariaLabel: `Colour of ${title}`});
         range.value = before.get(range.id) ?? 1;
         colour.value = before.get(colour.id) ?? "#ffffff";
         lamps.append(text.cloneNode(true), range, colour);
@@ -178,7 +177,7 @@ function partsOf(names) {
     if (!document.querySelector("input[name=layer]:checked")) box.querySelector("input").checked = true;
 }
 
-/** Seconds, as one says them. */
+/** Seconds as a text. */
 function duration(seconds) {
     if (seconds < 100) return `${seconds.toFixed(1)} s`;
     const minutes = Math.floor(seconds / 60);
@@ -187,11 +186,11 @@ function duration(seconds) {
 
 function lost(refused) {
     const text = refused
-        ? "this prosim watch has ended; one that was started since has printed another address"
-        : "prosim watch has ended, or does not answer";
+        ? "this prosim watch has ended; open the address that the newer one printed"
+        : "prosim watch has ended, or does not respond";
     for (const id of ["state", "announcement"]) write(find(id), text);
-    document.body.dataset.doing = "gone";
-    for (const id of ["stop", "camera", "compare", "home"]) find(id).disabled = true;
+    document.body.dataset.status = "lost";
+    for (const id of ["pause", "camera", "compare", "home"]) find(id).disabled = true;
     for (const input of layers()) input.disabled = !input.checked;
     savable(false);
 }
@@ -200,6 +199,7 @@ function savable(on) {
     for (const kind of ["exr", "png"]) {
         if (on) find(kind).href = `save/${kind}?exposure=${stops()}&${mix()}`;
         else find(kind).removeAttribute("href");
+        find(kind).download = `${(state?.scene ?? "picture").replace(/\.[^.]*$/, "")}.${kind}`;
     }
 }
 
@@ -207,7 +207,7 @@ function savable(on) {
 
 const post = (path) => fetch(path, {method: "POST"}).catch(() => null);
 
-/** Gestures since the last request, as one: none is sent before the last is answered. */
+/** The gestures since the last request, combined; the next request is sent after the last response. */
 const gestures = new Map();
 let sending = false;
 
@@ -224,16 +224,16 @@ async function gesture(kind, x, y) {
     sending = false;
 }
 
-const digits = (v, many = 4) => v === null || v === undefined ? "–" : Number(v.toPrecision(many)).toString();
-let details = null, asking = 0;
+const digits = (v, count = 4) => v === null || v === undefined ? "–" : Number(v.toPrecision(count)).toString();
+let details = null, timer = 0;
 
-function tellPixel() {
+function showPixel() {
     if (!pointed) return;
     const [x, y] = pointed, image = shown.own, lines = [`(${x}, ${y})`];
     if (image?.channels === 3) {
-        const [row, column] = [y * image.height / place.height, x * image.width / place.width].map(Math.floor);
+        const [row, column] = [y * image.height / view.height, x * image.width / view.width].map(Math.floor);
         const at = 3 * (row * image.width + column);
-        lines.push(`RGB ${[0, 1, 2].map((c) => digits((image.mixed ? null : details?.own?.[image.layer]?.[c]) ?? HALVES[image.values[at + c]] * image.unit)).join(" ")}`);
+        lines.push(`RGB ${[0, 1, 2].map((c) => digits((image.mixed ? null : details?.own?.[image.layer]?.[c]) ?? image.values[at + c])).join(" ")}`);
     } else if (details?.own) lines.push(`RGB ${details.own.final.map((v) => digits(v)).join(" ")}`);
     if (details?.path) lines.push(`path ${details.path.final.map((v) => digits(v)).join(" ")}`);
     if (details?.own?.error !== undefined) lines.push(`error ${digits(details.own.error)}`, details.own.samples === 1 ? "1 sample" : `${digits(details.own.samples)} samples`);
@@ -241,9 +241,9 @@ function tellPixel() {
     find("pixel").textContent = lines.join(" · ");
 }
 
-/** Shows the known values of a pixel at once, and the others when the pointer rests; announces them for keys. */
-function point(pixel, aloud = false) {
-    find("pixel").ariaLive = aloud ? "polite" : "off";
+/** Shows the known values of a pixel at once, and the others when the pointer rests. */
+function point(pixel, announced = false) {
+    find("pixel").ariaLive = announced ? "polite" : "off";
     if (!pixel || !state || (pointed && pixel[0] === pointed[0] && pixel[1] === pointed[1])) return;
     pointed = pixel;
     details = null;
@@ -251,20 +251,20 @@ function point(pixel, aloud = false) {
 }
 
 function ask(pixel) {
-    tellPixel();
-    clearTimeout(asking);
-    asking = setTimeout(async () => {
-        if (pixel[0] >= place.width || pixel[1] >= place.height) return; // of a larger picture
+    showPixel();
+    clearTimeout(timer);
+    timer = setTimeout(async () => {
+        if (pixel[0] >= view.width || pixel[1] >= view.height) return; // a pixel of a larger picture
         const answer = await fetch(`pixel/${pixel[0]}/${pixel[1]}`).catch(() => null);
         if (!answer?.ok || pixel !== pointed) return;
         details = await answer.json();
-        tellPixel();
+        showPixel();
     }, 80);
 }
 
 new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // also when the warnings are opened
 
-const place = new Place(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: splitting, point});
+const view = new PanZoom(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: split, point});
 
 find("layers").addEventListener("change", () => refresh());
 find("lamps").addEventListener("input", () => {
@@ -274,7 +274,7 @@ find("lamps").addEventListener("input", () => {
 function exposed() {
     find("stops").textContent = stops() > 0 ? `+${stops()}` : String(stops());
     find("neutral").disabled = stops() === 0;
-    TAKES.forEach(draw);
+    IMAGES.forEach(draw);
     savable(find("png").hasAttribute("href"));
 }
 find("exposure").addEventListener("input", exposed);
@@ -283,27 +283,27 @@ find("neutral").addEventListener("click", () => {
     find("exposure").focus();
     exposed();
 });
-find("split").addEventListener("input", splitting);
+find("split").addEventListener("input", split);
 find("border").addEventListener("pointerdown", (e) => {
-    e.stopPropagation(); // it is no picture that is moved
+    e.stopPropagation(); // the picture does not move
     e.target.setPointerCapture(e.pointerId);
 });
 find("border").addEventListener("pointermove", (e) => {
     if (!e.target.hasPointerCapture(e.pointerId)) return;
     const box = find("picture").getBoundingClientRect();
     find("split").value = 100 * (e.clientX - box.left) / box.width;
-    splitting();
+    split();
 });
-find("stop").addEventListener("click", () => post(state.doing === "stopped" ? "do/go" : "do/stop"));
+find("pause").addEventListener("click", () => post(state.status === "paused" ? "do/resume" : "do/pause"));
 find("compare").addEventListener("change", (e) => {
     comparing = e.target.checked;
     post(comparing ? "do/compare" : "do/alone");
 });
 find("camera").addEventListener("change", (e) => find("stage").classList.toggle("camera", e.target.checked));
-find("fit").addEventListener("click", () => place.fit());
-find("actual").addEventListener("click", () => place.actual());
+find("fit").addEventListener("click", () => view.fit());
+find("actual").addEventListener("click", () => view.actual());
 find("home").addEventListener("click", () => {
-    find("stage").focus(); // the button goes with the view
+    find("stage").focus(); // the button disappears with the view
     post("do/home");
 });
 find("copy").addEventListener("click", async () => {

@@ -38,52 +38,51 @@ def files(folder):
 def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path, second, third, made):
     path = tmp_path / "s.scn"
     path.write_text(SCENE)
-    kept = prosim_scene.Kept()
+    cache = prosim_scene.TranslationCache()
     for define in {}, second, third:
-        prosim_scene.translate(prosim_scene.document(path, define), tmp_path / "kept", kept=kept)
+        prosim_scene.translate(prosim_scene.document(path, define), tmp_path / "kept", cache=cache)
         prosim_scene.translate(path, tmp_path / "anew", define=define)
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 4
-    assert kept.evaluations == made
+    assert cache.evaluations == made
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("options", [{"resolution": (20, 10), "samples": 7}, {"target": "stock"}])
 def test_another_view_needs_no_translation(tmp_path, options):
     """Also where the eye is so near to a face that it would be cut off."""
-    path, kept = tmp_path / "s.scn", prosim_scene.Kept()
+    path, cache = tmp_path / "s.scn", prosim_scene.TranslationCache()
     path.write_text(cube := SCENE.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "CUBE 0"))
-    prosim_scene.translate(path, kept=kept, **options)
+    prosim_scene.translate(path, cache=cache, **options)
     path.write_text(cube.replace("WINDOW -4 -4 4 4", "WINDOW -4 -3 4 4").replace("15 *", "1.0001 *"))
     document = prosim_scene.document(path, {"turn": 90})
-    view = prosim_scene.sensor(document, kept, **options)
+    view = prosim_scene.sensor(document, cache, **options)
     np.testing.assert_equal(view, prosim_scene.load(document, **options)["view"])
     assert view["near_clip"] < prosim_scene.sensor(document, **options)["near_clip"]
     path.write_text(cube.replace("-4 -4 4 4", "-4 4 4 4"))
     document = prosim_scene.document(path)
     with pytest.raises(prosim_scene.SceneError, match="the window -4 4 4 4 is empty"):
-        prosim_scene.sensor(document, kept, **options)
+        prosim_scene.sensor(document, cache, **options)
 
 
 def test_solids_that_come_to_look_alike_and_no_longer_are_not_evaluated_anew(tmp_path):
     path = tmp_path / "s.scn"
     path.write_text(SCENE.replace("CUBE 0 t-tijolo", "CUBE 0"))
-    kept = prosim_scene.Kept()
+    cache = prosim_scene.TranslationCache()
     for red, meshes in ((0.1, 3), (0.5, 2), (0.7, 3), (0.5, 2)):
-        prosim_scene.translate(path, tmp_path / "kept", define={"red": red}, kept=kept)
+        prosim_scene.translate(path, tmp_path / "kept", define={"red": red}, cache=cache)
         prosim_scene.translate(path, tmp_path / "anew", define={"red": red})
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 1 + meshes
-        assert len(kept.files) == meshes
-    assert kept.evaluations == 1
+    assert cache.evaluations == 1
 
 
 def test_what_vanishes_is_said_each_time(tmp_path):
     path = tmp_path / "s.scn"
-    kept = prosim_scene.Kept()
+    cache = prosim_scene.TranslationCache()
     vanishing = SCENE.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "+ CUBE 0 + SPHERE 1 SPHERE 2").replace(
         "SCALE (.4 .4 9) TRANSLATE (0 0 -4)", "SCALE (.4 .4 .4)"
     )
     path.write_text(vanishing)
     for turn in (0, 20):
         with pytest.warns(prosim_scene.SceneWarning, match="nothing is visible of SPHERE 2"):
-            prosim_scene.translate(path, tmp_path / "kept", define={"turn": turn}, kept=kept)
-    assert kept.evaluations == 1
+            prosim_scene.translate(path, tmp_path / "kept", define={"turn": turn}, cache=cache)
+    assert cache.evaluations == 1

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 from little import until
-from mitsuba_prosim.live.files import Files
+from mitsuba_prosim.live.scene_watcher import SceneWatcher
 
 
 @pytest.fixture
@@ -32,9 +32,9 @@ class Heard:
 
 def test_each_file_in_its_folder_and_no_other(scene):
     picture = scene.parent / "pictures" / "wood.png"
-    files, heard = Files(scene), Heard()
+    files, heard = SceneWatcher(scene), Heard()
     files.opened([scene.parent / ("é" * 200) / "wood.png"])  # the name of that folder is too long
-    with files.watched(heard.tell):
+    with files.watching(heard.tell):
         assert not heard.after(lambda: scene.with_name("other.scn").write_text("other"), 0.3)
         assert heard.after(lambda: scene.write_text("changed"))
         assert heard.after(
@@ -56,9 +56,8 @@ def test_each_file_in_its_folder_and_no_other(scene):
 def test_a_file_that_is_being_written_is_told_of_once_it_is_whole(scene, monkeypatch):
     """Between two looks nothing has changed."""
     stamps = iter([(1,), (2,), (3,), *[(4,)] * 9])
-    monkeypatch.setattr("mitsuba_prosim.live.files.stamp", lambda path: next(stamps, (4,)))
-    monkeypatch.setattr("mitsuba_prosim.live.files.places", lambda path: {path})
-    files, told = Files(scene), []
-    with files.watched(lambda: told.append(next(stamps, None))):
+    monkeypatch.setattr("mitsuba_prosim.live.scene_watcher.stamp", lambda path: next(stamps, (4,)))
+    files, told = SceneWatcher(scene), []
+    with files.watching(lambda: told.append(next(stamps, None))):
         until(lambda: told)
     assert told == [(4,)]

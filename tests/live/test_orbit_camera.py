@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from little import LITTLE
-from mitsuba_prosim.live.camera import STEEPEST, Camera, as_view, as_xml, nearest_axis
-from prosim_scene.camera import camera_of
+from mitsuba_prosim.live.orbit_camera import STEEPEST, Camera, as_view, as_xml, nearest_axis
+from prosim_scene.view import camera_of
 
 
 def seen(document):

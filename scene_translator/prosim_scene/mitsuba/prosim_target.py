@@ -1,10 +1,10 @@
 """The target with this project's plugins."""
 
-from ..camera import Camera
 from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, rgb
+from ..view import Camera
 from . import lights, materials
-from .context import Context
+from .translation_context import Context
 
 SAMPLER = "nrook"
 

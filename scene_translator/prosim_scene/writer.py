@@ -14,14 +14,13 @@ from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 from xml.etree import ElementTree
 
 import numpy as np
 
-from .files import PART, refuse_special, replace
 from .geometry import SurfaceMesh, Triangles
 from .nodes import Comment, Default, Node, Point
+from .text_files import PART, refuse_special, replace
 
 
 def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
@@ -58,8 +57,8 @@ def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
     return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
 
 
-class Kept:
-    """A translation cache: the surface of the last evaluated tree, with its cache key, and its PLY files.
+class TranslationCache:
+    """A translation cache: the surface of the last evaluated tree, with its cache key.
 
     The key does not depend on materials. The cache takes as much memory as the evaluation. ``evaluations`` counts the
     evaluated trees.
@@ -68,7 +67,6 @@ class Kept:
     def __init__(self) -> None:
         self.key: Hashable = None
         self.surface: SurfaceMesh | None = None
-        self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
         self.evaluations = 0
 
     def faces(self, key: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
@@ -78,13 +76,6 @@ class Kept:
             self.key, self.surface = key, make()
             self.evaluations += 1
         return self.surface
-
-    def file(self, triangles: Triangles, with_uv: bool) -> bytes | None:
-        """The PLY file of some triangles of the surface, see :func:`.output.ply`; cached."""
-        files = self.files.setdefault(triangles, {})
-        if with_uv not in files:
-            files[with_uv] = ply(triangles, with_uv)
-        return files[with_uv]
 
 
 INDENT = "    "
@@ -245,7 +236,9 @@ def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
     """
     xml, folder_of_meshes = folder / f"{stem}.xml", folder / meshes_folder(stem)
     _check_replaceable(xml, folder_of_meshes)
-    with _locked_folder(folder_of_meshes) as locked:
+    folder_of_meshes.mkdir(parents=True, exist_ok=True)
+    with _locked(folder_of_meshes) as locked:
+        folder_of_meshes.mkdir(exist_ok=True)  # another translation that failed may have removed it
         written: list[Path] = []
         try:
             for name, content in meshes.items():
@@ -286,47 +279,35 @@ def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
 
 
 @contextmanager
-def _locked_folder(folder: Path) -> Iterator[bool]:
-    """Makes the folder and locks it against other translations, which could remove meshes before their XML is written.
+def _locked(folder: Path) -> Iterator[bool]:
+    """Locks a folder against other translations, which could remove meshes before their XML is written.
 
     Yields whether the lock is held: Windows and some network file systems have none. The system removes the lock of a
     killed process. Raises TimeoutError after WAIT seconds.
     """
+    if sys.platform == "win32":
+        yield False
+        return
     end = time.monotonic() + WAIT
-    while True:
-        folder.mkdir(parents=True, exist_ok=True)
-        if sys.platform == "win32":
-            yield False
-            return
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            locked = _lock(descriptor, folder, end)
+    locked, descriptor = False, os.open(folder, os.O_RDONLY)
+    try:
+        while not locked:
             try:
-                if not os.path.samestat(os.fstat(descriptor), os.stat(folder)):
-                    continue  # another process removed it, and maybe made it again
-            except FileNotFoundError:
-                continue
-            yield locked
-            return
-        finally:
-            os.close(descriptor)
-
-
-def _lock(descriptor: int, folder: Path, end: float) -> bool:
-    """Locks a folder; returns False if the file system has no locks. Raises TimeoutError after the time ``end``."""
-    while sys.platform != "win32":
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except BlockingIOError:
-            if time.monotonic() > end:
-                raise TimeoutError(
-                    0, "another translation is writing to this folder; wait for it, or choose another folder", folder
-                ) from None
-            time.sleep(0.02)
-        except OSError:
-            break
-    return False
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                locked = True
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    raise TimeoutError(
+                        0,
+                        "another translation is writing to this folder; wait for it, or choose another folder",
+                        folder,
+                    ) from None
+                time.sleep(0.02)
+            except OSError:
+                break
+        yield locked
+    finally:
+        os.close(descriptor)
 
 
 def _has_content(path: Path, content: bytes) -> bool:

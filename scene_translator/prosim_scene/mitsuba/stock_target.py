@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
 from ..language.words import PIXELS
 from ..model import Leaf, Light, Surface, Vector
 from ..nodes import Comment, Default, Node, Point, rgb, rgb_clipped
+from ..view import Camera
 from . import lights, materials, textures
-from .context import Context
+from .translation_context import Context
 
 SAMPLER = "multijitter"
 

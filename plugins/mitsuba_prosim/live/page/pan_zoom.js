@@ -1,11 +1,11 @@
-// The position and the zoom of the picture, by pointers, the wheel and keys.
+// Pan and zoom of the picture by pointers, the wheel and keys.
 
-// So few pixels are no movement, as of a hand that clicks.
-const TREMBLE = 3;
+// A pointer that moves by fewer pixels than this only clicks.
+const CLICK = 3;
 
-/** `gesture(kind, x, y)`: called instead where `camera()` says that the camera is to move: orbit in degrees, pan in parts
- * of the picture, dolly as a factor; `moved()`: after the picture was moved. */
-export class Place {
+/** If `camera()` is true, `gesture(kind, x, y)` is called instead: orbit in degrees, pan in fractions of the picture, dolly
+ * as a factor. `moved()` is called after the picture was moved, `point(pixel)` when the pointer is at a pixel. */
+export class PanZoom {
     constructor(stage, picture, {camera, gesture, moved, point}) {
         Object.assign(this, {stage, picture, camera, gesture, moved, point, width: 1, height: 1, zoom: 1, x: 0, y: 0, fitted: true});
         this.pointers = new Map();
@@ -16,22 +16,22 @@ export class Place {
         stage.addEventListener("wheel", (e) => this.wheel(e), {passive: false});
         stage.addEventListener("contextmenu", (e) => this.camera() && e.preventDefault());
         stage.addEventListener("keydown", (e) => this.key(e));
-        new ResizeObserver(() => this.fitted ? this.fit() : this.put()).observe(stage);
+        new ResizeObserver(() => this.fitted ? this.fit() : this.update()).observe(stage);
     }
 
-    size(width, height) {
+    resize(width, height) {
         if (width === this.width && height === this.height) return;
         [this.width, this.height] = [width, height];
         this.fit();
     }
 
-    whole() {
+    fittingZoom() {
         const {width, height} = this.stage.getBoundingClientRect(); // clientWidth is rounded
         return Math.min(width / this.width, height / this.height) || 1;
     }
 
     fit() {
-        this.zoom = this.whole();
+        this.zoom = this.fittingZoom();
         this.centre();
         this.fitted = true;
     }
@@ -45,13 +45,13 @@ export class Place {
         const {width, height} = this.stage.getBoundingClientRect();
         this.x = (width - this.zoom * this.width) / 2;
         this.y = (height - this.zoom * this.height) / 2;
-        this.put();
+        this.update();
     }
 
-    put() {
+    update() {
         this.picture.style.width = `${this.zoom * this.width}px`;
         this.picture.style.height = `${this.zoom * this.height}px`;
-        // Not by a transform: thus its pixels lie on those of the screen.
+        // Without a transform the pixels of the picture align with those of the screen.
         this.picture.style.left = `${this.x}px`;
         this.picture.style.top = `${this.y}px`;
         this.picture.classList.toggle("large", this.zoom * devicePixelRatio >= 2);
@@ -60,21 +60,21 @@ export class Place {
 
     shift(dx, dy) {
         this.fitted = false;
-        // Some of it stays on the stage.
+        // Part of the picture stays on the stage.
         const keep = 40, {clientWidth, clientHeight} = this.stage;
         this.x = Math.min(Math.max(this.x + dx, keep - this.zoom * this.width), clientWidth - keep);
         this.y = Math.min(Math.max(this.y + dy, keep - this.zoom * this.height), clientHeight - keep);
-        this.put();
+        this.update();
     }
 
     scale(factor, x = this.stage.clientWidth / 2, y = this.stage.clientHeight / 2) {
-        const zoom = Math.min(Math.max(this.zoom * factor, Math.min(0.02, this.whole())), Math.max(64, this.whole()));
+        const zoom = Math.min(Math.max(this.zoom * factor, Math.min(0.02, this.fittingZoom())), Math.max(64, this.fittingZoom()));
         const ratio = zoom / this.zoom;
         this.zoom = zoom;
         this.shift((x - this.x) * (1 - ratio), (y - this.y) * (1 - ratio));
     }
 
-    /** The pixel of the picture at a position of the window; null for none. */
+    /** The pixel of the picture at a position of the window, or null. */
     pixel(clientX, clientY) {
         const box = this.stage.getBoundingClientRect();
         const x = Math.floor((clientX - box.left - this.x) / this.zoom), y = Math.floor((clientY - box.top - this.y) / this.zoom);
@@ -84,13 +84,13 @@ export class Place {
     down(e) {
         this.stage.focus({preventScroll: true});
         this.pointers.set(e.pointerId, {at: [e.clientX, e.clientY], still: true});
-        try { this.stage.setPointerCapture(e.pointerId); } catch { /* it is gone already */ }
+        try { this.stage.setPointerCapture(e.pointerId); } catch { /* the pointer was released meanwhile */ }
     }
 
     up(e) {
         const last = this.pointers.get(e.pointerId);
         this.pointers.delete(e.pointerId);
-        if (last?.still) this.point(this.pixel(e.clientX, e.clientY)); // a finger can't point but by touching
+        if (last?.still) this.point(this.pixel(e.clientX, e.clientY)); // a finger can only point by touching
     }
 
     move(e) {
@@ -100,7 +100,7 @@ export class Place {
             return;
         }
         const last = pointer.at, dx = e.clientX - last[0], dy = e.clientY - last[1];
-        if (pointer.still && Math.hypot(dx, dy) < TREMBLE) return;
+        if (pointer.still && Math.hypot(dx, dy) < CLICK) return;
         const other = [...this.pointers].find(([id]) => id !== e.pointerId)?.[1].at;
         Object.assign(pointer, {at: [e.clientX, e.clientY], still: false});
         if (other) {
@@ -121,7 +121,7 @@ export class Place {
 
     wheel(e) {
         e.preventDefault();
-        // Two fingers on a pad come as a wheel with Ctrl.
+        // The browser reports a pinch on a touchpad as the wheel with Ctrl.
         const factor = Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : e.ctrlKey ? 0.01 : 0.0015));
         const box = this.stage.getBoundingClientRect();
         if (this.camera()) this.gesture("dolly", 1 / factor, 0);

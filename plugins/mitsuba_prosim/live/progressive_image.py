@@ -10,14 +10,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compare.scenes import can_light, lit
+from ..compare.contestants import can_light, lit
 from ..denoising import halves
-from ..engine.work import Local, Step
+from ..engine.work import Executor, Step
 from ..registry import create
 from ..transport.scattering import disperses
-from .picture import of_render, over
+from .picture import Picture, of_render, over
 
-#: Seconds of a work item, about. Between two of them the viewer reads new requests.
+#: Approximate number of seconds of a work item. The viewer reads new requests between work items.
 SECONDS = 0.4
 
 
@@ -30,7 +30,9 @@ class ProgressiveImage:
         #: Whether there are samples that :meth:`layers` has not returned.
         self.new = False
         #: Progress, 0 to 1, which never falls, although its estimate may.
-        self.part = 0.0
+        self.progress = 0.0
+        #: The picture that was published last.
+        self.picture: Picture | None = None
         self.render: Any = None
         self._steps = self._run()
         self._coarse: dict[str, np.ndarray] = {}
@@ -40,43 +42,37 @@ class ProgressiveImage:
         step = next(self._steps, None)
         self.done = step is None
         if step is None:
-            self.part = 1.0
+            self.progress = 1.0
             return False
-        self.part = max(self.part, step.done)
-        self.new |= not step.complete  # which takes no more samples
+        self.progress = max(self.progress, step.done)
+        self.new |= not step.complete  # a complete pass takes no more samples
         return step.complete
 
     def _run(self) -> Iterator[Step]:
-        self.render = self.begin(self.seed, self.spp)
+        self.render = self.integrator.progressive(
+            self.scene, self.sensor, self.seed, self.spp, executor=Executor(SECONDS)
+        )
         yield from self.render
-
-    def begin(self, seed: int, spp: int = 0, **how: Any) -> Any:
-        """A :class:`.Render` with short work items."""
-        return self.integrator.progressive(self.scene, self.sensor, seed, spp, executor=Local(SECONDS), **how)
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
         """The layers of a :class:`.Picture` of the image so far; None before the render has started.
 
-        During the first pass without the maps: pixels without a sample are those of :meth:`coarse`, or black.
+        During the first pass it lacks the maps, and pixels without a sample are those of :meth:`coarse`, or black.
         """
-        now = self.taken()
-        if now is None:
+        latest = self._latest()
+        if latest is None:
             return None
         self.new = False
-        known = now["samples"] > 0
-        return now if known.all() else {name: over(known, now[name], self._coarse.get(name)) for name in coloured(now)}
+        known = latest["samples"] > 0
+        if known.all():
+            return latest
+        return {name: over(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
 
-    def taken(self) -> dict[str, np.ndarray] | None:
-        """The layers of the samples so far, see :func:`.of_render`; None before the render has started."""
-        return None if self.render is None else of_render(self.render, self._kind)
+    def _latest(self) -> dict[str, np.ndarray] | None:
+        return None if self.render is None else self._of(self.render)
 
-    def reached(self) -> Any:
-        """Samples, noise and seconds so far, a :class:`.Reached`."""
-        return self.render.reached
-
-    @property
-    def _kind(self) -> str:
-        return getattr(self.integrator, "layers", "none")
+    def _of(self, render: Any) -> dict[str, np.ndarray]:
+        return of_render(render, getattr(self.integrator, "layers", "none"))
 
     def coarse(self) -> dict[str, np.ndarray]:
         """The layers of a first image, without the maps, by one sample per pixel; call it while the film has few
@@ -85,12 +81,12 @@ class ProgressiveImage:
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
         next(step for step in render if step.complete)
-        self._coarse = coloured(of_render(render, self._kind))
+        self._coarse = without_maps(self._of(render))
         return self._coarse
 
 
-def coloured(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The ``layers`` without the maps."""
+def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The ``layers`` that have colours."""
     return {name: values for name, values in layers.items() if values.ndim == 3}
 
 
@@ -102,13 +98,13 @@ class DenoisedImage(ProgressiveImage):
         halves.check(sensor.film())
         self._final: dict[str, np.ndarray] = {}
 
-    def taken(self) -> dict[str, np.ndarray] | None:
-        """The first half; in the end the final image, and ``raw`` and ``denoised``, of which it is mixed."""
-        return self._final or super().taken()
+    def _latest(self) -> dict[str, np.ndarray] | None:
+        """The first half; at the end the final image, and ``raw`` and ``denoised``, which it is a mixture of."""
+        return self._final or super()._latest()
 
     def _run(self) -> Iterator[Step]:
         steps = halves.DenoisedRender(
-            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Local(SECONDS)
+            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS)
         )
         self.render = steps.render
         for step in steps:
@@ -126,13 +122,13 @@ class DenoisedImage(ProgressiveImage):
 
 
 def progressive(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
-    """``integrator``, wrapped by ``prosim_adaptive`` if it is not progressive, and its samples per pixel."""
+    """``integrator``, nested in ``prosim_adaptive`` if it is not progressive, and its samples per pixel."""
     from ..engine.integrator import ProgressiveIntegrator
 
     if isinstance(integrator, ProgressiveIntegrator):
         return integrator, spp
-    within = create("prosim_adaptive", nested=integrator, adaptive="none")
-    return within, spp or sensor.sampler().sample_count()
+    outer = create("prosim_adaptive", nested=integrator, adaptive="none")
+    return outer, spp or sensor.sampler().sample_count()
 
 
 def name(integrator: Any) -> str:
@@ -144,7 +140,7 @@ def name(integrator: Any) -> str:
 
 
 def not_compared(integrator: Any) -> str | None:
-    """The reason why an image can't be compared with that of ``path``, or None."""
+    """The reason why an image cannot be compared with that of ``path``, or None."""
     if name(integrator) == "path":
         return "this is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):

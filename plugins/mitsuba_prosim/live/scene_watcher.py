@@ -1,0 +1,85 @@
+"""Notices changes of a scene's files."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from itertools import chain, islice
+from pathlib import Path
+from time import perf_counter as clock
+
+#: Minimum number of seconds between two polls, and the maximum share of the time that they take.
+INTERVAL, SHARE = 0.02, 0.02
+
+#: Maximum number of files in the scene's folder that are watched while the scene cannot be opened.
+MOST = 1000
+
+#: Differs after a file was written; None for a missing file.
+Stamp = tuple[int, ...] | None
+
+
+def stamp(path: Path) -> Stamp:
+    """The stamp of a file or folder."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+class SceneWatcher:
+    """Watches the files of the scene at ``path``. Any thread may use it."""
+
+    def __init__(self, path: Path) -> None:
+        self._scene, self._lock = path, threading.Lock()
+        self._stamps = {path.absolute(): stamp(path)}
+
+    @property
+    def files(self) -> frozenset[Path]:
+        """The watched files and folders."""
+        return frozenset(self._stamps)
+
+    def opened(self, files: Iterable[Path]) -> None:
+        """Watches the scene and ``files``, which it uses."""
+        self._set({path.absolute() for path in [self._scene, *files]})
+
+    def failed(self) -> None:
+        """Also watches the scene's folder and its subfolders, because one of their files may be missing or wrong."""
+        folder = self._scene.absolute().parent
+        self._set({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MOST)})
+
+    def _set(self, files: set[Path]) -> None:
+        with self._lock:
+            self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
+
+    def changed(self) -> bool:
+        """Whether any was written, made, removed or renamed since the last call."""
+        with self._lock:
+            before, self._stamps = self._stamps, {path: stamp(path) for path in self._stamps}
+            return before != self._stamps
+
+    @contextmanager
+    def watching(self, notify: Callable[[], None]) -> Iterator[None]:
+        """Calls ``notify``, in a thread, when the files stay the same after a change. It polls: the system notifies
+        about folders, which are removed and made again, and on some disks it does not.
+        """
+        end = threading.Event()
+
+        def poll() -> None:
+            interval, waiting = 0.0, False
+            while not end.wait(max(INTERVAL, interval)):
+                started = clock()
+                changed = self.changed()
+                interval = (clock() - started) / SHARE
+                if waiting and not changed:
+                    notify()
+                waiting = changed
+
+        thread = threading.Thread(target=poll, name="files", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            end.set()
+            thread.join(2)

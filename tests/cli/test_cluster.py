@@ -216,6 +216,19 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
     assert gone not in client.cluster.workers.values()
 
 
+@pytest.mark.slow
+def test_values_that_are_lost_with_all_workers(client, lamp):
+    """Each task has ended, and no value has arrived but the first."""
+    acts = [lambda: [os.kill(process, signal.SIGKILL) for process in client.run(os.getpid).values()]]
+
+    def tell(done):
+        if acts and done:
+            time.sleep(2)
+            acts.pop()()
+
+    assert np.array_equal(there(client, lamp, tell, integrator=NOISE), here(lamp, integrator=NOISE)) and not acts
+
+
 #: A glass ball on a floor under a lamp; four sets of photons, for four samples of each pixel.
 GLASS = """<scene version="3.0.0">
     <integrator type="prosim">

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import ambient
-from scenes import camera, film
+from scenes import camera, film, load_scene
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -20,16 +20,11 @@ each = pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)
 
 
 def scene(bsdf, size=16, spp=16, integrator="path", light=None, depth=3):
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": integrator, "max_depth": depth},
-            "sensor": camera(
-                [0, 2, 3], [0, 0, 0], film(size), fov=40, sampler={"type": "independent", "sample_count": spp}
-            ),
-            "ball": {"type": "sphere", "radius": 0.9, "bsdf": bsdf},
-            "light": light or {"type": "constant", "radiance": 0.5},
-        }
+    return load_scene(
+        integrator={"type": integrator, "max_depth": depth},
+        sensor=camera([0, 2, 3], [0, 0, 0], film(size), fov=40, sampler={"type": "independent", "sample_count": spp}),
+        ball={"type": "sphere", "radius": 0.9, "bsdf": bsdf},
+        light=light or {"type": "constant", "radiance": 0.5},
     )
 
 
@@ -223,18 +218,15 @@ def test_metal_in_another_medium(variant_rgb):
 def test_derivatives_match_finite_differences(variant_rgb, material, key, step):
     """Through prb, for a plate seen and lit in parallel: a pixel is then the value of the BSDF, without noise."""
     place = mi.ScalarTransform4f
-    world = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prb", "max_depth": 2},
-            "sensor": {
-                "type": "orthographic",
-                "to_world": place().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1),
-                "film": film(2),
-            },
-            "plate": {"type": "rectangle", "bsdf": material},
-            "sun": {"type": "directional", "direction": [1.2, 0.3, -2], "irradiance": 1.0},
-        }
+    world = load_scene(
+        integrator={"type": "prb", "max_depth": 2},
+        sensor={
+            "type": "orthographic",
+            "to_world": place().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1),
+            "film": film(2),
+        },
+        plate={"type": "rectangle", "bsdf": material},
+        sun={"type": "directional", "direction": [1.2, 0.3, -2], "irradiance": 1.0},
     )
     parameters = mi.traverse(world)
     key = "plate.bsdf." + key

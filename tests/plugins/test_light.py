@@ -7,7 +7,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim.light.spheres import direction_to_sphere
 from mitsuba_prosim.light.strategy import Receiver
-from scenes import camera, film
+from scenes import camera, film, load_scene, sphere_lamp
 
 
 def T():
@@ -47,27 +47,15 @@ def check_ball(normal, aside, radius):
 @pytest.mark.parametrize("height, aside", [(1e5, 0), (1e5, 3e4), (1e3, 0)])
 def test_a_sun_lights_every_pixel_of_a_floor_alike(variant_rgb, height, aside):
     """Irradiance pi on a white floor: radiance 1, less by the cube of the cosine where the sun stands aside."""
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0},
-            "sensor": {
-                "type": "orthographic",
-                "to_world": T().look_at([0, 3, 0], [0, 0, 0], [0, 0, 1]),
-                "film": film(16),
-            },
-            "floor": {
-                "type": "rectangle",
-                "to_world": T().rotate([1, 0, 0], -90).scale(2),
-                "bsdf": {"type": "diffuse", "reflectance": 1.0},
-            },
-            "sun": {
-                "type": "sphere",
-                "center": [aside, height, 0.0],
-                "radius": 0.005 * height,
-                "emitter": {"type": "area", "radiance": 1 / 0.005**2},
-            },
-        }
+    scene = load_scene(
+        integrator={"type": "prosim", "adaptive": "none", "max_level": 0},
+        sensor={"type": "orthographic", "to_world": T().look_at([0, 3, 0], [0, 0, 0], [0, 0, 1]), "film": film(16)},
+        floor={
+            "type": "rectangle",
+            "to_world": T().rotate([1, 0, 0], -90).scale(2),
+            "bsdf": {"type": "diffuse", "reflectance": 1.0},
+        },
+        sun=sphere_lamp([aside, height, 0.0], 0.005 * height, 1 / 0.005**2),
     )
     image = np.array(mi.render(scene, spp=64))
     expected = (1 + (aside / height) ** 2) ** -1.5
@@ -83,12 +71,7 @@ def lamp_beside_a_floor(offset, bsdf, **integrator):
         "integrator": integrator,
         "sensor": camera(at(0, 1, 2), at(0, 0, 0.05), film(16), fov=10),
         "floor": {"type": "rectangle", "to_world": T().translate(at(0, 0, 0)).rotate([1, 0, 0], -90), "bsdf": bsdf},
-        "light": {
-            "type": "sphere",
-            "center": at(0, 0.1, -0.2),
-            "radius": 0.02,
-            "emitter": {"type": "area", "radiance": 100.0},
-        },
+        "light": sphere_lamp(at(0, 0.1, -0.2), 0.02, 100.0),
     }
 
 

@@ -382,17 +382,13 @@ BEAMS = (
     ("direction", {**CONE, "direction": [0, 0, 0]}),
     ("direction", {"direction": [0, 0, 1]}),
     ("angle", {"distribution": "cone"}),
-    ("angle", {**CONE, "angle": 0.0}),
     ("angle", {**CONE, "angle": 181.0}),
-    ("angle", {**SPOT, "angle": 91.0}),
     ("angle", {"angle": 20.0}),
     ("exponent", {"distribution": "spot"}),
-    ("exponent", {**SPOT, "exponent": -1.0}),
     ("exponent", {**CONE, "exponent": 3.0}),
     ("to_world", {"to_world": None}),
 )
 POINTS = (
-    ("radius", {"radius": -1.0, "intensity": 1.0}),
     ("radius", {"radiance": 1.0}),
     ("radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
     ("radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),
